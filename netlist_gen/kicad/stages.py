@@ -23,6 +23,7 @@ from taction.netlist_gen.board.circuit import (
 )
 
 Passive = Resistor | Capacitor
+Cell = OpAmpCell | SignalAmplifier
 Rung = tuple[str, Resistor | Capacitor | CurrentSource]  # the node at the other end, and the part
 
 
@@ -43,7 +44,7 @@ class Stage:
     """
 
     node: str
-    cell: OpAmpCell | SignalAmplifier | None
+    cell: Cell | None
     rungs: tuple[Rung, ...]
     feedback: tuple[Passive, ...]
     shunts: tuple[Passive, ...]
@@ -94,11 +95,12 @@ def branch(circuit: Circuit, start: str) -> Branch:
     """Return the branch of a node, with the matrix resistors that end at it."""
     nodes = _connected(circuit, start)
     known = set(nodes)
-    left = {part.card: part for part in (*circuit.resistors, *circuit.real_capacitors)
-            if known & {part.a, part.b}}  # fmt: skip
+    parts: tuple[Passive, ...] = (*circuit.resistors, *circuit.real_capacitors)
+    left = {part.card: part for part in parts if known & {part.a, part.b}}
+    amplifiers: tuple[Cell, ...] = (*circuit.opamps, *circuit.amplifiers)
     chains: list[list[Stage]] = []
     for node in nodes:
-        cells = [cell for cell in (*circuit.opamps, *circuit.amplifiers) if _input(cell) == node]
+        cells: list[Cell | None] = [cell for cell in amplifiers if _input(cell) == node]
         for cell in cells or [None] * (node == start):
             stage = _stage(circuit, node, cell, left)
             before = next((chain for chain in chains if stage.follows(chain[-1])), None)
@@ -113,7 +115,7 @@ def branch(circuit: Circuit, start: str) -> Branch:
 def _stage(
     circuit: Circuit,
     node: str,
-    cell: OpAmpCell | SignalAmplifier | None,
+    cell: Cell | None,
     left: dict[str, Passive],
 ) -> Stage:
     """Return the stage of an amplifier, its parts taken out of those that are left."""
@@ -136,32 +138,35 @@ def _into(circuit: Circuit, node: str) -> Iterator[Resistor]:
     """Yield the matrix resistors that end at a node; `a` is their driver."""
     for matrix in circuit.matrices:
         if node in matrix.sinks:
-            place: int | tuple[slice, int] = matrix.sinks.index(node)
-            place = place if matrix.by_column else (slice(None), place)
+            place = matrix.sinks.index(node)
+            chosen = (place, slice(None)) if matrix.by_column else (slice(None), place)
             ohms = np.full_like(matrix.ohms, np.inf)
-            ohms[place] = matrix.ohms[place]
+            ohms[chosen] = matrix.ohms[chosen]
             yield from replace(matrix, ohms=ohms).resistors()
 
 
 def _connected(circuit: Circuit, start: str) -> list[str]:
     """Return the nodes of a branch, in the order in which a signal from `start` reaches them."""
     fixed = {GROUND, *(source.node for source in circuit.voltages)}
-    parts = (*circuit.opamps, *circuit.amplifiers, *circuit.resistors, *circuit.real_capacitors,
-             *circuit.transistors)  # fmt: skip
+    parts: tuple[Passive | Cell | TransistorCell, ...] = (
+        *circuit.opamps,
+        *circuit.amplifiers,
+        *circuit.resistors,
+        *circuit.real_capacitors,
+        *circuit.transistors,
+    )
     joined: dict[str, list[str]] = {}
     for part in parts:
         for end in (ends := _ends(part)):
             joined.setdefault(end, []).extend(ends)
-    found = {start: None}
-    queue = [start]
-    for node in queue:
-        new = [end for end in joined.get(node, ()) if end not in fixed and end not in found]
-        found |= dict.fromkeys(new)
-        queue += dict.fromkeys(new)
-    return queue
+    found = [start]
+    for node in found:
+        new = (end for end in joined.get(node, ()) if end not in fixed and end not in found)
+        found += dict.fromkeys(new)
+    return found
 
 
-def _ends(part: Passive | OpAmpCell | SignalAmplifier | TransistorCell) -> tuple[str, ...]:
+def _ends(part: Passive | Cell | TransistorCell) -> tuple[str, ...]:
     if isinstance(part, OpAmpCell):
         return part.noninverting, part.inverting, part.output
     if isinstance(part, SignalAmplifier):
@@ -171,7 +176,7 @@ def _ends(part: Passive | OpAmpCell | SignalAmplifier | TransistorCell) -> tuple
     return part.a, part.b
 
 
-def _input(cell: OpAmpCell | SignalAmplifier) -> str:
+def _input(cell: Cell) -> str:
     if isinstance(cell, SignalAmplifier):
         return cell.input
     return cell.noninverting if cell.inverting == cell.output else cell.inverting
