@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -199,6 +200,24 @@ def single_mode(rc: float, tau: float = 0.455e-6, gain: float = 100.0) -> Circui
     )
 
 
+def bare(**parts: Any) -> Circuit:
+    """A board of the given parts alone."""
+    kinds = ("opamps", "amplifiers", "resistors", "matrices", "capacitors", "currents", "voltages")
+    none: dict[str, Any] = dict.fromkeys((*kinds, "outputs"), ())
+    return replace(single_mode(1e-6), **none | {"models": {}} | parts)
+
+
+def lone_amplifier(kind: str = "exponential") -> Circuit:
+    """``R C v' = -v - U0 exp(v / Ve)``: a capacitor that its own exponential charges."""
+    return bare(
+        amplifier=kind,
+        amplifiers=(SignalAmplifier("B", kind, "v", "a", 2.0, 0.5),),
+        resistors=(Resistor("R", "a", "v", 1e4), Resistor("Rv", "v", "0", 1e15)),
+        capacitors=(Capacitor("C", "v", "0", 1e-9),),
+        outputs=(Output("a", -1.0),),
+    )
+
+
 def lag_board(ratio: float, gain: float) -> Circuit:
     """``(1 + p RC)(1 + p tau)^2 + gain = 0`` with ``RC = ratio tau``, of op-amps with gain 1e15."""
     tau = 0.455e-6
@@ -216,15 +235,13 @@ def lags(count: int, tau: float) -> Circuit:
     """Buffered RC stages of one time constant after a 1 V source: a Jordan block of that size."""
     places = range(1, count + 1)
     ends = ["in", *(f"b{k}" for k in places)]
-    return replace(
-        single_mode(1e-6),
+    return bare(
         models={"op": OpAmp("op", 1e15)},
         opamps=tuple(
             OpAmpCell(f"X{k}", "op", f"c{k}", f"b{k}", f"b{k}") for k in range(1, count + 1)
         ),
         resistors=tuple(Resistor(f"R{k}", ends[k - 1], f"c{k}", 1e3) for k in places),
         capacitors=tuple(Capacitor(f"C{k}", f"c{k}", "0", tau / 1e3) for k in places),
-        currents=(),
         voltages=(VoltageSource("V", "in", 1.0),),
         outputs=(Output(f"b{count}", 1.0),),
     )

@@ -47,15 +47,27 @@ def exact_solution(
     return None
 
 
+def exact(problem: Problem) -> list[mpmath.mpf] | None:
+    """Return u to 60 digits, from the solver's own answer; None if there is none near it."""
+    answer = solve(problem)
+    found = exact_solution(problem, answer.u if answer.v is None else answer.v)
+    return None if found is None else found[0]
+
+
+def optimum(T: np.ndarray, eps: np.ndarray, lam: float, kind: str = "linear") -> np.ndarray:
+    """Return u, dimensionless, right to the last digit; with the bias that is usual for `kind`."""
+    found = exact(Problem(T, eps, lam, kind, bias=kind == "exponential"))
+    assert found is not None
+    return np.array([float(value) for value in found])
+
+
 def error_of(solution: Solution) -> float:
     """Return ``max |u - u*|``; infinite if arbitrary precision finds no solution near it."""
-    start = solution.u if solution.v is None else solution.v
-    problem = solution.problem
-    assert isinstance(problem, Problem)
-    found = exact_solution(problem, start)
+    assert isinstance(solution.problem, Problem)
+    found = exact(solution.problem)
     if found is None:
         return float("inf")
-    return float(max(abs(a - b) for a, b in zip(found[0], solution.u.tolist(), strict=True)))
+    return float(max(abs(a - b) for a, b in zip(found, solution.u.tolist(), strict=True)))
 
 
 def random_problems(seed: int, count: int) -> Iterator[Problem]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -214,21 +213,6 @@ def test_resistors_that_nobody_sells_are_refused(monkeypatch: pytest.MonkeyPatch
     huge = make_scene({"channels": 2, "span": 1.2}, design=design | {"opamp": "ideal"})
     found = tune(huge, ["gain=10M:400M"], overshoot=0.9)
     assert found.after.values["design.gain"] <= 50e6
-
-
-def test_the_command_draws_and_documents(tmp_path: Path) -> None:
-    file, plot = tmp_path / "slow.toml", tmp_path / "tradeoff.png"
-    file.write_text(TEXT, encoding="utf-8")
-    found = taction(str(file), "--overshoot", "0.02", "--plot", str(plot), "--json")
-    assert found.exit_code == 0, found.stderr
-    document = json.loads(found.stdout)
-    assert document["after"]["settling_time"] < document["before"]["settling_time"]
-    assert document["lambda"] == pytest.approx(0.1)
-    assert document["verification"]["outcome"] == "pass"
-    assert plot.read_bytes().startswith(b"\x89PNG")
-    assert len(document["frontier"]) >= 3
-    keys = {"values", "settling_time", "overshoot", "left", "refused"}
-    assert all(set(design) == keys for design in document["frontier"])
 
 
 def test_the_command_shows_what_to_write_into_the_scene(tmp_path: Path) -> None:

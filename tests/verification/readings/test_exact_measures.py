@@ -19,7 +19,7 @@ from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.exact_measures import measure_exact
 from taction.verification.readings.measure import measure
 from taction.verification.readings.settling import ChannelState
-from tests.support.boards import lags, paper_board, single_mode
+from tests.support.boards import bare, lags, paper_board
 from tests.support.making import make_scene
 
 OMEGA, ZETA = 2e6, 0.2
@@ -29,13 +29,9 @@ def second_order(zeta: float = ZETA, volts: float = 1.0) -> Circuit:
     """A follower of DC gain 1 - 1e-9 whose two poles give ``OMEGA`` and `zeta`."""
     second = 2.0 * zeta * OMEGA / (2 * np.pi)  # p1 + p2 = 2 zeta omega
     gbw = OMEGA**2 / (2.0 * zeta * OMEGA) / (2 * np.pi)  # p2 * 2 pi gbw = omega²
-    return replace(
-        single_mode(1e-6),
+    return bare(
         models={"op": OpAmp("op", 1e9, gbw=gbw, second_pole=second)},
         opamps=(OpAmpCell("X", "op", "in", "out", "out"),),
-        resistors=(),
-        capacitors=(),
-        currents=(),
         voltages=(VoltageSource("V", "in", volts),),
         outputs=(Output("out", 1.0),),
     )

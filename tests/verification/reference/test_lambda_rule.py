@@ -49,15 +49,6 @@ def test_mse_is_the_least_of_a_scan():
     assert chosen.design.lam == pytest.approx(grid[int(np.argmin(errors))], rel=5e-3)
 
 
-# GCV needs many samples (with few it sees no noise at all), quasi-optimality well-separated modes.
-@pytest.mark.parametrize(
-    ("rule", "channels"), [("gcv", 41), ("l-curve", 9), ("quasi-optimality", 9)]
-)
-def test_the_other_rules_come_within_a_decade_of_the_optimum(rule, channels):
-    best = resolve_lambda(scene("mse", channels=channels)).design.lam
-    assert 0.1 < resolve_lambda(scene(rule, channels=channels)).design.lam / best < 10
-
-
 def test_discrepancy_without_noise_is_refused_by_name():
     with pytest.raises(InputError, match=r"design\.lambda = 'discrepancy'.*noise\.variance"):
         resolve_lambda(scene("discrepancy", variance=0.0))

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import mpmath as mp
 import numpy as np
 import pytest
-from scipy.optimize import root
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
@@ -21,6 +19,7 @@ from taction.verification.report.views.verdict import budget_blocks
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorChain, ErrorPart
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene, matrix_problem
+from tests.support.oracle import optimum
 
 T = np.array([[1.0, -0.3, 0.05], [0.2, 0.8, 0.1], [0.0, 0.25, 1.1], [0.4, -0.1, 0.3]])
 STRESS = np.array([0.9, 0.3, 0.6])
@@ -54,19 +53,8 @@ def judged(amplifier: str, engine: str = "statespace", *, known: bool = True) ->
     return verify(a_scene(amplifier, engine), problem=problem(known=known))
 
 
-def optimum(matrix: Floats, lam: float, amplifier: str) -> Floats:
-    """Solve in 30 digits (Tikhonov), or by MINPACK for the entropy ``sum u log u``; V."""
-    if amplifier == "linear":
-        with mp.workdps(30):
-            A = mp.matrix(matrix.tolist())
-            u = mp.lu_solve(A.T * A + lam * mp.eye(A.cols), A.T * mp.matrix(EPS.tolist()))
-            return np.array([float(value) for value in u]) * U0
-    found = root(
-        lambda v: 2 * matrix.T @ (matrix @ np.exp(v) - EPS) + lam * (v + 1.0),
-        np.zeros(3),
-        tol=1e-14,
-    )
-    return np.asarray(np.exp(found.x)) * U0
+def best_of(matrix: Floats, lam: float, amplifier: str) -> Floats:
+    return optimum(matrix, EPS, lam, amplifier) * U0
 
 
 def rounded(circuit: Circuit, amplifier: str) -> tuple[Floats, float]:
@@ -89,8 +77,8 @@ def test_the_parts_add_up_and_each_is_right(
     verdict = judged(amplifier, engine, known=known)
     parts = {part.name: np.array(part.channels) for part in verdict.budget}
     assert list(parts) == ["ill_posedness", "resistors", "opamps", "unsettled", "simulator"]
-    best = optimum(T, LAM, amplifier)
-    built = optimum(*rounded(verdict.circuit, amplifier), amplifier)
+    best = best_of(T, LAM, amplifier)
+    built = best_of(*rounded(verdict.circuit, amplifier), amplifier)
     whole = verdict.u[-1] - (STRESS * U0 if known else best)
     assert verdict.budget.total is not None
     assert verdict.budget.total.channels == pytest.approx(whole.tolist(), abs=1e-9)

@@ -5,18 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import mpmath as mp
 import numpy as np
 import pytest
 
 import taction
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.verdict.error_budget import ErrorPart
 from taction.verification.verdict.pruning import pruning_of
 from tests.support.making import make_scene, write_matrix_scene
+from tests.support.oracle import optimum
 from tests.support.running import document
 from tests.support.running import taction as command
 
@@ -28,20 +27,13 @@ def scene(prune: float, amplifier: str = "linear") -> Scene:
     return make_scene(design=design, analysis={"engine": "statespace"})
 
 
-def tikhonov(T: Floats, eps: Floats, lam: float) -> Floats:
-    with mp.workdps(30):
-        A = mp.matrix(T.tolist())
-        u = mp.lu_solve(A.T * A + lam * mp.eye(A.cols), A.T * mp.matrix(eps.tolist()))
-        return np.array([float(value) for value in u])
-
-
 def test_the_change_is_measured_beside_its_bound() -> None:
     pruned_scene = scene(PRUNE)
     verdict, problem = taction.verify(pruned_scene), make_problem(pruned_scene)
     T, eps = problem.matrix, problem.strain
     kept = np.where(np.abs(T) < PRUNE * np.abs(T).max(), 0.0, T)
     assert np.count_nonzero(kept != T) == 2
-    whole, after = tikhonov(T, eps, 0.8), tikhonov(kept, eps, 0.8)
+    whole, after = optimum(T, eps, 0.8), optimum(kept, eps, 0.8)
     budget = {part.name: part for part in verdict.budget}
     part = budget["pruning"]
     change = float(np.abs(after - whole).max())

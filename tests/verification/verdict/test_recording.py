@@ -261,12 +261,6 @@ def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
     assert (both.seconds, both.tries) == (5.0, 2)
 
 
-def test_every_verdict_states_its_error() -> None:
-    found = verify(small(engine="statespace")).accuracy
-    assert found.wanted == 2.5e-4
-    assert found.reached
-
-
 @pytest.mark.parametrize("count", [9, 20, 21, 22, 61])
 def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     """The last instant proves that a record is whole, whatever its number of points."""

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Capacitor, Circuit, Output, Resistor, SignalAmplifier
+from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
 from taction.system.waveforms import Cost, Waveforms
@@ -25,7 +25,7 @@ from taction.verification.verdict.simulation import (
     begin,
     state_space_error,
 )
-from tests.support.boards import board, kernel, single_mode, strain, two_pole
+from tests.support.boards import board, kernel, lone_amplifier, strain, two_pole
 from tests.support.making import make_scene
 
 RECORD = Waveforms(
@@ -57,21 +57,6 @@ def test_the_record_of_a_diverging_transient_is_kept(
 TIGHT = 5.0  # times the true error: largest stated error
 TIMES = np.concatenate([[0.0], np.geomspace(1e-9, 2e-4, 400)])
 BETWEEN = TIMES[:-1] + 0.37 * np.diff(TIMES)
-
-
-def lone_amplifier() -> Circuit:
-    """``R C v' = -v - U0 exp(v / Ve)``: a capacitor that its own exponential charges."""
-    return replace(
-        single_mode(1e-6),
-        amplifier="exponential",
-        models={},
-        opamps=(),
-        amplifiers=(SignalAmplifier("B", "exponential", "v", "a", 2.0, 0.5),),
-        resistors=(Resistor("R", "a", "v", 1e4), Resistor("Rv", "v", "0", 1e15)),
-        capacitors=(Capacitor("C", "v", "0", 1e-9),),
-        currents=(),
-        outputs=(Output("a", -1.0),),
-    )
 
 
 def run(circuit: Circuit, tolerance: float) -> tuple[Waveforms, StateSpaceError]:

@@ -19,7 +19,7 @@ from taction.system.errors import InputError
 from taction.verification.report.blocks import Facts, Page, Section
 from taction.verification.report.renderers.page import check_report_file, page_html, write_page
 from tests.support.entries import write_fast
-from tests.support.report_pages import HOSTILE, STUDIES, VERDICTS, hostile, page, swept, verdicts
+from tests.support.report_pages import HOSTILE, hostile, page, swept
 
 MOST = 6_000_000  # bytes
 SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
@@ -105,20 +105,6 @@ def test_missing_packages_are_named_before_any_work(
     assert not out.exists()
 
 
-def test_the_command_and_the_verdict_write_the_same_report(tmp_path: Path) -> None:
-    import taction
-
-    scene = write_fast(tmp_path / "a.toml")
-    first, second = tmp_path / "a.html", tmp_path / "b.html"
-    run = CliRunner().invoke(main, ["verify", str(scene), "--report", str(first)])
-    assert run.exit_code == 0, run.output
-    taction.verify(scene).report(second)
-    texts = [html.document_fromstring(file.read_text("utf-8")) for file in (first, second)]
-    names = [[each.text for each in text.xpath("//h2")] for text in texts]
-    assert names[0] == names[1]
-    assert "Checks" in names[0]
-
-
 def test_the_result_of_a_sweep_writes_its_report(tmp_path: Path) -> None:
     result = swept("C=10pF:100pF:4", "gain=10k:100k:3")
     with result.store:
@@ -127,15 +113,3 @@ def test_the_result_of_a_sweep_writes_its_report(tmp_path: Path) -> None:
     assert "12 of 12 points: 3 pass" in tree.xpath("string(//p[@class='verdict'])")
     rows = tree.xpath("//table[caption='Points']/tbody/tr")
     assert len(rows) == 12
-
-
-def test_the_scene_is_not_overwritten(tmp_path: Path) -> None:
-    scene = write_fast(tmp_path / "a.html")
-    run = CliRunner().invoke(main, ["verify", str(scene), "--report", str(scene)])
-    assert run.exit_code == 2
-    assert "[problem]" in scene.read_text("utf-8")
-
-
-def test_every_study_and_kind_of_board_has_a_report() -> None:
-    assert {"montecarlo", "corners", "onset", "tune", "accuracy", "regress"} <= STUDIES.keys()
-    assert set(VERDICTS) == verdicts().keys()

@@ -21,9 +21,7 @@ from taction.verification.readings.readings import Reading
 from taction.verification.report.documents.verdict import (
     verdict_document,
 )
-from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.verdict.waveform_files import check_export, export
-from taction.verification.report.views.verdict import view
 from taction.verification.verdict.record import Channel, finite
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.measured import channel
@@ -39,26 +37,6 @@ def verdict() -> Verdict:
     waves = found.waveforms
     waves = replace(waves, time=waves.time[every], values=waves.values[every])
     return replace(found, waveforms=waves, u=found.u[every])
-
-
-def test_pictures_of_every_kind_and_the_same_twice(tmp_path: Path) -> None:
-    starts = {"png": b"\x89PNG\r\n", "svg": b"<?xml", "pdf": b"%PDF"}
-    for ending, start in starts.items():
-        file = tmp_path / f"a.{ending}"
-        draw_page(view(verdict()), str(file))
-        content = file.read_bytes()
-        assert content.startswith(start)
-        assert len(content) > 10_000
-    again = tmp_path / "b.svg"
-    draw_page(view(verdict()), str(again))
-    assert again.read_bytes() == (tmp_path / "a.svg").read_bytes()
-
-
-def test_a_picture_that_cannot_be_written(tmp_path: Path) -> None:
-    folder = tmp_path / "taken.png"
-    folder.mkdir()
-    with pytest.raises(InputError, match="a folder; expected a file"):
-        draw_page(view(verdict()), str(folder))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.system.errors import InputError
 from taction.verification.report.blocks import Notes
 from taction.verification.report.charts import Chart, Columns, Limit, Text
 from taction.verification.report.renderers.picture import draw_sheet
@@ -89,14 +88,6 @@ def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
     assert np.diff(edges) == pytest.approx(np.full(len(edges) - 1, edges[1] - edges[0]))
     if limits and limits[0] < 1.0:
         assert np.abs(edges - limits[0]).min() < 1e-12
-
-
-def test_the_file_is_always_the_same(tmp_path: Path) -> None:
-    for name in ("a.png", "b.png"):
-        draw_sheet(sheet("board", REPORT, SAMPLES), tmp_path / name)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-    with pytest.raises(InputError, match="--plot"):
-        draw_sheet(sheet("board", REPORT, SAMPLES), tmp_path / "a.xyz")
 
 
 def test_a_study_without_samples_has_a_picture(tmp_path: Path) -> None:

@@ -10,14 +10,13 @@ import pytest
 
 from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
-from taction.verification.evidence.paper.findings import Chapter, ClaimOutcome, Finding, load_claims
+from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.reproduce import Task
 from taction.verification.report.charts import SERIES, Curve
 from taction.verification.report.documents.studies import ReproduceDocument
 from taction.verification.report.paper.report import write_paper
 from taction.verification.report.views.paper import panel_chart
-from tests.support.running import document, taction
 
 PNG = b"\x89PNG\r\n"
 PICTURE = Picture(
@@ -80,41 +79,6 @@ def test_a_style_of_the_paper_is_colour_line_and_mark(style: str, look: tuple[st
     (drawn,) = (mark for mark in chart.marks if isinstance(mark, Curve))
     assert (drawn.colour, drawn.line, drawn.mark) == look
     assert (chart.x.scale, chart.y.scale) == ("log", "linear")
-
-
-@pytest.mark.usefixtures("short")
-def test_the_command_prints_json_and_writes_the_pages(tmp_path: Path) -> None:
-    result = taction("reproduce", "--quick", "--json", "-o", str(tmp_path / "new"))
-    assert result.exit_code == 0
-    answer = document(result)
-    assert answer["outcome"] == "pass"
-    assert {"id", "claim", "place", "run", "printed", "ours", "verdict"} <= set(answer["claims"][0])
-    assert (tmp_path / "new" / "paper.html").exists()
-
-
-@pytest.mark.parametrize(
-    ("outcome", "status"),
-    [(ClaimOutcome.FAILS, 1), (ClaimOutcome.NOT_RUN, 3)],
-)
-def test_the_exit_status_tells_a_wrong_verdict_from_a_missing_one(
-    outcome: ClaimOutcome, status: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def one(quick: bool) -> Chapter:
-        first, *rest = chapter(quick).findings
-        return Chapter((Finding(first.id, "run", "ours", outcome), *rest))
-
-    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": Task("title", one, 1.0, 1.0)})
-    result = taction("reproduce")
-    assert result.exit_code == status
-    assert "figure-5" in result.stdout
-
-
-@pytest.mark.usefixtures("short")
-def test_a_folder_that_cannot_be_made_is_refused_before_any_work(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    result = taction("reproduce", "-o", str(tmp_path / "file" / "below"))
-    assert result.exit_code == 2
-    assert "-o: FOLDER" in result.stderr
 
 
 @pytest.mark.usefixtures("short")

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from taction.cli.main import main
+import taction
 from taction.netlist_gen.board.circuit import (
     Capacitor,
     Circuit,
@@ -21,16 +18,13 @@ from taction.netlist_gen.board.circuit import (
     Output,
     Resistor,
     ResistorMatrix,
-    common_facts,
 )
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.scene.scene import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
-from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.stability.edges import Edge
 from taction.verification.stability.families import Family
 from taction.verification.stability.poles import poles
 from taction.verification.studies.onset import transient_trial as confirm_module
@@ -40,8 +34,8 @@ from taction.verification.studies.onset.onset import (
     onset,
     parse_onset_axis,
 )
-from taction.verification.studies.onset.transient_trial import TransientTest, along, confirm
-from tests.support.boards import single_mode
+from taction.verification.studies.onset.transient_trial import TransientTest, along
+from tests.support.boards import bare, single_mode, window
 from tests.support.paths import SCENES
 
 TUNED = SCENES / "tuned-breadboard.toml"
@@ -49,39 +43,31 @@ EXPONENTIAL = SCENES / "paper-exponential.toml"
 TAU, R = 0.455e-6, 10e3
 
 
-def feedback(source: str, ohms: float) -> ResistorMatrix:
-    """One resistor from `source` to node x, as a 1 x 1 matrix."""
+def feedback(source: str, ohms: float) -> tuple[ResistorMatrix]:
+    """One resistor from `source` to node x, as the 1 x 1 matrix that a deck has."""
     one = np.array([[ohms]])
-    return ResistorMatrix("Rb", one, one < 0, False, (source,), ("",), ("x",))
+    return (ResistorMatrix("Rb", one, one < 0, False, (source,), ("",), ("x",)),)
 
 
-def window(farads: float) -> Circuit:
+def lagging(farads: float) -> Circuit:
     """K = 100 and two equal lags: ``(1 + pRC)(1 + p tau)^2 + 100 = 0``."""
-    board = single_mode(farads * R, TAU)
-    kept = tuple(r for r in board.resistors if r.name != "Rk")
-    return replace(board, resistors=kept, matrices=(feedback("b2", R / 100.0),))
+    made = single_mode(farads * R, TAU)
+    kept = tuple(r for r in made.resistors if r.name != "Rk")
+    return replace(made, resistors=kept, matrices=feedback("b2", R / 100.0))
 
 
 def latch(ohms: float) -> Circuit:
     """Positive feedback: ``p = (10 kohm / ohms - 1) / RC`` with RC = 1 us, a real pole."""
     inverter = (Resistor("Ri", "v", "j", R), Resistor("Rj", "j", "a", R))
-    return Circuit(
-        name="latch",
-        amplifier="linear",
-        topology="integrator",
-        facts=common_facts(G0=1e-4, U0=1.0, R=R, C=1e-10, gain=R, **{"lambda": 1.0}),
+    return bare(
         models={"ideal": OpAmp("ideal", 1e8)},
         opamps=(OpAmpCell("v", "ideal", "0", "x", "v"), OpAmpCell("a", "ideal", "0", "j", "a")),
-        amplifiers=(),
         resistors=(Resistor("R", "x", "v", R), *inverter),
-        matrices=(feedback("a", ohms),),
+        matrices=feedback("a", ohms),
         capacitors=(Capacitor("C", "x", "v", 1e-10),),
         currents=(CurrentSource("I", "x", -1e-7),),
-        voltages=(),
-        signal_nodes=("v",),
         constraint_nodes=("a",),
         outputs=(Output("v", 1.0),),
-        omissions=(),
     )
 
 
@@ -98,9 +84,9 @@ def check_sides(trial: TransientTest, share: float = 0.03) -> None:
 
 
 def test_both_ends_of_the_window_of_the_single_mode(ngspice: str) -> None:
-    boards = Family.over(window)
+    boards = Family.over(lagging)
     found = boards.scan(np.geomspace(1e-13, 1e-8, 61).tolist())
-    ends = [TAU * (24.0 - math.sqrt(575.0)) / R, TAU * (24.0 + math.sqrt(575.0)) / R]
+    ends = [TAU * ratio / R for ratio in window(100.0)]
     assert [c.value for c in found.edges] == pytest.approx(ends, rel=1e-6)
     assert ends == pytest.approx([0.948e-12, 2.183e-9], rel=1e-3)
     assert [c.unstable_above for c in found.edges] == [True, False]
@@ -180,31 +166,20 @@ def damping(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("ngspice", "damping")
 def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
-    crossing = Edge(TAU * (24.0 + math.sqrt(575.0)) / R, 357007.0, 2, 0)
-    trial = confirm(
-        Family.over(window).board, crossing, find_simulator(), logarithmic=True, timeout=60.0
-    )
-    assert trial.confirmed is False
+    found = taction.onset(TUNED, over="C=4pF:5pF:3")
+    (finding,) = found.findings
+    trial = finding.confirmation
+    assert (found.outcome, trial.confirmed) == ("inconclusive", False)
     assert "the transient grows with -" in trial.reason
     assert trial.below is not None
-    assert trial.below.predicted.real > 0.0
-
-
-@pytest.mark.usefixtures("ngspice", "damping")
-def test_the_command_ends_with_3_where_a_transient_contradicts_the_poles() -> None:
-    result = run("--over", "C=4pF:5pF:3", "--json")
-    assert result.exit_code == 3
-    (crossing,) = json.loads(result.stdout)["crossings"]
-    assert crossing["confirmed"] is False
-    assert crossing["below"]["measured"]["growth_rate"] < 0.0
-    assert crossing["below"]["predicted"]["growth_rate"] > 0.0
+    assert trial.below.predicted.real > 0.0 > trial.below.growth_rate
 
 
 def test_without_ngspice_crossings_are_found_and_stay_undecided(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("TACTION_NGSPICE", "/nonexistent/ngspice")
-    boards = Family.over(window)
+    boards = Family.over(lagging)
     found = boards.scan(np.geomspace(1e-10, 1e-8, 21).tolist())
     (finding,) = confirmations(boards, found)
     assert finding.confirmation.confirmed is None
@@ -218,49 +193,15 @@ def test_an_onset_needs_a_continuous_range(text: str) -> None:
         parse_onset_axis(scene, text)
 
 
-def run(*arguments: str) -> Any:
-    return CliRunner().invoke(main, ["onset", str(TUNED), *arguments])
-
-
-def test_the_command_answers_in_json_and_draws(tmp_path: Path) -> None:
-    picture = tmp_path / "locus.svg"
-    result = run("--over", "C=1pF:100pF:21", "--no-confirm", "--json", "--plot", str(picture))
-    assert result.exit_code == 0
-    document = json.loads(result.stdout)
-    assert [c["value"] for c in document["crossings"]] == pytest.approx(
-        [1.84427e-12, 3.285655e-12, 4.133746e-12], rel=1e-6
+def test_an_axis_without_a_range_reaches_a_factor_of_30_to_both_sides() -> None:
+    found = taction.onset(TUNED, over="gain", transients=False)
+    assert (found.axis.values[0], found.axis.values[-1]) == pytest.approx(
+        (2.3e6 / 30.0, 2.3e6 * 30.0)
     )
-    last = document["crossings"][-1]
-    assert (last["direction"], last["confirmed"]) == ("unstable below", None)
-    assert last["frequency"] == pytest.approx(185.997e3, rel=1e-5)
-    assert document["stable_ranges"] == [[last["value"], 1e-10]]
-    assert document["scanned"]["from"] == 1e-12
-    assert document["scanned"]["default"] is False
-    assert document["own_value"] == 1e-11
-    assert picture.read_text(encoding="utf-8").count("<svg") == 1
 
 
-def test_the_command_prints_a_table_and_its_default_range() -> None:
-    result = run("--over", "gain", "--no-confirm")
-    assert result.exit_code == 0
-    assert "gain from 76.67 kohm to 69 Mohm (default range)" in result.stdout
-    assert "4.703454 Mohm" in result.stdout
-
-
-def test_the_command_refuses_what_it_cannot_scan() -> None:
-    for arguments, text in (
-        (("--over", "capacitence"), "did you mean 'capacitance'"),
-        (("--over", "C", "--plot", "locus.txt"), "expected a file that ends in"),
-    ):
-        result = run(*arguments)
-        assert result.exit_code == 2
-        assert text in result.stderr
-
-
-def test_winding_numbers_count_what_the_poles_say():
-    scene = load_scene("scenes/tuned-breadboard.toml")
-    axis = parse_onset_axis(scene, "C=2pF:20pF:13")
-    found = onset(scene, axis, transients=False)
+def test_winding_numbers_count_what_the_poles_say() -> None:
+    found = taction.onset(TUNED, over="C=2pF:20pF:13", transients=False)
     assert len(found.counts) == len(found.findings) + 1
     assert found.counts[-1].poles == 0
     assert found.counts[0].poles > 0

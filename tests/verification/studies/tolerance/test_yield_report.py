@@ -226,20 +226,6 @@ def test_no_tolerance_is_an_error_that_names_the_table() -> None:
         prepare(small_scene(tolerances=QUIET))
 
 
-def test_the_command_reports_and_json_has_everything(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path)
-    plain = taction(scene, "-n", "12", "--jobs", "1")
-    assert plain.exit_code == 0
-    assert "of 12 boards pass; seed 1." in plain.stdout
-    assert "95 % interval" in plain.stdout
-    document = json.loads(taction(scene, "-n", "12", "--jobs", "1", "--json").stdout)
-    assert (document["scene"], document["seed"], document["samples"]) == ("two", 1, 12)
-    assert document["complete"] is True
-    names = [each["name"] for each in document["quantities"]]
-    assert names == ["settling_time", "overshoot", "undershoot", "steady_state", "growth_rate"]
-    assert document["quantities"][3]["at_most"] == 0.005
-
-
 def test_one_sample_alone_is_the_one_of_the_batch(tmp_path: Path) -> None:
     scene, file = scene_file(tmp_path), tmp_path / "s.sqlite"
     assert taction(scene, "-n", "6", "--jobs", "1", "-o", str(file)).exit_code == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import time
 from collections.abc import Callable
@@ -13,9 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 
-from taction.cli.main import main
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.system.errors import EngineError, SimulatorNotFound
@@ -159,6 +156,8 @@ def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(
                     assert (point.seconds or 0.0) <= (other.seconds or math.inf)
     assert found.cheapest(1e-20) is None
     assert found.cheapest(1e-8, engines=["ngspice"]) is None
+    ideal = tuple(point for point in found.points if point.method.problem == "ideal")
+    assert (found.outcome, replace(found, points=ideal).outcome) == ("pass", "inconclusive")
 
 
 def test_document_and_picture(found: WorkPrecisionStudy, tmp_path: Path) -> None:
@@ -233,26 +232,6 @@ def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
     assert errors[-1] < 1e-8
 
 
-@pytest.mark.usefixtures("ngspice")
-def test_the_command_prints_one_document_and_keeps_progress_apart(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        study_module.run_study,
-        "__kwdefaults__",
-        {**(study_module.run_study.__kwdefaults__ or {}), "methods": FEW[2:3]},
-    )
-    scene = tmp_path / "scene.toml"
-    scene.write_text('[problem]\nkind = "tactile"\nchannels = 2\nspan = 2.0\n')
-    result = CliRunner().invoke(main, ["accuracy", str(scene), "--budget", "60", "--json"])
-    assert result.exit_code == 0, result.output
-    document = json.loads(result.stdout)
-    assert [method["name"] for method in document["methods"]] == ["state space, exact"]
-    assert "references" in result.stderr
-    refused = CliRunner().invoke(main, ["accuracy", str(scene), "--plot", "nowhere/a.png"])
-    assert refused.exit_code == 2
-
-
 def test_a_machine_that_uses_the_budget_before_the_ladders_gives_fewer_rows(
     ngspice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -273,17 +252,3 @@ def test_the_coarsest_setting_of_every_method_runs_first() -> None:
     assert sorted((m.name, s) for m, s in found) == sorted(
         (m.name, s) for m in FEW for s in m.ladder
     )
-
-
-def test_a_study_without_a_run_of_the_board_is_inconclusive(
-    found: WorkPrecisionStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ideal = tuple(point for point in found.points if point.method.problem == "ideal")
-    empty = replace(found, points=ideal)
-    monkeypatch.setattr(study_module, "run_study", lambda *args, **options: empty)
-    scene = tmp_path / "a.toml"
-    scene.write_text("[problem]\nkind = 'tactile'\n")
-    result = CliRunner().invoke(main, ["accuracy", str(scene)])
-    assert result.exit_code == 3
-    assert "give a larger --budget" in result.stderr
-    assert not empty.conclusive

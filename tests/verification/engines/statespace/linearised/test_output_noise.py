@@ -16,7 +16,6 @@ from taction.netlist_gen.board.circuit import (
     OpAmpCell,
     Output,
     Resistor,
-    common_facts,
 )
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
@@ -24,33 +23,17 @@ from taction.spice_models.opamp import OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import _variance, output_noise
+from tests.support.boards import bare
 from tests.support.making import make_scene, matrix_problem
 
 KT = 1.380649e-23 * 300.15
 R, C = 10e3, 2e-12
 
 
-def stage(model: OpAmp | None, **parts: object) -> Circuit:
+def stage(model: OpAmp | None, **parts: Any) -> Circuit:
     """One output, node ``out``, of the given parts."""
-    made = Circuit(
-        name="hand",
-        amplifier="linear",
-        topology="integrator",
-        facts=common_facts(G0=1e-4, U0=1.0, R=R, C=C, gain=R, **{"lambda": 1.0}),
-        models={} if model is None else {model.name: model},
-        opamps=(),
-        amplifiers=(),
-        resistors=(),
-        matrices=(),
-        capacitors=(),
-        currents=(),
-        voltages=(),
-        signal_nodes=("out",),
-        constraint_nodes=(),
-        outputs=(Output("out", 1.0),),
-        omissions=(),
-    )
-    return replace(made, **parts)  # type: ignore[arg-type]
+    models = {} if model is None else {model.name: model}
+    return bare(models=models, outputs=(Output("out", 1.0),), **parts)
 
 
 def noise(circuit: Circuit) -> float:

@@ -20,22 +20,17 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from tests.support.boards import kernel, paper_board, single_mode, strain
-
-EMPTY = replace(
-    single_mode(1e-6), models={}, opamps=(), resistors=(), capacitors=(), currents=(), outputs=()
-)
+from tests.support.boards import bare, kernel, paper_board, strain
 
 
 def poles_of(**parts: Any) -> Floats:
-    space = LinearBoard(replace(EMPTY, **parts)).state_space
+    space = LinearBoard(bare(**parts)).state_space
     return np.asarray(np.sort(np.linalg.eigvals(space.A).real))
 
 
 def test_an_rc_stage_has_its_pole_and_its_gain() -> None:
     space = LinearBoard(
-        replace(
-            EMPTY,
+        bare(
             resistors=(Resistor("R", "in", "out", 2e3),),
             capacitors=(Capacitor("C", "out", "0", 1e-9),),
             voltages=(VoltageSource("V", "in", 3.0),),
@@ -52,8 +47,7 @@ def test_an_rc_stage_has_its_pole_and_its_gain() -> None:
 def test_nodes_without_capacitance_are_eliminated_exactly() -> None:
     # A ladder: 1 k to a bare node, from there 2 k to the capacitor and 3 k to ground.
     space = LinearBoard(
-        replace(
-            EMPTY,
+        bare(
             resistors=(Resistor("R2", "m", "c", 2e3), Resistor("R3", "m", "0", 3e3)),
             capacitors=(Capacitor("C", "c", "0", 1e-9),),
             currents=(CurrentSource("I", "m", 1e-3),),
@@ -88,8 +82,7 @@ def test_an_ideal_integrator_multiplies_its_capacitor() -> None:
 def test_a_follower_has_the_poles_of_its_quadratic() -> None:
     gbw, second, gain = 1e6, 3e6, 1e5
     values = LinearBoard(
-        replace(
-            EMPTY,
+        bare(
             models={"op": OpAmp("op", gain, gbw=gbw, second_pole=second)},
             opamps=(OpAmpCell("X", "op", "in", "out", "out"),),
             voltages=(VoltageSource("V", "in", 1.0),),
@@ -157,7 +150,7 @@ def test_the_state_space_rests_where_the_regularised_problem_has_its_solution() 
 )
 def test_what_has_no_state_space_is_refused_by_name(parts: dict[str, Any], telling: str) -> None:
     with pytest.raises(EngineError, match=telling):
-        _ = LinearBoard(replace(EMPTY, **parts)).state_space
+        _ = LinearBoard(bare(**parts)).state_space
 
 
 @pytest.mark.parametrize("ratio", [1e3, 1e7, 1e9, 1e11])

@@ -13,9 +13,7 @@ from taction.netlist_gen.board.circuit import (
     Capacitor,
     Circuit,
     CurrentSource,
-    Output,
     Resistor,
-    SignalAmplifier,
 )
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
@@ -23,27 +21,12 @@ from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.amplified import Amplified
 from taction.verification.engines.statespace.transients.simulate import simulate
-from tests.support.boards import board, kernel, single_mode, strain, two_pole
+from tests.support.boards import board, kernel, lone_amplifier, strain, two_pole
 
 
 def breadboard(**design: float) -> Circuit:
     T, eps = kernel(7, 3.0), np.maximum(strain(7, 3.0), 0.05)
     return board(T, eps, two_pole(790e3, 12e-12), exponential=True, bias=True, **design)
-
-
-def lone_amplifier(kind: str = "exponential") -> Circuit:
-    """``C v' = -U0 exp(v / Ve) / R``: v falls from 0 as ``-Ve log(1 + U0 t / (R C Ve))``."""
-    return replace(
-        single_mode(1e-6),
-        amplifier=kind,
-        models={},
-        opamps=(),
-        amplifiers=(SignalAmplifier("B", kind, "v", "a", 2.0, 0.5),),
-        resistors=(Resistor("R", "a", "v", 1e4), Resistor("Rv", "v", "0", 1e15)),
-        capacitors=(Capacitor("C", "v", "0", 1e-9),),
-        currents=(),
-        outputs=(Output("a", -1.0),),
-    )
 
 
 def scipy_reference(circuit: Circuit, analysis: Transient, times: Floats) -> Floats:
@@ -73,24 +56,6 @@ def test_seven_channels_against_scipy(initial: str) -> None:
     wanted = scipy_reference(circuit, analysis, times)
     assert np.abs(found.values / wanted - 1.0).max() < 1e-8
     assert found.cost.factorisations > 0
-
-
-def test_a_capacitor_discharged_by_its_own_exponential() -> None:
-    t = np.linspace(0.0, 2e-4, 401)
-    found = simulate(lone_amplifier(), Transient(2e-4, 1e-6), nodes=("v", "a"), times=t)
-    # The resistor also sees v: tiny here only at the start; compare the rate equation instead.
-    v, a = found["v"], found["a"]
-    assert a == pytest.approx(-2.0 * np.exp(v / 0.5), rel=1e-12)
-    reference = solve_ivp(
-        lambda _, x: -(x + 2.0 * np.exp(x / 0.5)) / 1e-5 - x / 1e6,
-        (0.0, 2e-4),
-        [0.0],
-        method="LSODA",
-        rtol=1e-12,
-        atol=1e-14,
-        t_eval=t,
-    )
-    assert v == pytest.approx(reference.y[0], abs=1e-9)
 
 
 def test_the_transient_ends_at_the_equilibrium() -> None:
