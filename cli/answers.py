@@ -31,6 +31,15 @@ COLUMNS = (
 """Figures of the list of op-amps, beside the range of the supply; `show` has all."""
 
 
+IMPORTED = (
+    ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
+    ("output_resistance", "ohm"), ("slew_rate", "V/s"), ("swing", "V"), ("supply_current", "A"),
+    ("offset_voltage", "V"), ("bias_current", "A"), ("offset_current", "A"),
+    ("common_mode_rejection", "dB"),
+)  # fmt: skip
+"""Figures of an imported op-amp, and their units."""
+
+
 def print_solution(solution: Solution, console: Console) -> None:
     """Print a solution and its certificate."""
     for n, value in enumerate(solution.u.tolist(), 1):
@@ -172,11 +181,12 @@ def print_model(found: ImportedModel, console: Console) -> None:
     model = found.model
     figures, linear = model["figures"], model["linear"]
     console.print(f"{model['name']}, simulated at ±{show(model['supply'], 'V')}")
-    for key, unit in (
-        ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
-        ("output_resistance", "ohm"), ("supply_current", "A"),
-    ):  # fmt: skip
-        console.print(f"  {key.replace('_', ' '):22} {show(figures[key], unit)}")
+    for key, unit in IMPORTED:
+        value = figures[key]
+        text = "no limit" if value is None else show(value, unit)
+        console.print(f"  {key.replace('_', ' '):22} {text}")
+    for doubt in model["doubts"]:
+        console.print(f"warning: {doubt}", markup=False)
     if linear is not None:
         poles = len(linear["gain"]["poles"])
         console.print(

@@ -461,6 +461,7 @@ MODELS = Command(
                 option("subckt"),
                 option("pins", metavar="ROLE,ROLE,..."),
                 option("supply", show_default=True),
+                option("compensation", metavar="FARADS"),
                 OUTPUT,
             ),
         ),

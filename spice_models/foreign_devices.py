@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 _FUNCTIONS = """
@@ -18,16 +18,22 @@ _FUNCTIONS = """
     pow pwr pwrs sgn sin sinh sqrt tan tanh u uramp
 """
 FUNCTIONS = frozenset(_FUNCTIONS.split())
+CONSTANTS = {"pi": math.pi}
+_SPELT = {"|": "||", "&": "&&", "**": "^"}  # operators of other simulators, as ngspice has them
 SUFFIXES = {
     "meg": 1e6, "mil": 25.4e-6, "t": 1e12, "g": 1e9, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9,
     "p": 1e-12, "f": 1e-15,
 }  # fmt: skip
+LONGEST = 20_000  # characters of a logical line
+DEEPEST = 50  # parentheses within one another
 NAME = re.compile(r"[a-z0-9_][a-z0-9_+\-]*")
+SUBCIRCUIT = re.compile(r"[a-z0-9_][a-z0-9_+\-/.]*")  # is never written: it becomes a new name
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z]*)")
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?[a-z]*)"
     r"|(?P<probe>[vi]\s*\(\s*[a-z0-9_][a-z0-9_+\-]*(?:\s*,\s*[a-z0-9_][a-z0-9_+\-]*)?\s*\))"
-    r"|(?P<name>[a-z_][a-z0-9_]*)|(?P<operator>\*\*|<=|>=|==|!=|&&|\|\||[-+*/^<>!?:,()]))"
+    r"|(?P<call>[a-z_][a-z0-9_]*\s*\()|(?P<name>[a-z_][a-z0-9_]*)"
+    r"|(?P<operator>\*\*|<=|>=|==|!=|&&|\|\||[-+*/^<>!?:,()&|]))\s*"
 )
 
 
@@ -60,8 +66,8 @@ def number(text: str) -> float:
 def expression(text: str, parameters: Collection[str]) -> str:
     """Return an expression with plain numbers.
 
-    Accepted are numbers, `parameters`, ``v(a)``, ``v(a,b)``, ``i(source)``, operators,
-    parentheses and the functions of `FUNCTIONS`.
+    Accepted are numbers, `parameters`, ``pi``, ``v(a)``, ``v(a,b)``, ``i(source)``, operators,
+    parentheses, the functions of `FUNCTIONS`, and those of `REWRITTEN`, written with them.
 
     Raises
     ------
@@ -72,31 +78,110 @@ def expression(text: str, parameters: Collection[str]) -> str:
     --------
     >>> expression("limited*MAX(v(a, b), 1k)".lower(), {"limited"})
     'limited*max(v(a,b),1000.0)'
+    >>> expression("if(v(a)>0, v(a), 0)", ())
+    '((v(a)>0.0)?(v(a)):(0.0))'
     """
-    parts, place, depth, text = [], 0, 0, text.strip()
+    words, end = _arguments(list(_tokens(text.strip(), parameters)), 0)
+    if end is not None or len(words) != 1 or not words[0]:
+        raise ValueError(f"the parentheses of {text[:40]!r} do not match, or it is empty")
+    return words[0]
+
+
+def _tokens(text: str, parameters: Collection[str]) -> Iterator[str]:
+    """Yield the checked words of an expression; a function has its opening parenthesis."""
+    place = 0
     while place < len(text):
         token = _TOKEN.match(text, place)
         if token is None:
             raise ValueError(f"{text[place:][:20]!r} cannot be read in an expression")
         place = token.end()
-        kind, word = str(token.lastgroup), token[str(token.lastgroup)]
+        kind, word = str(token.lastgroup), token[str(token.lastgroup)].replace(" ", "")
         if kind == "number":
             word = repr(number(word))
-        elif kind == "probe":
-            word = word.replace(" ", "")
-        elif kind == "name":
-            called = text[place:].lstrip().startswith("(")
-            if called and word not in FUNCTIONS:
-                raise ValueError(f"the function {word!r} is not accepted")
-            if not called and word not in parameters:
+        elif kind == "call" and word[:-1] not in FUNCTIONS and word[:-1] not in REWRITTEN:
+            raise ValueError(f"the function {word[:-1]!r} is not accepted")
+        elif kind == "name" and word not in parameters:
+            if word not in CONSTANTS:
                 raise ValueError(f"the name {word!r} is no parameter")
-        depth += (word == "(") - (word == ")")
-        if depth < 0:
-            break
-        parts.append(word)
-    if depth or not parts:
-        raise ValueError(f"the parentheses of {text[:40]!r} do not match, or it is empty")
-    return "".join(parts)
+            word = repr(CONSTANTS[word])
+        yield _SPELT.get(word, word)
+
+
+def _arguments(tokens: list[str], place: int, depth: int = 0) -> tuple[list[str], int | None]:
+    """Return what stands between commas, and the place after the ``)``; None at the end."""
+    found = [""]
+    if depth > DEEPEST:
+        raise ValueError(f"more than {DEEPEST} parentheses within one another")
+    while place < len(tokens):
+        word, place = tokens[place], place + 1
+        if word == ")":
+            return found, place
+        if word == ",":
+            found.append("")
+        elif word.endswith("("):
+            inner, end = _arguments(tokens, place, depth + 1)
+            if end is None or not all(inner) or (word == "(" and len(inner) > 1):
+                raise ValueError("parentheses or commas that do not match")
+            found[-1] += _called(word, inner)
+            place = end
+        else:
+            found[-1] += word
+        if len(found[-1]) > LONGEST:
+            raise ValueError(f"written anew, it has over {LONGEST} characters")
+    return found, None
+
+
+def _called(name: str, arguments: list[str]) -> str:
+    """Return a call; `name` has its opening parenthesis."""
+    if name[:-1] not in REWRITTEN:
+        return f"{name}{','.join(arguments)})"
+    try:
+        return REWRITTEN[name[:-1]](*arguments)
+    except TypeError:
+        raise ValueError(f"{len(arguments)} arguments of {name[:-1]!r}") from None
+
+
+def _choice(condition: str, yes: str, no: str) -> str:
+    return f"(({condition})?({yes}):({no}))"
+
+
+def _limit(value: str, one: str, other: str) -> str:
+    return f"min(max({value},min({one},{other})),max({one},{other}))"
+
+
+def piecewise(value: str, *points: str) -> str:
+    """Return the function of straight lines through points x0, y0, x1, y1, ..., level beyond them.
+
+    Raises
+    ------
+    ValueError
+        No pairs, or an x that is not above the one before.
+
+    Examples
+    --------
+    >>> piecewise("v(a)", "0.0", "1.0", "2.0", "5.0")
+    '(1.0+((5.0)-(1.0))/((2.0)-(0.0))*(max(min(v(a),2.0),0.0)-(0.0)))'
+    """
+    x, y = points[::2], points[1::2]
+    if not y or len(x) != len(y):
+        raise ValueError("a table needs pairs of numbers")
+    terms = [y[0]]
+    for k in range(1, len(x)):
+        if all(map(_PLAIN.fullmatch, x[k - 1 : k + 1])) and not float(x[k]) > float(x[k - 1]):
+            raise ValueError(f"a table in which {x[k]} follows {x[k - 1]}")
+        rise, run = f"(({y[k]})-({y[k - 1]}))", f"(({x[k]})-({x[k - 1]}))"
+        terms.append(f"{rise}/{run}*(max(min({value},{x[k]}),{x[k - 1]})-({x[k - 1]}))")
+    return f"({'+'.join(terms)})"
+
+
+_PLAIN = re.compile(r"-?[0-9.]+(?:e[+-]?[0-9]+)?")
+REWRITTEN: dict[str, Callable[..., str]] = {
+    "if": _choice,
+    "limit": _limit,
+    "table": piecewise,
+    "tbl": piecewise,
+}
+"""Functions of other simulators, written with those of `FUNCTIONS`."""
 
 
 def polynomial(inputs: list[str], coefficients: list[float]) -> str:
@@ -135,7 +220,6 @@ def polynomial(inputs: list[str], coefficients: list[float]) -> str:
 
 
 ALLOWED = re.compile(r"[a-z0-9_ .,+\-*/(){}=:^<>!?&|]*")
-LONGEST = 20_000  # characters of a logical line
 _COMMENT = re.compile(r"\s*(?:;|//|(?:^|(?<=\s))\$).*")
 
 
@@ -177,7 +261,8 @@ def logical_lines(content: bytes) -> list[Line]:
     found: list[Line] = []
     text = content.decode("latin-1")  # of comments only: the rest is ASCII
     for number, raw in enumerate(text.split("\n"), 1):
-        line = raw.removesuffix("\r").replace("\t", " ").strip(" ").lower()
+        # 0x1A ends a file of DOS; joined files have it between them.
+        line = raw.strip("\x1a").removesuffix("\r").replace("\t", " ").strip(" ").lower()
         if line.startswith("*"):
             continue
         line = _COMMENT.sub("", line)
@@ -197,7 +282,7 @@ def logical_lines(content: bytes) -> list[Line]:
     return found
 
 
-MODELS = ("d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "sw")
+MODELS = ("d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "sw", "vswitch", "res")
 _FIELD = re.compile(r"\{[^{}]*\}|[^\s=]+\s*=\s*(?:\{[^{}]*\}|[^\s={}]+)|[^\s{}=]+")
 _KEY = re.compile(r"[a-z][a-z0-9_]*")
 _POLY = re.compile(r"poly\s*\(\s*(\d+)\s*\)(.*)")
@@ -205,17 +290,28 @@ _VALUE = re.compile(r"value\s*=?\s*\{([^{}]*)\}")
 _BRACES = re.compile(r"\{([^{}]*)\}")
 _PASSIVE = {"r": {"tc1", "tc2", "tc"}, "c": set[str](), "l": set[str]()}
 _NODES = {"d": (2, 2), "q": (3, 4), "j": (3, 3), "m": (4, 4), "s": (4, 4)}
+_TABLE = re.compile(r"(?:table|tbl) ?(?:\{([^{}]*)\} ?=? ?)?(.*)")
+_BRACKETS = re.compile(r"(\{[^{}]*\})|[(),]")  # those within braces stay
+_THERMAL = {"tce", "t_abs", "tc1", "tc2"}  # of a resistor: without effect at 27 degrees C
+_RANGE = {"ron": 1.0, "roff": 1e6, "von": 1.0, "voff": 0.0}  # of PSpice's switch
 _INSTANCE = {"area", "l", "w", "m", "ad", "as", "pd", "ps", "nrd", "nrs"}
 LEVELS = {1.0, 2.0, 3.0}
 
 
 class Names:
-    """Names that a device may refer to: `parameters` by their own name, the rest by new names."""
+    """Names that a device may refer to: `parameters` by their own name, the rest by new names.
+
+    `models` has the card of each model.
+    """
 
     def __init__(
-        self, parameters: Collection[str], models: Collection[str], subcircuits: dict[str, str]
+        self, parameters: Collection[str], models: Mapping[str, Line], subcircuits: dict[str, str]
     ) -> None:
         self.parameters, self.models, self.subcircuits = parameters, models, subcircuits
+
+    def has_model(self, name: str, kind: str) -> bool:
+        """Whether `name` is a model of this kind."""
+        return name in self.models and model_kind(self.models[name]) == kind
 
 
 def device(line: Line, names: Names) -> str:
@@ -234,7 +330,7 @@ def device(line: Line, names: Names) -> str:
         if writer is None:
             raise ValueError(f"a device {name[0].upper()!r} is not accepted")
         written = writer(name[0], rest, names)
-        if name[0] in "egfh" and "=" in written:
+        if name[0] in "egfhis" and "=" in written:
             name = f"b_{name}"
         return f"{name} {written}"
     except ValueError as error:
@@ -261,28 +357,79 @@ def assignments(texts: Collection[str], names: Names, known: Collection[str] = (
     return written
 
 
-def model_card(line: Line, names: Names) -> str:
-    """Return a ``.model`` card.
+_MODEL = re.compile(r"\.model (\S+) ([a-z]+) ?(?:\((.*)\)|(.*))")
+
+
+def model_kind(line: Line) -> str:
+    """Return the kind of a model, ``""`` for no model card."""
+    match = _MODEL.fullmatch(line.text)
+    return match[2] if match else ""
+
+
+def model_card(line: Line, names: Names) -> list[str]:
+    """Return a ``.model`` card; none for a kind whose devices are written without one.
+
+    ngspice drops the commas of this card, so an expression with commas is a parameter before it.
 
     Raises
     ------
     RefusedError
         The kind of model, or a parameter, is not accepted.
     """
-    match = re.fullmatch(r"\.model (\S+) ([a-z]+) ?(?:\((.*)\)|(.*))", line.text)
     try:
-        if match is None or not NAME.fullmatch(match[1]):
-            raise ValueError("not a model card")
-        if match[2] not in MODELS:
-            raise ValueError(f"a model {match[2]!r} is not accepted")
-        body = (match[3] if match[3] is not None else match[4]).replace(",", " ")
-        fields = assignments(split_fields(body), names)
+        name, kind, fields = _model(line, names)
+        if kind in WITHOUT_CARD:
+            WITHOUT_CARD[kind](fields)
+            return []
         for field in fields:
             if field.startswith("level=") and float(field[6:].strip("{}")) not in LEVELS:
                 raise ValueError(f"{field} is not accepted; only levels 1 to 3")
-        return f".model {match[1]} {match[2]}({' '.join(fields)})"
+        cards = []
+        for k, (key, _, text) in enumerate(field.partition("=") for field in fields):
+            if "," in text:
+                own = f"of_{re.sub('[^a-z0-9]', '_', name)}_{key}"
+                cards.append(f".param {own}={text}")
+                fields[k] = f"{key}={{{own}}}"
+        return [*cards, f".model {name} {kind}({' '.join(fields)})"]
     except ValueError as error:
         raise line.refused(str(error)) from None
+
+
+def _model(line: Line, names: Names) -> tuple[str, str, list[str]]:
+    """Return name, kind and fields of a model."""
+    match = _MODEL.fullmatch(line.text)
+    if match is None or not NAME.fullmatch(match[1]):
+        raise ValueError("not a model card")
+    if match[2] not in MODELS:
+        raise ValueError(f"a model {match[2]!r} is not accepted")
+    body = match[3] if match[3] is not None else match[4]
+    body = re.sub(r"(\{[^{}]*\})|,", lambda found: found[1] or " ", body)
+    return match[1], match[2], assignments(split_fields(body), names)
+
+
+def _thermal(fields: list[str]) -> None:
+    """Check a model of resistors: it may have what has no effect at the simulated temperature."""
+    for field in fields:
+        if field.partition("=")[0] not in _THERMAL:
+            raise ValueError(f"{field} of a model of resistors is not accepted")
+
+
+def _smooth_switch(fields: list[str]) -> tuple[float, float, float, float]:
+    """Return ``ron, roff, von, voff`` of a switch of PSpice."""
+    given = {key: number(text) for key, _, text in (field.partition("=") for field in fields)}
+    if unknown := given.keys() - _RANGE.keys():
+        raise ValueError(f"{min(unknown)} of a vswitch is not accepted")
+    ron, roff, von, voff = (_RANGE | given).values()
+    if not (ron > 0.0 and roff > 0.0 and von != voff):
+        raise ValueError("a vswitch needs resistances above 0, and different von and voff")
+    return ron, roff, von, voff
+
+
+WITHOUT_CARD: dict[str, Callable[[list[str]], object]] = {
+    "res": _thermal,
+    "vswitch": _smooth_switch,
+}
+"""Models whose devices are written without a model, and the check of their fields."""
 
 
 def split_fields(text: str) -> list[str]:
@@ -305,6 +452,9 @@ def _nodes(fields: list[str], count: int) -> list[str]:
 def _passive(letter: str, rest: str, names: Names) -> str:
     fields = split_fields(rest)
     nodes = _nodes(fields, 2)
+    if letter == "r" and len(fields) > 3 and names.has_model(fields[2], "res"):
+        del fields[2]
+    fields = [field for field in fields if field != "noiseless"]
     if len(fields) < 3:
         raise ValueError("a value is missing")
     given = value(fields[2].removeprefix(f"{letter}="), names)
@@ -314,6 +464,9 @@ def _passive(letter: str, rest: str, names: Names) -> str:
 
 
 def _source(letter: str, rest: str, names: Names) -> str:
+    if letter == "i" and (match := re.fullmatch(r"(\S+) (\S+) ((?:table|tbl)\b.*)", rest)):
+        nodes = _nodes([match[1], match[2]], 2)
+        return _behavioural(nodes, "i", _table(match[3], f"v({nodes[0]},{nodes[1]})", names))
     fields = split_fields(rest)
     nodes, words = _nodes(fields, 2), [word for word in fields[2:] if word != "dc"]
     if len(words) > 1:
@@ -328,6 +481,9 @@ def _controlled(letter: str, rest: str, names: Names) -> str:
     by_voltage, quantity = letter in "eg", "v" if letter in "eh" else "i"
     if match := _VALUE.fullmatch(body):
         return _behavioural(nodes, quantity, expression(match[1], names.parameters))
+    if by_voltage and (match := re.fullmatch(r"(?:(\S+) (\S+) )?((?:table|tbl)\b.*)", body)):
+        across = ",".join(_nodes([match[1], match[2]], 2)) if match[1] else ""
+        return _behavioural(nodes, quantity, _table(match[3], across and f"v({across})", names))
     if match := _POLY.fullmatch(body):
         count, words = int(match[1]), re.sub(r"[(),]", " ", match[2]).split()
         width = 2 * count if by_voltage else count
@@ -341,6 +497,16 @@ def _controlled(letter: str, rest: str, names: Names) -> str:
     if len(fields) != len(controls) + 1:
         raise ValueError("a gain, POLY or VALUE = {...} is expected")
     return " ".join((*nodes, *controls, value(fields[-1], names)))
+
+
+def _table(text: str, across: str, names: Names) -> str:
+    """Return PSpice's table of an expression, or LTspice's of the voltage `across`."""
+    match = _TABLE.fullmatch(text)
+    if match is None or (match[1] is None) == (across == ""):
+        raise ValueError("expected TABLE {expression} = (x,y) (x,y) ... or TABLE(x y x y ...)")
+    words = split_fields(_BRACKETS.sub(lambda found: found[1] or " ", match[2]))
+    points = [value(word, names).replace("{", "(").replace("}", ")") for word in words]
+    return piecewise(across or expression(match[1], names.parameters), *points)
 
 
 def _behavioural(nodes: list[str], quantity: str, text: str) -> str:
@@ -368,6 +534,20 @@ def _semiconductor(letter: str, rest: str, names: Names) -> str:
     return " ".join((*nodes, fields[places[-1]], *plain, *given))
 
 
+def _switch(letter: str, rest: str, names: Names) -> str:
+    """Write S; a switch of PSpice is a resistance that changes smoothly between two voltages."""
+    fields = split_fields(rest)
+    if len(fields) != 5 or not names.has_model(fields[4], "vswitch"):
+        return _semiconductor(letter, rest, names)
+    a, b, c, d = _nodes(fields, 4)
+    ron, roff, von, voff = _smooth_switch(_model(names.models[fields[4]], names)[2])
+    # ln R = ln sqrt(Ron Roff) + ln(Ron/Roff) (1.5 x - 2 x³), x from -1/2 to 1/2
+    place = f"max(min((v({c},{d})-({0.5 * (von + voff)!r}))/({von - voff!r}),0.5),-0.5)"
+    middle, ratio = 0.5 * math.log(ron * roff), math.log(ron / roff)
+    power = f"({middle!r})+({ratio!r})*{place}*(1.5-2.0*{place}*{place})"
+    return _behavioural([a, b], "i", f"v({a},{b})*exp(-({power}))")
+
+
 def _instance(letter: str, rest: str, names: Names) -> str:
     fields = [field for field in split_fields(rest) if field != "params:"]
     words = [word for word in fields if "=" not in word]
@@ -381,7 +561,8 @@ _WRITERS: dict[str, Callable[[str, str, Names], str]] = {
     **dict.fromkeys("rcl", _passive),
     **dict.fromkeys("vi", _source),
     **dict.fromkeys("egfh", _controlled),
-    **dict.fromkeys("dqjms", _semiconductor),
+    **dict.fromkeys("dqjm", _semiconductor),
+    "s": _switch,
     "b": _b_source,
     "x": _instance,
 }

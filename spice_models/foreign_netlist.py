@@ -6,11 +6,13 @@ checked and written from its parts. All other cards of the file are checked by t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from taction.spice_models.foreign_devices import (
     NAME,
+    SUBCIRCUIT,
     Line,
     Names,
     RefusedError,
@@ -56,7 +58,9 @@ def read_subcircuit(content: bytes, name: str, prefix: str) -> Subcircuit:
         known = ", ".join(sorted(blocks)[:10]) or "none"
         raise RefusedError(1, f"the file has no subcircuit {name!r}; it has {known}")
     order = _called(wanted, blocks)
-    new = {old: f"{prefix}_{old}".replace("-", "_").replace("+", "_") for old in order}
+    new = {old: f"{prefix}_{re.sub(r'[^a-z0-9]', '_', old)}" for old in order}
+    if len(set(new.values())) < len(order):
+        new = {old: f"{new[old]}_{k}" for k, old in enumerate(order)}
     lines: list[str] = []
     for old in order:
         lines += _write(blocks[old], whole, new, new[old])
@@ -74,7 +78,7 @@ def _blocks(lines: Iterable[Line]) -> tuple[list[Line], dict[str, _Block]]:
             raise line.refused(f"the card {card!r} is not accepted; accepted: {', '.join(CARDS)}")
         if card == ".subckt":
             words = line.text.split()
-            if inside is not None or len(words) < 3 or not NAME.fullmatch(words[1]):
+            if inside is not None or len(words) < 3 or not SUBCIRCUIT.fullmatch(words[1]):
                 raise line.refused("a subcircuit within another, or without name and ports")
             if words[1] in blocks:
                 raise line.refused(f"a second subcircuit {words[1]!r}")
@@ -132,19 +136,25 @@ def _write(block: _Block, whole: list[Line], new: dict[str, str], name: str) -> 
     ports, given, head = _head(block)
     own = [line for line in block.cards if line.text.startswith(".model ")]
     models = {line.text.split()[1]: line for line in (*whole, *own) if _is(line, ".model")}
-    given_by_file = [line for line in (*whole, *block.cards) if _is(line, ".param")]
-    keys = {text.partition("=")[0].strip() for text in given}
-    names = Names(keys, models, new)
+    parameters: list[tuple[Line, list[str]]] = []
+    for line in (*whole, *block.cards):
+        if _is(line, ".param"):
+            try:
+                fields = split_fields(line.text.removeprefix(".param").strip())
+            except ValueError as error:
+                raise line.refused(str(error)) from None
+            parameters.append((line, fields))
+    # A parameter may stand before those that it needs: ngspice puts them in order.
+    keys = {text.partition("=")[0].strip() for _, fields in parameters for text in fields}
+    names = Names(keys | {text.partition("=")[0].strip() for text in given}, models, new)
     written: list[str] = []
-    for line in given_by_file:
+    for line, fields in parameters:
         try:
-            fields = split_fields(line.text.removeprefix(".param").strip())
             written.append(".param " + " ".join(assignments(fields, names)))
         except ValueError as error:
             raise line.refused(str(error)) from None
-        keys |= {text.partition("=")[0].strip() for text in fields}
     devices = [line for line in block.cards if not line.text.startswith(".")]
-    written += [model_card(line, names) for line in models.values()]
+    written += [card for line in models.values() for card in model_card(line, names)]
     places: dict[str, Line] = {}
     for line in devices:
         card = device(line, names)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from taction.spice_models.foreign_devices import RefusedError
@@ -12,7 +12,10 @@ from taction.spice_models.foreign_netlist import Subcircuit, read_subcircuit
 ROLES = ("inp", "inn", "vcc", "vee", "out")
 """What a port of the subcircuit is: inputs, supplies, output; `REST` for a port left open."""
 REST = "nc"
-FORMAT = 1
+COMPENSATION = "comp"
+"""Role of two ports between which a part needs its compensation capacitor."""
+FORMAT = 2
+READ = (1, FORMAT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +51,22 @@ class LinearModel:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What the simulation of an imported op-amp shows, SI base units, degrees."""
+    """What the simulation of an imported op-amp shows, SI base units, degrees, dB.
+
+    None: a file of an older version does not have it, or the netlist has no such limit.
+    """
 
     dc_gain: float
     unity_gain_bandwidth: float
     phase_margin: float
     output_resistance: float  # open loop, at the unity-gain bandwidth
     supply_current: float
+    offset_voltage: float | None = None  # adds to v_p
+    bias_current: float | None = None  # mean of the currents into the inputs
+    offset_current: float | None = None  # current into the non-inverting input less the other
+    common_mode_rejection: float | None = None  # at DC
+    slew_rate: float | None = None  # the smaller one of rise and fall
+    swing: float | None = None  # of the output, the smaller one of both signs
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +79,8 @@ class ImportedOpAmp:
     figures: Figures
     linear: LinearModel | None
     missing: str = ""
+    compensation: float = 0.0  # capacitor between the ports `COMPENSATION`, F
+    doubts: tuple[str, ...] = ()  # what is unusual for an op-amp
 
     def text(self, name: str) -> str:
         """Return the cards of the op-amp `name` with the ports inp, inn, out and own supplies."""
@@ -76,18 +90,22 @@ class ImportedOpAmp:
                 f".subckt {name} inp inn out",
                 f"Vcc vcc 0 {self.supply!r}",
                 f"Vee vee 0 {-self.supply!r}",
-                instance(self.subcircuit, self.pins),
+                instance(self.subcircuit, self.pins, self.compensation),
                 f".ends {name}",
                 "",
             ]
         )
 
 
-def instance(subcircuit: Subcircuit, pins: tuple[str, ...]) -> str:
+def instance(subcircuit: Subcircuit, pins: tuple[str, ...], compensation: float = 0.0) -> str:
     """Return the card that calls a subcircuit with nodes named after the roles of its ports."""
-    nodes = [f"nc{k}" if role == REST else role for k, role in enumerate(pins)]
-    resistors = [f"Rnc{k} nc{k} 0 1e12" for k, role in enumerate(pins) if role == REST]
-    return "\n".join([" ".join(("Xdevice", *nodes, subcircuit.name)), *resistors])
+    nodes = [f"{role}{k}" if role in (REST, COMPENSATION) else role for k, role in enumerate(pins)]
+    cards = [" ".join(("Xdevice", *nodes, subcircuit.name))]
+    cards += [f"R{node} {node} 0 1e12" for node in nodes if node.startswith(REST)]
+    if COMPENSATION in pins:
+        both = " ".join(node for node in nodes if node.startswith(COMPENSATION))
+        cards.append(f"Ccomp {both} {compensation!r}")
+    return "\n".join(cards)
 
 
 def check_pins(pins: tuple[str, ...], ports: tuple[str, ...]) -> None:
@@ -98,12 +116,15 @@ def check_pins(pins: tuple[str, ...], ports: tuple[str, ...]) -> None:
     ValueError
         The text says what is expected.
     """
-    named = [role for role in pins if role != REST]
+    named = [role for role in pins if role not in (REST, COMPENSATION)]
     if len(pins) != len(ports) or sorted(named) != sorted(ROLES):
         raise ValueError(
             f"expected one role for each of the {len(ports)} ports ({' '.join(ports)}):"
-            f" {', '.join(ROLES)}, each once, and {REST!r} for a port that stays open"
+            f" {', '.join(ROLES)}, each once, {REST!r} for a port that stays open, and"
+            f" {COMPENSATION!r} for the two ports of a compensation capacitor"
         )
+    if pins.count(COMPENSATION) not in (0, 2):
+        raise ValueError(f"a capacitor needs two ports {COMPENSATION!r}, or there are none")
 
 
 def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
@@ -116,9 +137,11 @@ def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
         "netlist": list(opamp.subcircuit.lines),
         "pins": list(opamp.pins),
         "supply": opamp.supply,
+        "compensation": opamp.compensation,
         "figures": {key: getattr(opamp.figures, key) for key in Figures.__dataclass_fields__},
         "linear": None if linear is None else _linear_document(linear),
         "missing": opamp.missing,
+        "doubts": list(opamp.doubts),
     }
 
 
@@ -131,22 +154,33 @@ def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
         The data is no imported op-amp; the text says where.
     """
     try:
-        if data["taction_opamp"] != FORMAT:
-            raise ValueError(f"format {data['taction_opamp']!r}; this version reads {FORMAT}")
+        if data["taction_opamp"] not in READ:
+            raise ValueError(f"format {data['taction_opamp']!r}; this version reads 1 and {FORMAT}")
         name, pins = str(data["name"]), tuple(map(str, data["pins"]))
         content = "\n".join(map(str, data["netlist"])).encode()
         subcircuit = read_subcircuit(content, str(data["subcircuit"]), name)
         check_pins(pins, subcircuit.ports)
-        figures = Figures(**{key: _finite(value) for key, value in data["figures"].items()})
+        optional = {field.name for field in fields(Figures) if field.default is None}
+        figures = Figures(
+            **{
+                key: None if value is None and key in optional else _finite(value)
+                for key, value in data["figures"].items()
+            }
+        )
         linear = None if data["linear"] is None else _linear(data["linear"])
         supply = _finite(data["supply"])
+        compensation = _finite(data.get("compensation", 0.0))
+        doubts = tuple(map(str, data.get("doubts", ())))
     except RefusedError as error:
         raise ValueError(f"netlist: {error}") from None
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"not an imported op-amp ({type(error).__name__}: {error})") from None
-    if not (name.isidentifier() and name.isascii() and supply > 0.0):
+    if not (name.isidentifier() and name.isascii() and supply > 0.0 and compensation >= 0.0):
         raise ValueError(f"the name {name!r} or the supply {supply!r} V is not accepted")
-    return name, ImportedOpAmp(subcircuit, pins, supply, figures, linear, str(data["missing"]))
+    missing = str(data["missing"])
+    return name, ImportedOpAmp(
+        subcircuit, pins, supply, figures, linear, missing, compensation, doubts
+    )
 
 
 def _linear_document(linear: LinearModel) -> dict[str, Any]:

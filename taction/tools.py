@@ -99,6 +99,7 @@ def import_model(
     subckt: str,
     pins: str | Sequence[str],
     supply: str | float = "15V",
+    compensation: str | float = "",
     output: str | Path | None = None,
 ) -> ImportedModel:
     """Import the op-amp macromodel of a vendor's netlist FILE for scenes.
@@ -113,9 +114,12 @@ def import_model(
     subckt : str
         Name of the subcircuit in FILE.
     pins : str or sequence of str
-        Role of each port in its order: inp, inn, vcc, vee, out; nc for a port that stays open.
+        Role of each port in its order: inp, inn, vcc, vee, out; nc for a port that stays open,
+        comp for both ports of a compensation capacitor.
     supply : str or float
         Both supply voltages, as ±15V.
+    compensation : str or float
+        Capacitor between the two ports comp, as 22pF.
     output : path, optional
         The file to write, to lie beside the scene; by default NAME.opamp.json.
 
@@ -151,24 +155,32 @@ def import_model(
     from taction.results import ImportedModel
     from taction.spice_models.imported import to_document
     from taction.system.atomic_files import write_atomically
-    from taction.system.errors import Complaint, InputError
-    from taction.system.quantities import parse
     from taction.verification.characterise.characterise import import_opamp
 
-    try:
-        volts = parse(BOTH_SIGNS.sub("", str(supply)), "V")
-        if not 0.0 < volts <= 1e6:
-            raise ValueError("must be above zero, and at most 1 MV")
-    except ValueError as error:
-        raise InputError("--supply", Complaint("supply", repr(supply), str(error))) from None
+    volts = _quantity("supply", BOTH_SIGNS.sub("", str(supply)), "V", 1e6)
+    farads = _quantity("compensation", str(compensation), "F", 1.0) if compensation else 0.0
     name = re.sub(r"[^a-z0-9]", "_", subckt.lower())
     name = name if name[:1].isalpha() else f"m{name}"
     words = pins.split(",") if isinstance(pins, str) else pins
     roles = tuple(word.strip().lower() for word in words)
-    found = to_document(name, import_opamp(str(file), subckt, roles, volts))
+    found = to_document(name, import_opamp(str(file), subckt, roles, volts, farads))
     target = str(output or f"{name}.opamp.json")
     write_atomically(target, json.dumps(found, indent=1) + "\n")
     return ImportedModel(target, found)
+
+
+def _quantity(name: str, text: str, unit: str, most: float) -> float:
+    """Read a quantity of the option `name`, above zero."""
+    from taction.system.errors import Complaint, InputError
+    from taction.system.quantities import parse
+
+    try:
+        value = parse(text, unit)
+        if not 0.0 < value <= most:
+            raise ValueError(f"must be above zero, and at most {most:g} {unit}")
+    except ValueError as error:
+        raise InputError(f"--{name}", Complaint(name, repr(text), str(error))) from None
+    return value
 
 
 def scene_schema() -> dict[str, Any]:

@@ -95,6 +95,13 @@ def as_opamp(name: str, imported: ImportedOpAmp) -> OpAmp:
     except ValueError:
         gbw, second_pole = figures.unity_gain_bandwidth, float("inf")
     conductance = 0.0 if linear is None else linear.conductance
+    measured: dict[str, Any] = {
+        name: getattr(figures, name)
+        for name in ("slew_rate", *INPUT_ERRORS)
+        if getattr(figures, name) is not None
+    }
+    if figures.swing is not None:
+        measured["saturation"] = imported.supply - figures.swing
     return OpAmp(
         name=name,
         dc_gain=figures.dc_gain,
@@ -106,4 +113,5 @@ def as_opamp(name: str, imported: ImportedOpAmp) -> OpAmp:
         supply_current=figures.supply_current,
         source=f"imported from a netlist, measured at ±{imported.supply:g} V",
         imported=imported,
+        **measured,
     )

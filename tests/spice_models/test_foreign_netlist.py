@@ -49,7 +49,20 @@ def refused(body: str, line: int, reason: str) -> None:
         ("k1 l1 l2 0.9", 2, "device 'K'"),
         ("w1 a b v1 sw", 2, "device 'W'"),
         ("b1 a b v={agauss(0,1,3)}", 2, "function 'agauss' is not accepted"),
-        ("b1 a b v=table(v(a),0,0,1,1)", 2, "function 'table'"),
+        ("b1 a b v=ddt(v(a))", 2, "function 'ddt'"),
+        ("b1 a b v=table(v(a),0,0,0,1)", 2, "table in which 0.0 follows 0.0"),
+        ("b1 a b v=table(v(a),0)", 2, "table needs pairs"),
+        ("b1 a b v=limit(v(a),1)", 2, "2 arguments of 'limit'"),
+        ("b1 a b v=if(v(a),)", 2, "commas that do not match"),
+        ("b1 a b v=" + "(" * 99 + "1" + ")" * 99, 2, "more than 50 parentheses"),
+        ("b1 a b v=" + "limit(1,1," * 20 + "1" + ")" * 20, 2, "over 20000 characters"),
+        ("i1 a b table(0 0 1)", 2, "table needs pairs"),
+        ("i1 a b tbl(0 0 {x} 1)", 2, "name 'x' is no parameter"),
+        ("e1 a b table {v(a)} = (0,0) (1,{x})", 2, "name 'x' is no parameter"),
+        ("s1 a b a b m\n.model m vswitch(ron=1 lib=2)", 3, "lib of a vswitch"),
+        ("s1 a b a b m\n.model m vswitch(ron=0)", 3, "resistances above 0"),
+        ("r1 a b m 1k\n.model m res(r=2)", 3, "r=2.0 of a model of resistors"),
+        ("a1 a b 0 0 0 0 b 0 ota g=1", 2, "device 'A'"),
         ("b1 a b v=time", 2, "name 'time' is no parameter"),
         ("b1 a b v=v(a)\nshell ls", 3, "none of the fields is the model"),
         ("e1 a b laplace {v(a)} = {1/(1+s)}", 2, "braces"),
@@ -72,6 +85,7 @@ def refused(body: str, line: int, reason: str) -> None:
         ("r1 a b 1k\x85shell ls", 2, "is not accepted"),
         ("r1 a b 1k`ls`", 2, "character '`'"),
         ('r1 a b "1k"', 2, "character '\"'"),
+        ("r1 a\x1a b 1k", 2, r"character '\\x1a'"),
         ("r1 a b 1k\0", 2, r"character '\\x00'"),
         ("r1 a #echo 1k", 2, "character '#'"),
         ("x1 a b part", 2, "calls itself"),
@@ -101,6 +115,24 @@ def test_a_file_that_begins_wrongly_is_refused(text: bytes) -> None:
 def test_a_missing_subcircuit_is_named_with_those_of_the_file() -> None:
     with pytest.raises(RefusedError, match="no subcircuit 'lm741'; it has fet100"):
         read_subcircuit(VENDOR.read_bytes(), "lm741", "m")
+
+
+def test_the_end_of_file_mark_of_dos_is_no_character() -> None:
+    """At the end, and between files that were joined."""
+    content = b".subckt p/1.a a b\r\nr1 a b 1k\r\n.ends\r\n\x1a\r\n\x1a* next\r\n\x1a\x1a"
+    assert read_subcircuit(content, "P/1.A", "m").lines == (
+        ".subckt m_p_1_a a b",
+        "r1 a b 1000.0",
+        ".ends m_p_1_a",
+    )
+
+
+def test_subcircuits_whose_new_names_are_equal_have_different_ones() -> None:
+    content = b".subckt p a b\nx1 a b q/1\nx2 a b q-1\n.ends\n" + b"".join(
+        b".subckt q" + sign + b"1 a b\nr1 a b 1k\n.ends\n" for sign in (b"/", b"-")
+    )
+    text = "\n".join(read_subcircuit(content, "p", "m").lines)
+    assert all(f".subckt m_{each} a b" in text for each in ("q_1_0", "q_1_1", "p_2"))
 
 
 def test_comments_hold_anything_and_reach_nothing() -> None:
@@ -160,7 +192,22 @@ EVERY_CARD = """
 .subckt inner p q params: ohms=1k
 r1 p q {ohms}
 .ends inner
-.subckt every in r e g f h b d q j m s x l
+.param late={pi*early} early=2
+.model rq res(t_abs=-273 tce=0)
+.model sv vswitch(ron=1k roff=4k von=1 voff=0)
+.model dk d(is=1e-14 kf={pwr(early,2)})
+.subckt every in r e g f h b d q j m s x l p1 p2 p3 p4 p5 p6
+ip1 0 p1 table(0 0 {early} 4m)
+rp1 p1 0 rq 1k noiseless
+ep2 p2 0 table {v(in)*2} = (-1,2) (0.5,3) (1.5,5)
+gp3 0 p3 value={limit(v(in),0.7,2)*1m + if(v(in)>1 | v(in)<0, 1m, 2m)}
+rp3 p3 0 1k
+bp4 p4 0 v=tbl(v(in)-9,0,7,1,8)+late
+ip5 0 p5 1m
+sp5 p5 0 in 0 sv
+gp6 0 p6 in 0 tbl(0 0 1 1m)
+rp6 p6 0 1k
+dp6 p6 0 dk
 v1 one 0 dc 1
 i1 0 r 1m
 r1 r 0 1k tc1=0
@@ -234,3 +281,9 @@ def test_every_kind_of_card_has_its_value_in_ngspice(ngspice: str) -> None:
     assert value["s"] == pytest.approx(0.5, rel=1e-6)
     assert value["x"] == pytest.approx(0.25, rel=1e-6)
     assert value["l"] == pytest.approx(1.0, rel=1e-6)
+    assert value["p1"] == pytest.approx(0.0, abs=1e-9)  # into its own voltage, -v: level at 0
+    assert value["p2"] == pytest.approx(4.0, rel=1e-6)
+    assert value["p3"] == pytest.approx(2.7, rel=1e-6)
+    assert value["p4"] == pytest.approx(7.0 + 2.0 * math.pi, rel=1e-6)
+    assert value["p5"] == pytest.approx(2.0, rel=1e-6)  # sqrt(1k 4k) in the middle
+    assert value["p6"] == pytest.approx(0.5, rel=1e-2)

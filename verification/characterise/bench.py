@@ -30,8 +30,23 @@ from taction.spice_models.subcircuits import opamp_subcircuit
 
 OHMS = 1.0  # of the source of a step
 IN, OUT = "in", "out"
-LOOSE = ".options reltol=1e-6 abstol=1e-15 vntol=1e-9"  # as far as every vendor's model converges
+VENDOR = (
+    ".options reltol=1e-6 abstol=1e-15 vntol=1e-9",
+    ".options reltol=1e-5 abstol=1e-13 vntol=1e-7",
+    ".options reltol=1e-4",
+)
+"""Options of vendors' models, tried in this order: not every model converges with the first."""
 TIGHT = ".options noopiter reltol=1e-7 abstol=1e-18 vntol=1e-12 chgtol=1e-21 gmin=1e-18"
+SWITCHED = (
+    ".options reltol=1e-4",
+    ".options reltol=1e-3 method=gear",
+    ".options reltol=1e-2 gmin=1e-10",
+)
+"""Options for the large steps of vendors' models, likewise."""
+SERVO = ("Gslow 0 slow out 0 1e-6", "Rslow slow 0 1e6", "Cslow slow 0 1e9")
+PROBES = {"of_inn": "Vinn 1.0", "of_inp": "Vinp -1.0", "of_vcc": "Vcc -1.0"}
+"""Nodes whose voltage is a current of the op-amp, A: into an input, and the supply's."""
+LOAD = 10e3  # ohm, of a vendor's op-amp at its largest output
 _UNITS = common_facts(**dict.fromkeys(NEEDED, 1.0))
 
 
@@ -110,35 +125,51 @@ class Bench:
 
 @dataclass(frozen=True, slots=True)
 class VendorBench:
-    """A vendor's subcircuit at the operating point of a follower, with open loop for small signals.
+    """A vendor's subcircuit at the operating point of a follower, with open loop otherwise.
 
-    A coil of 1e12 H from the output to the inverting input is a follower for the operating point
-    and open for every other frequency; a capacitor of 1e12 F then holds that input on the source.
+    The voltage of the inverting input is that of a node which follows the output with a time
+    constant of 1e15 s: a follower at rest, and an open loop at every frequency above 1 uHz. A coil
+    of 1e12 H and a capacitor of 1e12 F would be the same, but the admittance of that capacitor
+    stands in the equations of the op-amp, and its rounding spoils the output of a large gain.
     """
 
     subcircuit: Subcircuit
     pins: tuple[str, ...]  # the role of each port
     supply: float  # of each supply voltage, V
+    compensation: float = 0.0  # capacitor between the ports `comp`, F
+    options: str = VENDOR[0]
 
-    def deck(
-        self, analysis: Analysis, *sources: str, servo: bool = True, probe: str = "Vinn 1.0"
-    ) -> Deck:
-        """Return the deck with more `sources`; the node ``amps`` has the current of `probe`."""
+    def deck(self, analysis: Analysis, excited: str = "", step: str = "") -> Deck:
+        """Return the deck of an analysis.
+
+        Parameters
+        ----------
+        analysis : Analysis
+            What ngspice computes.
+        excited : str
+            Where a small signal of 1 V or 1 A is: ``"inn"``, ``"inp"`` or ``"out"``.
+        step : str
+            The voltage at the non-inverting input over the time; then the output has a load.
+        """
         wired = tuple("pin" if role == "inn" else role for role in self.pins)
+        size = {place: float(place == excited) for place in ("inp", "inn", "out")}
         lines = [
             "* test bench of an imported op-amp",
             *self.subcircuit.lines,
             f"Vcc vcc 0 dc {self.supply!r}",
             f"Vee vee 0 dc {-self.supply!r}",
-            "Vinp inp 0 dc 0.0",
-            instance(self.subcircuit, wired),
+            f"Vinp inp 0 dc 0.0 ac {size['inp']!r} {step}".rstrip(),
+            instance(self.subcircuit, wired, self.compensation),
             "Vinn inn pin dc 0.0",  # its current is that of the pin
-            LOOSE,
-            *(["Lservo out inn 1e12", "Cdrive drive inn 1e12"] if servo else []),
-            *sources,
-            f"Hamps amps 0 {probe}",
+            self.options,
+            *SERVO,
+            "Eservo inn drive slow 0 1.0",
+            f"Vdrive drive 0 dc 0.0 ac {size['inn']!r}",
+            f"Iload 0 out dc 0.0 ac {size['out']!r}",
+            *([f"Rload out 0 {LOAD!r}"] if step else []),
+            *(f"H{node} {node} 0 {source}" for node, source in PROBES.items()),
         ]
-        return _deck(lines, analysis, (OUT, "inn", "amps"))
+        return _deck(lines, analysis, (OUT, "inn", *PROBES))
 
 
 def _deck(lines: list[str], analysis: Analysis, saved: tuple[str, ...]) -> Deck:
@@ -153,5 +184,6 @@ def _deck(lines: list[str], analysis: Analysis, saved: tuple[str, ...]) -> Deck:
         cards = [save, f".ac dec {band.density} {band.start!r} {stop!r}"]
     elif isinstance(analysis, Transient):
         step = repr(analysis.max_step)
-        cards = [save, f".tran {step} {analysis.stop!r} 0.0 {step} uic"]
+        start = " uic" if analysis.initial == "zero" else ""
+        cards = [save, f".tran {step} {analysis.stop!r} 0.0 {step}{start}"]
     return Deck("\n".join([*lines, *cards, ".end", ""]), saved, analysis)

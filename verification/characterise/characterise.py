@@ -13,13 +13,20 @@ import numpy as np
 from taction.netlist_gen.analysis import Band
 from taction.spice_models.foreign_devices import RefusedError
 from taction.spice_models.foreign_netlist import read_subcircuit
-from taction.spice_models.imported import Figures, ImportedOpAmp, LinearModel, check_pins
+from taction.spice_models.imported import (
+    COMPENSATION,
+    Figures,
+    ImportedOpAmp,
+    LinearModel,
+    Rational,
+    check_pins,
+)
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import Complaint, InputError
+from taction.system.errors import Complaint, InputError, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 from taction.verification.characterise.bench import Bench, VendorBench
-from taction.verification.characterise.rational_fit import fit_together, has_aaa
+from taction.verification.characterise.rational_fit import fit_rational, fit_together, has_aaa
 from taction.verification.characterise.witnesses import Responses, Simulation, Witness, frequencies
 from taction.verification.engines.ngspice.executable import find_simulator
 
@@ -145,8 +152,8 @@ def _limits(opamp: OpAmp, witness: Witness) -> dict[str, tuple[float, float]]:
     limited, swing = replace(_linear(opamp), large_signal=True), opamp.swing(supply)
     rise, step = _rise(opamp), STEP * swing
     time, volts = large_step(opamp, witness)
-    begin, end = (_reached(time, volts, share * step) for share in RAMP)
-    found = {"slew_rate": ((RAMP[1] - RAMP[0]) * step / (end - begin), opamp.slew_rate)}
+    rate = _slope(time, volts, RAMP[0] * step, RAMP[1] * step)
+    found = {"slew_rate": (rate, opamp.slew_rate)}
     driven = Bench(limited, supply, follower=False, step=OVERDRIVE * opamp.input_range)
     found["swing"] = (float(witness.transient(driven, 2.0 * rise)[1][-1]), swing)
     if opamp.has_largest_current:
@@ -196,11 +203,14 @@ def _linear(opamp: OpAmp) -> OpAmp:
 GOOD = 1e-3  # largest relative error of a linear model that serves as a witness
 REACH = 30.0  # the highest fitted frequency, in unity-gain bandwidths
 LARGEST = 4 * MEGABYTE
+LEAST_OHMS = 1e-3  # of an output: less is taken for this
 # What a pin and its trace add anyway: an input admittance is compared with itself and these.
 PIN_FARADS, PIN_SIEMENS = 1e-12, 1e-9
 
 
-def import_opamp(file: str, subcircuit: str, pins: tuple[str, ...], supply: float) -> ImportedOpAmp:
+def import_opamp(
+    file: str, subcircuit: str, pins: tuple[str, ...], supply: float, compensation: float = 0.0
+) -> ImportedOpAmp:
     """Read, check and characterise the subcircuit of a netlist.
 
     Parameters
@@ -213,11 +223,14 @@ def import_opamp(file: str, subcircuit: str, pins: tuple[str, ...], supply: floa
         The role of each port, see `taction.spice_models.imported.ROLES`.
     supply : float
         Of each supply voltage, V.
+    compensation : float
+        Capacitor between the two ports with the role ``comp``, F.
 
     Raises
     ------
     InputError
-        The file cannot be read, a card is not accepted (with its line), or the pins do not fit.
+        The file cannot be read, a card is not accepted (with its line), the pins do not fit, or
+        what is measured is no op-amp.
     SimulationError
         ngspice is missing, or does not simulate the model.
     """
@@ -229,30 +242,146 @@ def import_opamp(file: str, subcircuit: str, pins: tuple[str, ...], supply: floa
         check_pins(pins, checked.ports)
     except ValueError as error:
         raise InputError(file, Complaint("--pins", ",".join(pins), str(error))) from None
-    measured = Simulation(find_simulator()).responses(VendorBench(checked, pins, supply))
-    figures = _figures(file, measured)
+    if (COMPENSATION in pins) != (compensation > 0.0):
+        text = f"a capacitor and two ports {COMPENSATION!r} belong together"
+        raise InputError(file, Complaint("--compensation", f"{compensation:g} F", text))
+    simulation = Simulation(find_simulator())
+    measured = simulation.responses(VendorBench(checked, pins, supply, compensation))
+    if reason := _no_opamp(measured):
+        raise InputError(file, Complaint("--pins", "", reason))
+    figures, doubts = _figures(measured, simulation)
     linear, missing = _linear_model(measured, figures)
-    return ImportedOpAmp(checked, pins, supply, figures, linear, missing)
+    return ImportedOpAmp(
+        checked, pins, supply, figures, linear, missing, compensation, (*doubts, *_doubts(figures))
+    )
 
 
-def _figures(file: str, measured: Responses) -> Figures:
-    """Read the figures of a data sheet from the response."""
-    f, size = measured.frequencies, np.abs(measured.gain)
+JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
+CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
+AT_REST = 0.1  # V: output of a follower at 0 V
+COMMON_MODE = 1e-7  # relative difference of both gains: less is rounding
+DRIVE = 2.0  # V, at most half of the supply: input of an open loop that is driven to its ends
+PERIODS, LONGER, ATTEMPTS = 300.0, 8.0, 4  # of the unity-gain bandwidth, in such a record
+MIDDLE = 0.4  # of the smaller end: between these levels of both signs the slope is measured
+BEYOND = 1.01  # of the supply: an output above it has no limit
+ENDED = 0.01  # of the supply: an output that changes by less in a tenth of the record has ended
+SLEWS = 0.8  # of `DRIVE`: with a larger range of its input stage an op-amp does not slew
+USUAL = {
+    "dc_gain": (1e3, 1e10),
+    "unity_gain_bandwidth": (1e3, 1e10),
+    "phase_margin": (5.0, 100.0),
+    "offset_voltage": (0.0, 0.02),
+    "bias_current": (0.0, 1e-4),
+    "supply_current": (0.0, 0.1),
+}
+"""Figures of op-amps that are sold; others may be right, and are said."""
+
+
+def _no_opamp(measured: Responses) -> str:
+    """Return why the responses cannot be those of an op-amp; empty if they can."""
+    f, gain, size = measured.frequencies, measured.gain, np.abs(measured.gain)
+    least, ratio = CURRENT_FEEDBACK
+    one, other = abs(measured.admittance[0]), abs(measured.other_admittance[0])
+    if not (np.isfinite(gain).all() and np.isfinite(measured.impedance).all()):
+        return "the response is not finite: are the pins right?"
+    if one > max(least, ratio * other):
+        return (
+            f"this is a current-feedback amplifier: its inverting input has {1.0 / one:.3g} ohm,"
+            f" the other one {1.0 / max(other, 1e-15):.3g} ohm. A board needs an op-amp"
+        )
+    if gain[0].real < 0.0:
+        return "the gain is negative: exchange the roles inp and inn"
     below = np.flatnonzero(size < 1.0)
-    if measured.gain[0].real < 0.0:
-        text = "the gain is negative: exchange the roles inp and inn"
-        raise InputError(file, Complaint("--pins", "", text))
     if size[0] <= 1.0 or not below.size:
-        text = f"the gain is {size[0]:.4g} at {f[0]:g} Hz and never crosses 1: are the pins right?"
-        raise InputError(file, Complaint("--pins", "", text))
-    unity, margin = Bode(f, measured.gain).crossing()
+        return (
+            f"the gain is {size[0]:.4g} at {f[0]:g} Hz and never crosses 1 up to {f[-1]:.2g} Hz:"
+            " are the pins right, or does it need a compensation capacitor?"
+        )
+    if abs(measured.output) > AT_REST:
+        return f"as a follower at 0 V its output rests at {measured.output:.3g} V"
+    steps = np.abs(np.diff(np.log(size[: below[0] + 1])))
+    if steps.max() > math.log(JUMP):
+        k = int(np.argmax(steps))
+        return (
+            f"the gain jumps from {size[k]:.3g} to {size[k + 1]:.3g} between {f[k]:.4g} and"
+            f" {f[k + 1]:.4g} Hz"
+        )
+    return ""
+
+
+def _figures(measured: Responses, simulation: Simulation) -> tuple[Figures, list[str]]:
+    """Return the figures of a data sheet, and why one of them is missing."""
+    size, opened = np.abs(measured.gain), Bode(measured.frequencies, measured.gain)
+    unity, margin = opened.crossing()
+    common = abs(measured.other_gain[0] / measured.gain[0] - 1.0)
+    doubts: list[str] = []
+    try:
+        slew_rate, swing = _ends(measured, simulation, unity)
+    except SimulationError as error:
+        slew_rate = swing = None
+        doubts.append(f"slew rate and swing are not known: {str(error).splitlines()[0]}")
     return Figures(
         dc_gain=float(size[0]),
         unity_gain_bandwidth=unity,
         phase_margin=margin,
-        output_resistance=float(np.abs(measured.impedance[below[0]])),
+        output_resistance=float(np.abs(measured.impedance[np.flatnonzero(size < 1.0)[0]])),
         supply_current=max(measured.supply_current, 0.0),
+        offset_voltage=measured.inverting,
+        bias_current=0.5 * (measured.into_inverting + measured.into_other),
+        offset_current=measured.into_other - measured.into_inverting,
+        common_mode_rejection=-20.0 * math.log10(common) if common > COMMON_MODE else None,
+        slew_rate=slew_rate,
+        swing=swing,
+    ), doubts
+
+
+def _ends(
+    measured: Responses, simulation: Simulation, unity: float
+) -> tuple[float | None, float | None]:
+    """Return slew rate, V/s, and swing, V, of an open loop that is driven to both ends.
+
+    None: the netlist has no such limit.
+    """
+    supply = measured.bench.supply
+    volts, period = min(DRIVE, 0.5 * supply), PERIODS / unity
+    most = SLEWS * volts * 2.0 * math.pi * unity
+    for _ in range(ATTEMPTS):
+        time, output = simulation.switched(measured.bench, volts, period)
+        if np.abs(output).max() > BEYOND * supply:  # the netlist does not know its supplies
+            rate = _slope(time, output, RAMP[0] * supply, RAMP[1] * supply)
+            return (rate if rate < most else None), None
+        places = np.searchsorted(time, np.array([[0.9, 1.0], [1.9, 2.0], [2.9, 3.0]]) * period) - 1
+        before, ends = output[places].T
+        if np.abs(ends - before).max() < ENDED * supply:
+            break
+        period *= LONGER
+    swing = float(min(ends[0], -ends[1]))
+    if not swing > 0.0:
+        raise SimulationError("the output does not change its sign")
+    level = MIDDLE * swing
+    parts = [(time >= k * period) & (time <= (k + 1.0) * period) for k in (1.0, 2.0)]
+    fall, rise = (
+        _slope(time[part], sign * output[part], -level, level)
+        for part, sign in zip(parts, (-1.0, 1.0), strict=True)
     )
+    return (min(fall, rise) if min(fall, rise) < most else None), swing
+
+
+def _slope(time: Floats, volts: Floats, low: float, high: float) -> float:
+    """Return the mean slope of a rising voltage between two levels, V/s."""
+    return (high - low) / (_reached(time, volts, high) - _reached(time, volts, low))
+
+
+def _doubts(figures: Figures) -> list[str]:
+    """Return a sentence for every figure that no op-amp has that is sold."""
+    found = []
+    for name, (low, high) in USUAL.items():
+        value, unit = getattr(figures, name), UNITS.get(name, "A")
+        if not low <= abs(value) <= high or (name == "phase_margin" and value < low):
+            title = name.replace("_", " ")
+            between = f"{low:g} to {high:g} {unit}".rstrip()
+            found.append(f"the {title} is {value:.4g} {unit}".rstrip() + f", usual is {between}")
+    return found
 
 
 def _linear_model(measured: Responses, figures: Figures) -> tuple[LinearModel | None, str]:
@@ -262,8 +391,19 @@ def _linear_model(measured: Responses, figures: Figures) -> tuple[LinearModel | 
     f = measured.frequencies
     used = f <= REACH * figures.unity_gain_bandwidth
     responses = measured.gain[used], measured.impedance[used]
-    (gain, impedance), (gain_error, impedance_error) = fit_together(f[used], responses)
-    conductance, capacitance, input_error = _input(f[used], measured.admittance[used])
+    try:
+        if np.abs(responses[1]).max() < LEAST_OHMS:
+            gain, gain_error = fit_rational(f[used], responses[0])
+            impedance, impedance_error = (
+                Rational(LEAST_OHMS, gain.poles, (0j,) * len(gain.poles)),
+                0.0,
+            )
+        else:
+            (gain, impedance), (gain_error, impedance_error) = fit_together(f[used], responses)
+    except np.linalg.LinAlgError:
+        return None, "no linear model: its fit failed"
+    loop = np.minimum(np.abs(responses[0]), 1.0)  # above unity gain no loop is left
+    conductance, capacitance, input_error = _input(f[used], measured.admittance[used], loop)
     errors = {"gain": gain_error, "output impedance": impedance_error, "input": input_error}
     worst = max(errors, key=errors.__getitem__)
     if errors[worst] > GOOD:
@@ -280,16 +420,16 @@ def _linear_model(measured: Responses, figures: Figures) -> tuple[LinearModel | 
         capacitance=capacitance,
         offset=-measured.inverting,
         rest=measured.output,
-        bias_current=measured.bias_current,
+        bias_current=measured.into_inverting,
         error=errors[worst],
         band=(float(f[0]), float(f[used][-1])),
     ), ""
 
 
-def _input(f: Floats, admittance: Complexes) -> tuple[float, float, float]:
-    """Return conductance, capacitance and the relative error of the two for an admittance."""
+def _input(f: Floats, admittance: Complexes, weight: Floats) -> tuple[float, float, float]:
+    """Return conductance, capacitance and the weighted relative error of the two."""
     s = 2j * np.pi * f
-    size = np.abs(admittance) + PIN_SIEMENS + np.abs(s) * PIN_FARADS
+    size = (np.abs(admittance) + PIN_SIEMENS + np.abs(s) * PIN_FARADS) / weight
     matrix = np.stack([np.ones_like(s), s], axis=1) / size[:, None]
     wanted = admittance / size
     scale = np.abs(matrix).max(axis=0)

@@ -1,7 +1,8 @@
 """A stable rational function from a simulated response: poles by AAA, residues by least squares.
 
 AAA (Nakatsukasa, Sete, Trefethen 2018, `scipy.interpolate.AAA`) interpolates some points with a
-small absolute error. Its poles in the left half plane are kept; the residues then follow from least
+small absolute error; where a gain of 1e8 hides what it does at unity, so with a zero above its first
+pole. Its poles in the left half plane are kept; the residues then follow from least
 squares in which every point counts relative to its own magnitude. AAA sees every other point; the
 error is the largest relative one at all points.
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from taction.system.array_types import Complexes, Floats
 
 ENOUGH = 1e-6  # relative error at which no further pole is added
 TERMS = range(2, 17)
+FALLEN = 0.1  # of the response at the lowest frequency: there the zero is set
 REAL = 1e-4  # imaginary part, relative to the pole, that counts as rounding
 SAME = 1e-3  # relative difference of poles that are one
 SCALES = (1e-14, 1e2)  # of poles, relative to the highest angular frequency
@@ -64,9 +67,12 @@ def fit_rational(frequencies: Floats, response: Complexes) -> tuple[Rational, fl
     (True, -1000.0)
     """
     s = _s(frequencies)
-    flat = _residues(s, response, np.zeros(0, dtype=np.complex128))
-    best = flat, _error(flat, s, response)
-    for poles in _candidates(s[::2], response[::2]):
+    constant = _residues(s, response, np.zeros(0, dtype=np.complex128))
+    best = constant, _error(constant, s, response)
+    low = np.flatnonzero(np.abs(response) < FALLEN * np.abs(response[0]))
+    flat = response * (1.0 + s / np.abs(s[low[0]])) if low.size else response[:0]
+    several = (_candidates(s[::2], each[::2]) for each in (response, flat) if each.size)
+    for poles in chain.from_iterable(several):
         rational = _residues(s, response, poles)
         error = _error(rational, s, response)
         if error < best[1]:

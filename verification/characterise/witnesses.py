@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Band, Noise, OperatingPoint, SmallSignal, Transient
 from taction.netlist_gen.board.circuit import VoltageSource
-from taction.netlist_gen.deck.deck import Deck
 from taction.system.array_types import Complexes, Floats
-from taction.verification.characterise.bench import IN, OUT, Bench, VendorBench
+from taction.system.errors import SingularCircuit, StepTooSmall, TimedOut
+from taction.system.own_folders import remove_own_folder
+from taction.verification.characterise.bench import IN, OUT, SWITCHED, VENDOR, Bench, VendorBench
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import simulate, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import noise_intensities
 from taction.verification.engines.statespace.transients.simulate import simulate as integrate
 
+Found = TypeVar("Found")
 POINTS = 2000  # of a transient
 TIMEOUT = 120.0  # s, of one run of ngspice
 WIDE = Band(start=1e-3, steps=520, density=40)  # 1 mHz to 10 GHz: of a vendor's model
@@ -42,20 +45,25 @@ class Witness(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Responses:
-    """What a vendor's subcircuit shows on its bench.
+    """What a vendor's subcircuit shows on its `bench`.
 
-    `frequencies` (P,), Hz; `gain`, `impedance` and `admittance` (P,): open-loop gain, output
-    impedance, ohm, and the admittance of the inverting input, S. `output`, `inverting`, V, and
-    `bias_current` into the inverting input, A, at the operating point, and the `supply_current`, A.
+    `frequencies` (P,), Hz; `gain`, `impedance` and `admittance` (P,): open-loop gain from the
+    inverting input, output impedance, ohm, and the admittance of the inverting input, S;
+    `other_gain` and `other_admittance` are those of the non-inverting input. At the operating
+    point: `output` and `inverting`, V; the currents into both inputs, and the `supply_current`, A.
     """
 
+    bench: VendorBench
     frequencies: Floats
     gain: Complexes
     impedance: Complexes
     admittance: Complexes
+    other_gain: Complexes
+    other_admittance: Complexes
     output: float
     inverting: float
-    bias_current: float
+    into_inverting: float
+    into_other: float
     supply_current: float
 
 
@@ -135,34 +143,71 @@ class Simulation:
             return run.noise() / math.sqrt(band.stop - band.start)
 
     def responses(self, bench: VendorBench) -> Responses:
-        """Return operating point and small signals of a vendor's subcircuit."""
-        point = OperatingPoint()
-        rest = self._at_rest(bench.deck(point, "Vdrive drive 0 dc 0.0"))
-        power = self._at_rest(bench.deck(point, "Vdrive drive 0 dc 0.0", probe="Vcc -1.0"))
-        f, driven = self._respond(bench, "Vdrive drive 0 dc 0.0 ac 1.0")
-        loaded = self._respond(bench, "Vdrive drive 0 dc 0.0", "Iload 0 out dc 0.0 ac 1.0")[1]
-        # The servo's capacitor would bury the current of the pin in rounding.
-        source = f"Vdrive inn 0 dc {float(rest[1])!r} ac 1.0"
-        held = self._respond(bench, source, servo=False)[1]
+        """Return operating point and small signals of a vendor's subcircuit.
+
+        Raises
+        ------
+        SimulationError
+            No run, with any of the options `VENDOR`.
+        """
+        return self._with_options(bench, VENDOR, self._responses)
+
+    def _with_options(
+        self, bench: VendorBench, all_options: Sequence[str], run: Callable[[VendorBench], Found]
+    ) -> Found:
+        """Return what a run gives with the first options with which it ends well."""
+        for options in all_options:
+            try:
+                return run(replace(bench, options=options))
+            except (SingularCircuit, StepTooSmall, TimedOut) as error:
+                failure = error
+                if failure.folder is not None and options != all_options[-1]:
+                    remove_own_folder(failure.folder)
+        raise failure
+
+    def _responses(self, bench: VendorBench) -> Responses:
+        with start(bench.deck(OperatingPoint()), self.simulator, timeout=TIMEOUT) as run:
+            output, inverting, *amps = map(float, run.result().values[-1])
+        f, one = self._respond(bench, "inn")
+        other, loaded = (self._respond(bench, place)[1] for place in ("inp", "out"))
         return Responses(
+            bench=bench,
             frequencies=f,  # as ngspice rounded them
-            gain=-driven[:, 0] / driven[:, 1],
+            gain=-one[:, 0] / one[:, 1],
             impedance=loaded[:, 0],
-            admittance=held[:, 2] / held[:, 1],
-            output=float(rest[0]),
-            inverting=float(rest[1]),
-            bias_current=float(rest[2]),
-            supply_current=float(power[2]),
+            admittance=one[:, 2] / one[:, 1],
+            other_gain=other[:, 0],
+            other_admittance=other[:, 3],
+            output=output,
+            inverting=inverting,
+            into_inverting=amps[0],
+            into_other=amps[1],
+            supply_current=amps[2],
         )
 
-    def _at_rest(self, deck: Deck) -> Floats:
-        with start(deck, self.simulator, timeout=TIMEOUT) as run:
-            return np.asarray(run.result().values[-1])
-
-    def _respond(
-        self, bench: VendorBench, *sources: str, servo: bool = True
-    ) -> tuple[Floats, Complexes]:
-        deck = bench.deck(SmallSignal(WIDE), *sources, servo=servo)
+    def _respond(self, bench: VendorBench, excited: str) -> tuple[Floats, Complexes]:
+        deck = bench.deck(SmallSignal(WIDE), excited)
         with start(deck, self.simulator, timeout=TIMEOUT) as run:
             f, values = run.response()
         return np.asarray(f), values
+
+    def switched(self, bench: VendorBench, volts: float, period: float) -> tuple[Floats, Floats]:
+        """Return instants, s, and the output, V, that is driven to both of its ends.
+
+        The non-inverting input is at +`volts` for a `period` in s, at -`volts` for the next, and at
+        +`volts` for a third.
+        """
+        turns = (0.0, period, 2.0 * period)
+        points = (
+            f"{turn + delay!r} {value!r}"
+            for turn, before, after in zip(turns, (0.0, 1, -1), (1, -1, 1), strict=True)
+            for delay, value in ((0.0, before * volts), (1e-4 * period, after * volts))
+        )
+        step = f"pwl({' '.join(points)})"
+        plan = Transient(3.0 * period, period / POINTS, initial="rest")
+
+        def run(bench: VendorBench) -> tuple[Floats, Floats]:
+            wave = simulate(bench.deck(plan, step=step), self.simulator, timeout=TIMEOUT)
+            return wave.time, wave[OUT]
+
+        return self._with_options(bench, SWITCHED, run)

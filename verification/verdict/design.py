@@ -64,9 +64,12 @@ def large_signal(circuit: Circuit, *, current: bool = True) -> Circuit:
 def has_large_signal(board: LinearBoard) -> bool:
     """Whether both engines have the large-signal level of a board.
 
-    An op-amp needs a slew rate and a first pole.
+    An op-amp needs a slew rate and a first pole; the limits of an imported one are in its netlist.
     """
-    return all(math.isfinite(model.input_range) for model in board.circuit.models.values())
+    return all(
+        math.isfinite(model.input_range) and model.imported is None
+        for model in board.circuit.models.values()
+    )
 
 
 def design_board(

@@ -29,6 +29,7 @@ from taction.verification.characterise.characterise import (
 )
 from taction.verification.characterise.witnesses import Equations, Simulation
 from taction.verification.engines.ngspice.process import find_simulator
+from tests.support.vendor_bench import gain_bandwidth_margin
 
 PRESETS = OPAMPS
 PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))
@@ -126,10 +127,12 @@ rs pos neg 10k
 A0, P1, P2 = 1e5, 100.0, 2e7
 
 
-def imported(folder: Path, text: str, pins: tuple[str, ...] = PINS) -> ImportedOpAmp:
+def imported(
+    folder: Path, text: str, pins: tuple[str, ...] = PINS, farads: float = 0.0, name: str = "amp"
+) -> ImportedOpAmp:
     file = folder / "amp.cir"
     file.write_text(text)
-    return import_opamp(str(file), "amp", pins, 15.0)
+    return import_opamp(str(file), name, pins, 15.0, farads)
 
 
 def test_the_figures_are_those_of_the_circuit(ngspice: str, tmp_path: Path) -> None:
@@ -163,6 +166,7 @@ def test_a_response_without_a_stable_fit_has_a_reason(ngspice: str, tmp_path: Pa
         (("inp", "inn", "vcc", "vee"), "one role for each of the 5 ports"),
         (("inp", "inn", "vcc", "vee", "vee"), "each once"),
         (("inn", "inp", "vcc", "vee", "out"), "the gain is negative: exchange"),
+        (("inp", "inn", "vcc", "comp", "out"), "each once"),
     ],
 )
 def test_wrong_pins_are_refused(
@@ -177,3 +181,145 @@ def test_a_missing_file_and_a_hostile_one_are_named(tmp_path: Path) -> None:
         import_opamp(str(tmp_path / "nowhere.cir"), "amp", PINS, 15.0)
     with pytest.raises(InputError, match=r"amp.cir.*line 3 '.control'"):
         imported(tmp_path, "* x\n* y\n.control\nquit\n.endc\n")
+
+
+# Stages of transistors and of the expressions of PSpice; the gain from `half` to the output is 1.
+# A current of 30 uA into 3 pF: 10 V/us. The ends are 12 V of the supplies less 0.1 V of the switch.
+PSPICE = """* made up for this test
+.subckt amp/x in+ in- vcc vee out
+.model quiet res (tce=0 t_abs=-273.15)
+.model clamp vswitch (ron=1 roff=1e15 von=100e-3 voff=0)
+rin in+ in- quiet 1meg
+ib 0 in- 40n
+ios in+ 0 10n
+vos in+ x dc 2m
+gm 0 half value={limit(gm*v(x,in-), -islew, islew)}
+rh half 0 quiet {a0/gm}
+ch half 0 {cstage}
+.param cstage={gm/(6.283185307*gbw)}
+.param islew={slew*cstage} gm=1m
+.param a0=200k gbw=3meg slew=10meg
+vtop top 0 12
+vend end 0 -12
+s1 half top half top clamp
+s2 end half end half clamp
+e2 b 0 table {v(half)} = (-20,-20) (20,20)
+r2 b c 1k
+c2 c 0 15p
+e3 d 0 value={if(v(c)>100, 100, v(c))}
+ro d out quiet 100
+iq vcc vee 1m
+.ends
+\x1a\x1a"""
+
+
+def test_a_model_in_the_words_of_pspice_is_that_of_an_independent_bench(
+    ngspice: str, tmp_path: Path
+) -> None:
+    opamp = imported(tmp_path, PSPICE, name="AMP/X")
+    found = opamp.figures
+    gain, unity, margin = gain_bandwidth_margin(tmp_path / "bench", PSPICE, "amp/x", 15.0)
+    assert found.dc_gain == pytest.approx(gain, rel=1e-3)
+    assert found.unity_gain_bandwidth == pytest.approx(unity, rel=1e-3)
+    assert found.phase_margin == pytest.approx(margin, abs=0.1)
+    # The same by hand: one pole at gbw / a0, one of 1 kohm and 15 pF.
+    assert found.dc_gain == pytest.approx(2e5, rel=1e-3)
+    y = np.roots([(3e6 / 10.610e6) ** 2, 1.0, -1.0]).max() ** 0.5
+    assert found.unity_gain_bandwidth == pytest.approx(3e6 * y, rel=1e-3)
+    assert found.slew_rate == pytest.approx(10e6, rel=1e-2)
+    assert found.swing == pytest.approx(12.05 * 10e3 / 10.1e3, rel=5e-3)
+    # -40 nA flow into the inverting input, 10 nA into the other, and 2 mV over 1 Mohm between them.
+    assert found.offset_voltage == pytest.approx(-2e-3, rel=1e-3)
+    assert found.bias_current == pytest.approx(-15e-9, rel=1e-2)
+    assert found.offset_current == pytest.approx(50e-9 + 2 * 2e-9, rel=1e-2)
+    assert found.supply_current == pytest.approx(1e-3, rel=1e-2)
+    assert opamp.linear is not None
+    assert opamp.doubts == ()
+
+
+@pytest.mark.parametrize("decades", [4, 8])
+def test_a_large_gain_is_no_matter_of_rounding(decades: int, ngspice: str, tmp_path: Path) -> None:
+    """A first pole of 0.03 Hz below a unity-gain bandwidth of 3 MHz."""
+    text = PSPICE.replace("a0=200k", f"a0=1e{decades}")
+    found = imported(tmp_path, text, name="amp/x").figures
+    assert found.dc_gain == pytest.approx(10.0**decades, rel=1e-2)
+    assert found.unity_gain_bandwidth == pytest.approx(2.9e6, rel=0.02)
+    assert found.phase_margin == pytest.approx(74.7, abs=0.5)
+
+
+ONE_POLE = """
+.subckt amp 1 2 3 4 5
+r1 1 2 1meg
+e1 6 0 1 2 1e5
+r2 6 7 1k
+c1 7 0 16u
+e2 5 0 7 0 1
+.ends
+"""
+
+
+def test_one_pole_and_an_ideal_output_have_a_linear_model(ngspice: str, tmp_path: Path) -> None:
+    opamp = imported(tmp_path, ONE_POLE)
+    assert opamp.figures.dc_gain == pytest.approx(1e5, rel=1e-6)
+    assert opamp.figures.unity_gain_bandwidth == pytest.approx(
+        1e5 / (2e3 * np.pi * 16e-6), rel=1e-6
+    )
+    assert (opamp.figures.slew_rate, opamp.figures.swing) == (None, None)
+    assert opamp.linear is not None
+    assert opamp.linear.gain.poles == pytest.approx((-62.5,), rel=1e-6)
+    assert opamp.linear.impedance.constant == 1e-3
+
+
+CURRENT_FEEDBACK = """
+.subckt amp 1 2 3 4 5
+r1 1 0 10meg
+e1 x 0 1 0 1
+vs x y 0
+rb y 2 50
+f1 0 z vs 1
+rz z 0 1meg
+cz z 0 1p
+e2 w 0 z 0 1
+ro w 5 10
+rs 3 4 10k
+.ends
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (CURRENT_FEEDBACK, r"current-feedback amplifier: its inverting input has 5\d ohm"),
+        (ONE_POLE.replace("c1 7 0 16u", "c1 7 0 1f"), "never crosses 1.*compensation capacitor"),
+        (ONE_POLE.replace("e2 5 0 7 0 1", "e2 5 9 7 0 1\nv9 9 0 3e5"), "rests at 3 V"),
+    ],
+)
+def test_what_is_no_opamp_is_refused_with_the_reason(
+    text: str, reason: str, ngspice: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=reason):
+        imported(tmp_path, text)
+
+
+def test_what_is_unusual_for_an_opamp_is_said(ngspice: str, tmp_path: Path) -> None:
+    found = imported(tmp_path, ONE_POLE.replace("1e5", "150").replace("16u", "4m")).doubts
+    assert found == (
+        "the dc gain is 150, usual is 1000 to 1e+10",
+        "the unity gain bandwidth is 5.968 Hz, usual is 1000 to 1e+10 Hz",
+    )
+
+
+def test_a_compensation_capacitor_stands_between_its_two_ports(
+    ngspice: str, tmp_path: Path
+) -> None:
+    text = TWO_POLES.replace("pos neg out", "pos neg out a one").replace(
+        "ca a 0 100p", "v1 one 0 0"
+    )
+    pins = (*PINS, "comp", "comp")
+    opamp = imported(tmp_path, text, pins, 100e-12)
+    assert opamp.figures.unity_gain_bandwidth == pytest.approx(1.51e6, rel=0.05)
+    assert "Ccomp comp5 comp6 1e-10" in opamp.text("m")
+    with pytest.raises(InputError, match="two ports 'comp' belong together"):
+        imported(tmp_path, text, pins)
+    with pytest.raises(InputError, match="two ports 'comp' belong together"):
+        imported(tmp_path, TWO_POLES, PINS, 1e-12)

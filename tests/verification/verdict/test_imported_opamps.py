@@ -141,7 +141,7 @@ def test_tolerances_leave_the_netlist_as_it_is(write: Callable[..., Scene]) -> N
         ({}, {"design": {"opamp": {"file": "gone.json"}}}, "gone.json.*No such file"),
         ({"netlist": [".subckt m_fet100 a b\n.control\nshell ls\n.endc"]}, {}, "card '.control'"),
         ({"pins": ["inp", "inn"]}, {}, "one role for each of the 5 ports"),
-        ({"taction_opamp": 2}, {}, "format 2; this version reads 1"),
+        ({"taction_opamp": 3}, {}, "format 3; this version reads 1 and 2"),
         ({"figures": {}}, {}, "not an imported op-amp"),
         ({"supply": "15"}, {}, "'15' is not a finite number"),
         ({"name": "a b"}, {}, "the name 'a b'"),
@@ -161,6 +161,27 @@ def test_a_document_is_read_as_it_was_written(document: dict[str, Any]) -> None:
     again = to_document(name, opamp)
     assert again["linear"] == document["linear"]
     assert again["netlist"][1:-1] == document["netlist"][1:-1]
+
+
+def test_a_document_of_the_first_format_is_read(document: dict[str, Any]) -> None:
+    first = ("dc_gain", "unity_gain_bandwidth", "phase_margin", "output_resistance")
+    old = {key: value for key, value in document.items() if key not in ("compensation", "doubts")}
+    old |= {
+        "taction_opamp": 1,
+        "figures": {key: document["figures"][key] for key in (*first, "supply_current")},
+    }
+    opamp = from_document(old)[1]
+    assert (opamp.figures.slew_rate, opamp.compensation, opamp.doubts) == (None, 0.0, ())
+
+
+def test_a_board_knows_the_measured_limits_and_errors(write: Callable[..., Scene]) -> None:
+    (model,) = synthesise(write()).models.values()
+    assert model.slew_rate == pytest.approx(200e-6 / 15e-12, rel=0.03)  # its current into c2
+    assert model.swing(15.0) == pytest.approx(13.5, rel=0.02)
+    # Gates of JFETs: 15 pA of saturation, and gmin.
+    assert 0.0 < model.bias_current < 100e-12
+    assert model.offset_voltage == pytest.approx(3.5e-6, rel=0.2)
+    assert not model.input_errors  # they are in the netlist
 
 
 @pytest.mark.parametrize("poles", [[[1.0, 0.0]], [[-1.0, 0.0], [-2.0, 0.0]]])

@@ -266,13 +266,22 @@ class ShowDocument:
 
 @dataclass(frozen=True, slots=True)
 class ImportedFigures:
-    """What the simulation of an imported op-amp shows; phase margin in degrees."""
+    """What the simulation of an imported op-amp shows; phase margin in degrees, rejection in dB.
+
+    Null: the netlist has no such limit.
+    """
 
     dc_gain: Number
     unity_gain_bandwidth: Hertz
     phase_margin: Number
     output_resistance: Ohms
     supply_current: Amperes
+    offset_voltage: Volts
+    bias_current: Amperes
+    offset_current: Amperes
+    common_mode_rejection: Number
+    slew_rate: Annotated[Number, "V/s"]
+    swing: Volts
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,9 +318,11 @@ class ImportDocument:
     subcircuit: str
     pins: tuple[str, ...]
     supply: Volts
+    compensation: Annotated[Farads, Note("capacitor between the two ports `comp`")]
     figures: ImportedFigures
     linear: LinearPart | None
     missing: Annotated[str, Note("why there is no linear model")]
+    doubts: Annotated[tuple[str, ...], Note("figures that op-amps do not have")]
 
 
 @dataclass(frozen=True, slots=True)
