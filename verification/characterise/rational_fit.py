@@ -1,10 +1,10 @@
 """A stable rational function from a simulated response: poles by AAA, residues by least squares.
 
 AAA (Nakatsukasa, Sete, Trefethen 2018, `scipy.interpolate.AAA`) interpolates some points with a
-small absolute error; where a gain of 1e8 hides what it does at unity, so with a zero above its first
-pole. Its poles in the left half plane are kept; the residues then follow from least
-squares in which every point counts relative to its own magnitude. AAA sees every other point; the
-error is the largest relative one at all points.
+small absolute error; a gain of 1e8 would hide what it does at unity, so it is also fitted with a
+zero above its first pole. Poles in the left half plane are kept; the residues then follow from
+least squares in which every point counts relative to its own magnitude. AAA sees every other point;
+the error is the largest relative one at all points.
 """
 
 from __future__ import annotations
