@@ -161,12 +161,11 @@ def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
         subcircuit = read_subcircuit(content, str(data["subcircuit"]), name)
         check_pins(pins, subcircuit.ports)
         optional = {field.name for field in fields(Figures) if field.default is None}
-        figures = Figures(
-            **{
-                key: None if value is None and key in optional else _finite(value)
-                for key, value in data["figures"].items()
-            }
-        )
+        measured: dict[str, Any] = {
+            key: None if value is None and key in optional else _finite(value)
+            for key, value in data["figures"].items()
+        }
+        figures = Figures(**measured)
         linear = None if data["linear"] is None else _linear(data["linear"])
         supply = _finite(data["supply"])
         compensation = _finite(data.get("compensation", 0.0))
