@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +18,13 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.writing import scene_text
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import parse
 from taction.verification.reference.ideal_answer import resolve_lambda
 
-CAPACITANCE, GAIN, LAMBDA = "design.capacitance", "design.gain", "design.lambda"
-STRAY, VARIANCE = "design.stray_capacitance", "problem.noise.variance"
-AROUND = {CAPACITANCE: 30.0, GAIN: 30.0, LAMBDA: 1000.0}  # times and divided by the scene's value
+LAMBDA, STRAY, VARIANCE = "design.lambda", "design.stray_capacitance", "problem.noise.variance"
+AROUND, AROUND_LAMBDA = 30.0, 1000.0  # times and divided by the scene's value
 LEAST_STRAY, MOST_STRAY = 1e-14, 1e-10  # F
 LEAST_NOISE, MOST_NOISE = 1e-8, 1.0  # variance, of the mean square of the strain
 STEPS, DIGITS = 1000, 4  # places of a slider, and digits of their values
@@ -101,29 +101,30 @@ def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
     >>> [control.symbol for control in controls(scene, make_problem(scene))]
     ['C', 's', 'λ', 'stray', 'σ²']
     """
-    own = {
-        path: float(own_value(scene, find_key(scene, path)) or 0.0)
-        for path in (CAPACITANCE, GAIN, LAMBDA, STRAY, VARIANCE)
-    }
-    around = {path: (own[path] / by, own[path] * by) for path, by in AROUND.items()}
+    topology = topology_of(scene)
+    facts = topology.facts(scene)
+    found = [
+        _control(scene, knob.key, facts[knob.name].symbol, knob.key.rpartition(".")[2], AROUND)
+        for knob in topology.knobs(scene)
+        if knob.margin
+    ]
+    found.append(_control(scene, LAMBDA, "λ", "regularisation", AROUND_LAMBDA))
     strain = float(np.mean(problem.strain**2)) or 1.0
-    noise = LEAST_NOISE * strain, MOST_NOISE * strain
-    return (
-        Control(CAPACITANCE, "F", "C", "capacitance", *around[CAPACITANCE], own[CAPACITANCE]),
-        Control(GAIN, "ohm", "s", "gain", *around[GAIN], own[GAIN]),
-        Control(LAMBDA, "", "λ", "regularisation", *around[LAMBDA], own[LAMBDA]),
-        _from_zero(STRAY, "F", "stray", "capacitance", LEAST_STRAY, MOST_STRAY, own[STRAY]),
-        _from_zero(VARIANCE, "", "σ²", "noise variance", *noise, own[VARIANCE]),
-    )
+    for path, symbol, name, low, high in (
+        (STRAY, "stray", "capacitance", LEAST_STRAY, MOST_STRAY),
+        (VARIANCE, "σ²", "noise variance", LEAST_NOISE * strain, MOST_NOISE * strain),
+    ):
+        control = _control(scene, path, symbol, name, 10.0)
+        if control.own > 0.0:
+            low, high = min(low, control.low), max(high, control.high)
+        found.append(replace(control, low=low, high=high, has_zero=True))
+    return tuple(found)
 
 
-def _from_zero(
-    path: str, unit: str, symbol: str, name: str, low: float, high: float, own: float
-) -> Control:
-    """Return a control whose lower end is zero, and whose range holds the scene's value."""
-    if own > 0.0:
-        low, high = min(low, own / 10.0), max(high, own * 10.0)
-    return Control(path, unit, symbol, name, low, high, own, has_zero=True)
+def _control(scene: Scene, path: str, symbol: str, name: str, around: float) -> Control:
+    key = find_key(scene, path)
+    own = float(own_value(scene, key) or 0.0)
+    return Control(path, key.unit, symbol, name, own / around, own * around, own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,12 +186,14 @@ class Settings:
     def changes(self, start: Start) -> dict[str, Value]:
         """Return what to change in the scene.
 
-        Lambda stays when the gain moves, and when a rule would choose another one.
+        Lambda stays when a knob would change it, and when a rule would choose another one.
         """
         changed: dict[str, Value] = dict(self.values)
         if self.opamp:
             changed[OPAMP] = self.opamp
-        if changed and (GAIN in changed or start.scene.lambda_rule):
+        knobs = topology_of(start.scene).knobs(start.scene)
+        moved = any(knob.key in changed and "lambda" in knob.moves for knob in knobs)
+        if changed and (moved or start.scene.lambda_rule):
             changed.setdefault(LAMBDA, start.control(LAMBDA).own)
         return changed
 

@@ -13,16 +13,14 @@ import taction
 from taction.netlist_gen.scene.axes import with_settings
 from taction.netlist_gen.scene.scene import load_scene, parse_scene
 from taction.system.errors import InputError
-from taction.verification.design.board_view import (
+from taction.verification.design.exploration import (
+    judge,
     view_boundary,
     view_limits,
     view_poles,
     view_rest,
 )
-from taction.verification.design.explorer_judgement import judge
 from taction.verification.design.explorer_settings import (
-    CAPACITANCE,
-    GAIN,
     LAMBDA,
     STRAY,
     VARIANCE,
@@ -43,6 +41,7 @@ ONE = {
         "stray_capacitance": "0F",
     },
 }
+CAPACITANCE, GAIN = "design.capacitance", "design.gain"
 BREADBOARD = SCENES / "paper-breadboard.toml"
 
 
@@ -73,11 +72,11 @@ def test_one_channel_rises_as_its_closed_form() -> None:
 def test_the_boundary_is_that_of_onset(start: Start) -> None:
     control = start.control(CAPACITANCE)
     view = view_rest(start.scene, start.problem)
-    found = view_boundary(view, view_poles(view), control.low, control.high)
+    found = view_boundary(view, view_poles(view), "C", control.low, control.high)
     onset = taction.onset(start.scene, over="C=1pF:300pF", transients=False)
     edge = max(each.crossing.value for each in onset.findings)  # below it more poles cross
-    assert [low for low, _ in found.stable] == pytest.approx([edge], rel=1e-6)
-    assert found.stable[-1][1] == control.high
+    assert [low for low, _ in found.stable_ranges] == pytest.approx([edge], rel=1e-6)
+    assert found.stable_ranges[-1][1] == pytest.approx(control.high, rel=1e-12)
 
 
 def test_the_boundary_is_the_same_from_an_unstable_board(start: Start) -> None:
@@ -86,8 +85,8 @@ def test_the_boundary_is_the_same_from_an_unstable_board(start: Start) -> None:
     for value in (5e-12, 1e-11, 1e-10):
         settings = Settings.of(start, {CAPACITANCE: value})
         view = view_rest(settings.scene(start), start.problem)
-        found = view_boundary(view, view_poles(view), control.low, control.high)
-        edges.append(found.stable[0][0])
+        found = view_boundary(view, view_poles(view), "C", control.low, control.high)
+        edges.append(found.stable_ranges[0][0])
     assert edges == pytest.approx([edges[1]] * 3, rel=1e-6)
 
 
@@ -162,8 +161,9 @@ def test_a_saved_scene_reads_as_the_values(start: Start, tmp_path: Path) -> None
     saved = settings.save(start, "new.toml")
     assert saved == tmp_path / "new.toml"
     assert load_scene(saved).model_dump() == settings.scene(start).model_dump()
-    expected = judge(settings.scene(start), "statespace", 100)
-    assert judge(load_scene(saved), "statespace", 100).settling == expected.settling
+    expected = judge(settings.scene(start), "statespace", 100).record
+    found = judge(load_scene(saved), "statespace", 100).record
+    assert found.value("settling_time") == expected.value("settling_time")
 
 
 @pytest.mark.parametrize("name", ["board.toml", "../new.toml", "new", ".toml", "", "a/b.toml"])
@@ -202,8 +202,8 @@ def test_a_verdict_is_that_of_verify(start: Start) -> None:
     scene = Settings.of(start, {CAPACITANCE: 1.5e-11}).scene(start)
     found, verdict = judge(scene, "statespace", 200), taction.verify(scene, engine="statespace")
     assert verdict.measurements.settling_time is not None
-    assert found.settling == verdict.measurements.settling_time.value
-    assert found.outcome == verdict.outcome.value
+    assert found.record.value("settling_time") == verdict.measurements.settling_time.value
+    assert found.record.outcome == verdict.outcome.value
     assert found.curves is not None
     for column, whole in zip(found.curves.outputs.T, verdict.u.T, strict=True):
         assert (column.min(), column.max()) == (whole.min(), whole.max())
@@ -212,5 +212,5 @@ def test_a_verdict_is_that_of_verify(start: Start) -> None:
 def test_a_verdict_that_cannot_be_had_says_why() -> None:
     data = {**ONE, "problem": {"kind": "matrix", "matrix": "none.csv", "strain": "none.csv"}}
     found = judge(parse_scene(data, "none.toml"), "statespace", 100)
-    assert found.outcome == "error"
-    assert "none.csv" in found.error
+    assert found.record.outcome == "error"
+    assert "none.csv" in found.record.reason

@@ -19,11 +19,9 @@ from typing import Any
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
 from taction.verification.design.explorer_settings import Start
-from taction.verification.report.explorer.charts import Part
 from taction.verification.report.explorer.guard import HOST, Guard
-from taction.verification.report.explorer.jobs import Job
-from taction.verification.report.explorer.payload import start_part
-from taction.verification.report.explorer.session import Session
+from taction.verification.report.explorer.parts import Part, start_part
+from taction.verification.report.explorer.session import Job, Session
 from taction.verification.report.renderers.page import FILES as PAGE_FILES
 
 PACKAGES = {"nicegui": "NiceGUI", "plotly": "Plotly"}

@@ -9,37 +9,78 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
-from taction.system.errors import InputError, TactionError
+from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.quantities import readable
-from taction.verification.design.board_view import StableValues, view_boundary, view_limits
-from taction.verification.design.explorer_judgement import Judgement, judge
-from taction.verification.design.explorer_settings import (
-    CAPACITANCE,
-    STEPS,
-    Settings,
-    Start,
-    read_value,
-)
-from taction.verification.report.explorer.charts import KEPT, Part
-from taction.verification.report.explorer.jobs import Job
-from taction.verification.report.explorer.look import Look, look_at
-from taction.verification.report.explorer.payload import (
+from taction.verification.design.exploration import Judgement, judge, view_boundary, view_limits
+from taction.verification.design.explorer_settings import STEPS, Settings, Start, read_value
+from taction.verification.report.explorer.parts import (
+    KEPT,
+    Look,
+    Part,
     boundary_part,
+    look_at,
     settings_part,
     simulation_part,
     verdict_part,
 )
-from taction.verification.studies.running.worker import WorkerDiedError
+from taction.verification.stability.edges import Edges
+from taction.verification.studies.running.worker import Worker, WorkerDiedError
 
+T = TypeVar("T")
 Send = Callable[[Part], None]
 Stage = Callable[[Look], tuple[Look, Part]]
 REST = 0.12  # s without new values, after which the hand rests
 WINDOWS = ("rise", "whole")
 KEPT_KEYS = ("stress", "facts", "boundary")  # which many moves leave as they are
 PATIENCE = 3.0  # s that a verdict on values that have moved on may still take
+
+
+class Job:
+    """Calls in one process; a call that is ended raises `WorkerDiedError`."""
+
+    def __init__(self) -> None:
+        self._worker, self._began = Worker(), 0.0
+        self._turn = asyncio.Lock()
+
+    @property
+    def seconds(self) -> float:
+        """For how long a call has been running, s; 0 if none is."""
+        return time.monotonic() - self._began if self._began else 0.0
+
+    async def run(
+        self, wanted: Callable[[], bool], function: Callable[..., T], *args: Any
+    ) -> T | None:
+        """Return ``function(*args)`` after the calls before it; None if nobody wants it by then."""
+        async with self._turn:
+            if not wanted():
+                return None
+            self._began = time.monotonic()
+            try:
+                return await asyncio.to_thread(self._worker.call, None, function, *args)
+            finally:
+                self._began = 0.0
+
+    async def warm_up(self) -> None:
+        """Start the process before the first call needs it."""
+        async with self._turn:
+            await asyncio.to_thread(self._worker.start)
+
+    def stop_if_running(self) -> None:
+        """End the running call, if there is one; the next call has a new process."""
+        if self._began:
+            self.stop()
+
+    def stop(self) -> None:
+        """End the process and its call; the next call has a new process."""
+        worker, self._worker = self._worker, Worker()
+        worker.end()
+
+    def close(self) -> None:
+        """End the process for good."""
+        self._worker.end()
 
 
 @dataclass(eq=False)
@@ -64,7 +105,7 @@ class Session:
     window: str = "rise"
     _number: int = 0  # of the newest values
     _look: Look | None = None  # at the newest values
-    _boundary: tuple[object, StableValues] | None = None  # and the values that it holds for
+    _boundary: tuple[object, Edges | EngineError] | None = None  # and the values that it holds for
     _sent: Part = field(default_factory=dict)  # the last of `KEPT_KEYS` that the page has
     _simulates: bool = False
     _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -142,7 +183,7 @@ class Session:
             found = Judgement.without_verdict(error)
         if found is None or number != self._number or self._look is None:
             return
-        self._look = self._look.judged(found)
+        self._look = replace(self._look, verdict=found)
         self._tell(**verdict_part(found), **self._look.later_outputs(self.window))
 
     async def _step(self, stage: Stage, number: int) -> bool:
@@ -167,16 +208,22 @@ class Session:
         if look.poles is None:
             return look, {}
         limits = view_limits(look.rest, look.poles)
-        return look.limited(limits), {"limits": [readable(text) for text in limits]}
+        return replace(look, limits=limits), {"limits": [readable(text) for text in limits]}
 
     def _with_boundary(self, look: Look) -> tuple[Look, Part]:
-        """Find the stable values of C, which do not depend on C itself."""
+        """Find the stable values of the first knob, which do not depend on its own value."""
         if look.poles is None:
             return look, {}
-        others = {k: v for k, v in look.settings.values.items() if k != CAPACITANCE}
-        key, control = (others, look.settings.opamp), self.start.control(CAPACITANCE)
+        control = self.start.controls[0]
+        others = {k: v for k, v in look.settings.values.items() if k != control.path}
+        key = (others, look.settings.opamp)
         if self._boundary is None or self._boundary[0] != key:
-            found = view_boundary(look.rest, look.poles, control.low, control.high)
+            name = look.rest.board.circuit.knob(control.path).name
+            found: Edges | EngineError
+            try:
+                found = view_boundary(look.rest, look.poles, name, control.low, control.high)
+            except EngineError as error:
+                found = error
             self._boundary = (key, found)
         return look, boundary_part(self._boundary[1], control)
 
@@ -208,7 +255,7 @@ class Session:
             self._tell(simulating=False)
             return
         if self._look is not None:
-            self._look = look = self._look.simulated(found)
+            self._look = look = replace(self._look, other=found)
         self._tell(simulating=False, **simulation_part(found), **look.outputs_part(self.window))
 
     def cancel(self) -> None:

@@ -13,6 +13,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.blocks import Block, Facts, Notes
 from taction.verification.report.charts import Axis, Band, Chart, Curve, Limit, Mark, Text, View
 from taction.verification.report.texts import figure, quantity
+from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import AROUND, stable_values
 from taction.verification.stability.poles import Poles
 
@@ -51,24 +52,27 @@ def stable_capacitances(circuit: Circuit, poles: Poles) -> str:
         found = stable_values(board, found=poles)
     except EngineError as error:
         return f"not known: {error}"
-    parts = [_range(low, high, found.low, found.high) for low, high in found.stable_ranges]
-    text = "; ".join(parts) or "none"
-    if found.near:
-        text += f"; rounding decides near {', '.join(quantity(c, 'F') for c in found.near)}"
-    return f"{text} (from C/{AROUND:g} to {AROUND:g} C)"
+    return f"{ranges_text(found, found.low, found.high)} (from C/{AROUND:g} to {AROUND:g} C)"
 
 
-def _range(low: float, high: float, least: float, most: float) -> str:
-    if low <= least and high >= most:
-        return "every value"
-    if high >= most:
-        return f"above {quantity(low, 'F')}"
-    if low <= least:
-        return f"below {quantity(high, 'F')}"
-    return f"{quantity(low, 'F')} to {quantity(high, 'F')}"
+def ranges_text(found: Edges, low: float, high: float, unit: str = "F") -> str:
+    """Return the stable values between two ends in words."""
+    parts = []
+    for first, last in found.stable_ranges:
+        ends = [quantity(end, unit) for end in (first, last)]
+        if first <= low and last >= high:
+            parts.append("every value")
+        elif last >= high > first:
+            parts.append(f"above {ends[0]}")
+        elif first <= low < last:
+            parts.append(f"below {ends[1]}")
+        elif low < last and first < high:
+            parts.append(" to ".join(ends))
+    near = ", ".join(quantity(value, unit) for value in found.near)
+    return ("; ".join(parts) or "none") + (f"; rounding decides near {near}" if near else "")
 
 
-def pole_map(poles: Poles, ranges: str) -> Chart:
+def pole_map(poles: Poles, ranges: str = "") -> Chart:
     """Return the upper half plane with the poles and lines of equal damping."""
     values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
     views = _views(values)

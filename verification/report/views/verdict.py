@@ -92,7 +92,7 @@ def view(
         title=verdict.scene.name,
         command=command,
         outcome=verdict.outcome.value,
-        summary=_summary(verdict),
+        summary=decisive_text(verdict.checks, verdict.outcome.value),
         lines=board_lines(verdict),
         sections=(
             Section("Checks", lambda: _checks(verdict, notes), media=EVERYWHERE),
@@ -126,7 +126,7 @@ def _sheet(verdict: Verdict) -> Sheet:
     settling, outcome = verdict.measurements.settling_time, verdict.outcome.value
     headline = outcome
     if outcome != "pass":
-        headline += f" ({', '.join(_decisive(verdict))})"
+        headline += f" ({', '.join(_decisive(verdict.checks, verdict.outcome.value))})"
     elif settling is not None:
         headline += f", settled at {quantity(settling.value, 's')}"
     return Sheet(
@@ -138,26 +138,25 @@ def _sheet(verdict: Verdict) -> Sheet:
     )
 
 
-def _decisive(verdict: Verdict) -> list[str]:
-    return [spaced(c.name) for c in verdict.checks if c.outcome is verdict.outcome]
+def _decisive(checks: Sequence[Check], outcome: str) -> list[str]:
+    return [spaced(check.name) for check in checks if check.outcome.value == outcome]
 
 
-def _summary(verdict: Verdict) -> str:
-    """Return what decides the outcome in a sentence."""
-    checks, outcome = verdict.checks, verdict.outcome.value
+def decisive_text(checks: Sequence[Check], outcome: str) -> str:
+    """Return what decides the outcome of a verdict in a sentence."""
     if outcome == "pass":
-        return f"All {len(checks)} checks pass{_nearest(verdict)}."
-    names = _decisive(verdict)
+        return f"All {len(checks)} checks pass{_nearest(checks)}."
+    names = _decisive(checks, outcome)
     if len(names) == 1:
-        reason = next(c.reason for c in checks if c.outcome is verdict.outcome)
+        reason = next(check.reason for check in checks if check.outcome.value == outcome)
         return readable(f"{names[0]}: {reason}")
     verb = "fail" if outcome == "fail" else "are not decided"
     return f"{len(names)} of {len(checks)} checks {verb}: {', '.join(names)}."
 
 
-def _nearest(verdict: Verdict) -> str:
+def _nearest(checks: Sequence[Check]) -> str:
     """Return which check is nearest to its limit."""
-    bars = [bar for bar in map(check_bar, verdict.checks) if bar.share is not None]
+    bars = [bar for bar in map(check_bar, checks) if bar.share is not None]
     if not bars:
         return ""
     nearest = max(bars, key=lambda bar: bar.share or 0.0)

@@ -78,7 +78,7 @@ def outputs_chart(verdict: Verdict) -> Chart:
     if settling is not None:
         marks.append(Limit(settling.value, "x", "", "muted"))
     if count <= LABELLED:
-        marks += _names(targets, low, high, colours)
+        marks += end_names(targets, low, high, colours)
     engines = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
     if second is not None:
         engines += "; open circles: state-space engine"
@@ -177,7 +177,7 @@ def _window(verdict: Verdict) -> tuple[float, float, bool]:
     return low - room, high + room, cut
 
 
-def _names(targets: list[float], low: float, high: float, colours: list[str]) -> Iterator[Text]:
+def end_names(targets: list[float], low: float, high: float, colours: list[str]) -> Iterator[Text]:
     """Yield the names of the channels at their targets; neighbours share a label."""
     groups: list[list[int]] = []
     for n in sorted(range(len(targets)), key=targets.__getitem__):

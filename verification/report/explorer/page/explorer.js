@@ -69,7 +69,7 @@ const control = (each, steps, n) => {
     const stable = make("div", { className: "stable unknown", id: "stable" });
     stable.setAttribute("aria-hidden", "true");
     ends.before(stable);
-    made.append(make("p", { className: "stable-text", id: "stable-text", textContent: "stable values of C: computing" }));
+    made.append(make("p", { className: "stable-text", id: "stable-text", textContent: `stable values of ${each.symbol}: computing` }));
   }
   state.controls.set(each.path, { slider, text });
   return made;
@@ -140,7 +140,7 @@ const showBoundary = (boundary) => {
   });
   get("stable").classList.toggle("unknown", boundary.unknown);
   get("stable").replaceChildren(...bars);
-  get("stable-text").textContent = `stable values of C: ${boundary.text}`;
+  get("stable-text").textContent = `stable values of ${state.start.controls[0].symbol}: ${boundary.text}`;
 };
 const showDoubts = () => {
   const { refused, doubts = [], limits = [] } = state.part;

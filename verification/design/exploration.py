@@ -1,14 +1,14 @@
-"""What the explorer shows of a board, in four steps: rest, poles with curves, limits, stable C.
+"""What the explorer shows of a board: rest, poles with curves, limits, stable values, verdict.
 
 Each step is a function of the results of the step before it. For a linear board of ten channels all
-steps together take about ten milliseconds. The verdict (`explorer_judgement.judge`) takes longer
-and runs in a process of its own.
+steps but the verdict (`judge`) take about ten milliseconds together. The verdict takes longer than
+a movement of the hand and runs in a process of its own.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,21 +16,26 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError
+from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show, show_rate
+from taction.verification.design.trials import BARE
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.reference import Solution, solve
 from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import stable_values
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict.headroom import PartLoads, describe
+from taction.verification.verdict.record import Record
 from taction.verification.verdict.transient_plan import settled_after
+from taction.verification.verdict.verify import Verdict, verify
 
 POINTS = 500  # of a curve without fast ringing
 PER_PERIOD = 20.0  # points of a curve with ringing, before it is thinned
 MOST = 20_000  # points of a curve
+WINDOW = 10.0  # times the longest rise time of a verdict: the window of the first rise
 RISEN, TIMES_RISE = 0.9, 6.0  # of a channel's step; the window of the rise in times of it
 SEARCHED = 400  # instants at which the rise is looked for
 EARLIEST = 1e-5  # of the record: the first of them
@@ -163,29 +168,6 @@ class PoleView:
         return "unstable" if self.poles.known_unstable else "undecided"
 
 
-@dataclass(frozen=True, slots=True)
-class StableValues:
-    """The values of C that are stable at the other values.
-
-    Attributes
-    ----------
-    low, high : float
-        The examined values, F.
-    stable : tuple of pairs of float
-        Stable ranges, F.
-    near : tuple of float
-        Values at which rounding decides, F.
-    unknown : str
-        Why the ranges are not known, or empty.
-    """
-
-    low: float = 0.0
-    high: float = 0.0
-    stable: tuple[tuple[float, float], ...] = field(default=())
-    near: tuple[float, ...] = field(default=())
-    unknown: str = ""
-
-
 def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
     """Build the board and find where it rests.
 
@@ -254,31 +236,105 @@ def view_limits(view: RestView, poles: PoleView) -> tuple[str, ...]:
     return tuple(LIMITED.format(load=describe(load)) for load in above[:1])
 
 
-def view_boundary(view: RestView, poles: PoleView, low: float, high: float) -> StableValues:
-    """Find the values of C from `low` to `high`, F, that are stable.
+def view_boundary(view: RestView, poles: PoleView, name: str, low: float, high: float) -> Edges:
+    """Find the edges of stability of a knob from `low` to `high`, or beyond.
 
-    The edges are solved as `onset` solves them: by the loci of the capacitors, not by samples.
+    They are solved as `onset` solves them: by the loci of the parts, not by samples.
+
+    Raises
+    ------
+    EngineError
+        They are not known, with the reason.
     """
-    own = view.board.circuit.value("C")
-    if view.board.descriptor.is_large:
-        return StableValues(unknown="a board of this size: `taction onset SCENE --over C` finds it")
-    try:
-        around = max(high / own, own / low)
-        found = stable_values(view.board, around=around, found=poles.poles)
-    except EngineError as error:
-        return StableValues(unknown=str(error))
+    if view.is_large:
+        raise EngineError(f"a board of this size: `taction onset SCENE --over {name}` finds it")
+    own = view.board.circuit.value(name)
+    found = stable_values(view.board, name, max(high / own, own / low), poles.poles)
     if not poles.poles.certain:
-        return StableValues(unknown="a pole of the board is on the imaginary axis")
-    stable = tuple(
-        (max(first, low), min(last, high))
-        for first, last in found.stable_ranges
-        if first < high and last > low
-    )
-    return StableValues(low, high, stable, found.near)
+        raise EngineError("a pole of the board is on the imaginary axis")
+    return found
 
 
-def true_outputs(view: RestView) -> Floats | None:
-    """Return the true stress as voltages of the outputs, V, (N,); None if it is not known."""
-    if view.problem.stress is None:
-        return None
-    return np.asarray(view.problem.stress * view.board.circuit.value("U0"))
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """A verdict without what the page does not show.
+
+    Attributes
+    ----------
+    record : Record
+        Of the verdict, or why there is none.
+    warnings : tuple of str
+        Remarks of the verdict.
+    engine : str
+        The simulator of the record.
+    curves : Curves or None
+        The record.
+    difference : float or None
+        Largest difference of the two engines, fraction of the step; None if only one ran.
+    """
+
+    record: Record
+    warnings: tuple[str, ...] = ()
+    engine: str = ""
+    curves: Curves | None = None
+    difference: float | None = None
+
+    @classmethod
+    def without_verdict(cls, error: Exception) -> Judgement:
+        """Return why there is no verdict."""
+        return cls(Record.without_verdict(type(error).__name__, str(error), ""))
+
+
+def judge(scene: Scene, engine: str, budget: int) -> Judgement:
+    """Verify a scene with an engine.
+
+    Parameters
+    ----------
+    engine : str
+        ``"statespace"`` or ``"ngspice"``.
+    budget : int
+        Points of a curve, about.
+
+    Examples
+    --------
+    >>> from taction.netlist_gen.scene.scene import load_scene
+    >>> found = judge(load_scene("scenes/paper-breadboard.toml"), "statespace", 500)
+    >>> found.record.outcome, f"{found.record.value('settling_time'):.3g}"
+    ('pass', '0.00242')
+    """
+    try:
+        verdict = verify(scene.with_engine(engine), effort=BARE)
+    except TactionError as error:
+        return Judgement.without_verdict(error)
+    amplitude, difference = verdict.measurements.amplitude, None
+    agreement = verdict.agreement
+    if agreement is not None and not agreement.reason and amplitude > 0.0:
+        difference = agreement.difference / amplitude
+    record = Record.of(verdict, channels=False)
+    engine, curves = verdict.waveforms.simulator, _curves(verdict, budget)
+    return Judgement(record, verdict.warnings, engine, curves, difference)
+
+
+def _curves(verdict: Verdict, budget: int) -> Curves:
+    """Return the record with at least `budget` points in the first rise and in all of it."""
+    time, outputs = verdict.waveforms.time, verdict.u
+    stop = float(time[-1])
+    rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
+    rise = min(WINDOW * max(rises, default=stop), stop)
+    return Curves(*_kept(time, outputs, rise, budget), rise, stop)
+
+
+def _kept(time: Floats, outputs: Floats, rise: float, budget: int) -> tuple[Floats, Floats]:
+    """Return instants at which any channel has an extreme within a part of its window."""
+    early = int(np.searchsorted(time, rise, side="right"))
+    places = [np.array([0, len(time) - 1])]
+    for first, last in ((0, early), (0, len(time))):
+        parts = np.linspace(first, last, budget // 2 + 1).astype(np.int64)
+        for begin, end in zip(parts[:-1].tolist(), parts[1:].tolist(), strict=True):
+            if end - begin <= 2:
+                places.append(np.arange(begin, end))
+            else:
+                part = outputs[begin:end]
+                places += [begin + part.argmin(axis=0), begin + part.argmax(axis=0)]
+    kept = np.unique(np.concatenate(places))
+    return time[kept], outputs[kept]

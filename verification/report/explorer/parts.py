@@ -1,0 +1,337 @@
+"""What the page of the explorer receives: charts, numbers and texts, ready to be drawn."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from taction.netlist_gen.scene.open_tables import OPAMPS
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.verification.design.exploration import (
+    Curves,
+    Judgement,
+    PoleView,
+    RestView,
+    view_poles,
+    view_rest,
+)
+from taction.verification.design.explorer_settings import STEPS, Control, Settings, Start
+from taction.verification.report.charts import (
+    Axis,
+    Band,
+    Chart,
+    Curve,
+    Limit,
+    Line,
+    Mark,
+    spread_colours,
+    thinned,
+)
+from taction.verification.report.renderers.plotly import plotly_spec
+from taction.verification.report.texts import figure, quantity, readable
+from taction.verification.report.views.stability import pole_map, ranges_text
+from taction.verification.report.views.verdict import check_bar, decisive_text
+from taction.verification.report.views.waveforms import end_names
+from taction.verification.stability.edges import Edges
+from taction.verification.verdict.checks import Check
+from taction.verification.verdict.record import ERROR
+
+POINTS = 500  # of a curve
+ALL_POINTS = 12_000  # of all curves
+KEPT = 500  # of a record that another process makes, before it is thinned to `POINTS`
+NAMED = 12  # channels above which curves have no names, targets and bands
+ROOM = 0.06  # of the height of the chart, above and below the curves
+VALUE_DIGITS = 6
+Part = dict[str, Any]
+
+
+def chart_part(chart: Chart) -> Part:
+    """Return a chart as the page draws it, with its caption."""
+    return {**plotly_spec(chart), "note": chart.summary}
+
+
+def start_part(start: Start) -> Part:
+    """Return what the page shows before any value moves."""
+    scene = start.scene
+    finite = [name for name, opamp in OPAMPS.items() if math.isfinite(opamp.gbw)]
+    return {
+        "name": scene.name,
+        "file": str(scene.file),
+        "steps": STEPS,
+        "controls": [_control(control) for control in start.controls],
+        "opamps": finite,
+        "own_opamp": scene.design.opamp.file or scene.design.opamp.base,
+        "saved": f"{scene.file.stem}-explored.toml",
+    }
+
+
+def _control(control: Control) -> Part:
+    return {
+        "path": control.path,
+        "symbol": control.symbol,
+        "name": control.name,
+        "low": "0" if control.has_zero else value_text(control.low, control.unit, 3),
+        "high": value_text(control.high, control.unit, 3),
+        **place_part(control, control.own),
+    }
+
+
+def place_part(control: Control, value: float) -> Part:
+    """Return the text and the place of a value, and whether it is the scene's."""
+    return {
+        "text": value_text(value, control.unit),
+        "place": round(STEPS * control.place(value)),
+        "own": value == control.own,
+    }
+
+
+def value_text(value: float, unit: str, digits: int = VALUE_DIGITS) -> str:
+    """Return a value as a user may type it, too: ``"12 pF"``, ``"0.003"``."""
+    return quantity(value, unit, digits) if unit else f"{value:.{digits}g}"
+
+
+def settings_part(start: Start, settings: Settings) -> Part:
+    """Return the values that the page shows, and the command line that has them."""
+    values = {
+        control.path: place_part(control, settings.values.get(control.path, control.own))
+        for control in start.controls
+    }
+    return {"values": values, "opamp": settings.opamp, "command": settings.command(start)}
+
+
+def rest_part(view: RestView) -> Part:
+    """Return the recovered stress, and the numbers of the board."""
+    stated = view.board.circuit.facts
+    names = {"R": "R", "λ": "lambda", "G0": "G0", "C on the board": "C"}
+    facts = {name: stated[key].text for name, key in names.items()}
+    return {"stress": chart_part(stress_chart(view)), "facts": facts}
+
+
+def poles_part(view: PoleView) -> Part:
+    """Return the poles in the upper half plane, and what they say."""
+    doubts = [readable(doubt) for doubt in view.doubts]
+    chart = pole_map(view.poles)
+    damping = f"{view.poles.damping_ratio:.3g}" if view.poles.frequency else "does not ring"
+    note = f"The board is {view.state}: {chart.message}; damping ratio {damping}."
+    return {"doubts": doubts, "poles": chart_part(replace(chart, summary=note, legend=""))}
+
+
+def boundary_part(found: Edges | EngineError, control: Control) -> Part:
+    """Return the stable values of a knob as parts of its slider, and in words."""
+    if isinstance(found, EngineError):
+        text = f"not known: {readable(str(found))}"
+        return {"boundary": {"parts": [], "text": text, "unknown": True}}
+    parts = [[control.place(low), control.place(high)] for low, high in found.stable_ranges]
+    text = ranges_text(found, control.low, control.high, control.unit)
+    return {"boundary": {"parts": parts, "text": text, "unknown": False}}
+
+
+def verdict_part(found: Judgement) -> Part:
+    """Return the checks of a verdict, and its numbers."""
+    record = found.record
+    if record.outcome == ERROR:
+        text = "there is no verdict on these values"
+        return {"verdict": {"outcome": ERROR, "text": text, "error": readable(record.reason)}}
+    return {
+        "verdict": {
+            "outcome": record.outcome,
+            "text": decisive_text(record.checks, record.outcome),
+            "checks": [_bar(check) for check in record.checks],
+            "figures": _figures(found),
+            "warnings": [readable(text) for text in found.warnings],
+        }
+    }
+
+
+def simulation_part(found: Judgement) -> Part:
+    """Return what ngspice says, beside the state-space engine."""
+    record = found.record
+    if record.outcome == ERROR:
+        return {"simulation": {"outcome": ERROR, "error": readable(record.reason)}}
+    undecided = [check for check in record.checks if check.outcome.value != "pass"]
+    return {
+        "simulation": {
+            "outcome": record.outcome,
+            "engine": found.engine,
+            "figures": _figures(found),
+            "seconds": quantity(record.value("seconds"), "s", 2),
+            "difference": None if found.difference is None else figure(found.difference, "step", 3),
+            "reasons": [readable(f"{check.name}: {check.reason}") for check in undecided],
+        }
+    }
+
+
+def _figures(found: Judgement) -> dict[str, str]:
+    value = found.record.value
+    return {
+        "settling time": quantity(value("settling_time"), "s"),
+        "rise time": quantity(value("rise_time"), "s"),
+        "overshoot": figure(value("overshoot") if found.record.stable else None, "step"),
+    }
+
+
+def _bar(check: Check) -> Part:
+    bar = check_bar(check)
+    return {**asdict(bar), "width": bar.width, "used": bar.used}
+
+
+def outputs_chart(curves: Curves, other: Curves | None, view: RestView, window: str) -> Chart:
+    """Return the outputs of all channels in a window, with their targets and bands.
+
+    Parameters
+    ----------
+    other : Curves or None
+        The record of ngspice.
+    window : str
+        ``"rise"`` or ``"whole"``.
+    """
+    end = curves.rise if window == "rise" else curves.stop
+    time, outputs, beyond = _shown(curves, end, view)
+    targets, count = view.targets, outputs.shape[1]
+    colours, supply = spread_colours(count), quantity(view.board.circuit.supply, "V")
+    low = min(float(outputs.min()), float(targets.min()))
+    high = max(float(outputs.max()), float(targets.max()))
+    room = ROOM * ((high - low) or max(abs(high), 1e-12))
+    limits = (low - room, high + room)
+    named = count <= NAMED
+    marks: list[Mark] = []
+    if named:
+        step = float(np.abs(targets - outputs[0]).max(initial=0.0))
+        band = view.scene.checks.settling_time.band * step
+        for y, colour in zip(targets.tolist(), colours, strict=True):
+            marks += [Band(y - band, y + band, "y", "", colour), Limit(y, "y", "", colour, "dot")]
+    for n, (column, colour) in enumerate(zip(outputs.T, colours, strict=True), 1):
+        dash: Line = "dash" if n > (count + 1) // 2 and count > 1 else "solid"
+        curve = thinned(time, column, min(POINTS, ALL_POINTS // count))
+        marks.append(Curve(*curve, f"u{n}", colour, dash, width=1.8, label=""))
+    if named:
+        marks += end_names(outputs[-1].tolist(), *limits, ["ink"] * count)
+    if other is not None:
+        time, theirs, _ = _shown(other, end, view)
+        marks += [
+            Curve(*thinned(time, column, POINTS), "ngspice", "ink", "dot", width=2.4, label="")
+            for column in theirs.T
+        ]
+    notes = ["Dotted: targets; shaded: the settling band."]
+    if not named:
+        notes = [f"{count} channels, the first to the last from blue to orange."]
+    if count > 1:
+        notes.append("Dashed curves: the second half of the channels.")
+    if beyond:
+        text = f"The chart ends at the supply of {supply}: beyond it the linear board is not"
+        notes.append(f"{text} the board.")
+    if other is not None:
+        notes.append("Dots on the curves: ngspice.")
+    time_axis, volts = Axis("time", "s", limits=(0.0, end)), Axis("", "V", limits=limits)
+    return Chart("Outputs", time_axis, volts, tuple(marks), summary=" ".join(notes), legend="")
+
+
+def _shown(curves: Curves, end: float, view: RestView) -> tuple[Floats, Floats, bool]:
+    """Return a window of the curves within the supply, and whether they go beyond it."""
+    shown = curves.time <= end * (1.0 + 1e-9)
+    outputs, limit = curves.outputs[shown], view.board.circuit.supply
+    with np.errstate(invalid="ignore"):
+        beyond = bool((~(np.abs(outputs) <= limit)).any())
+    outputs = np.nan_to_num(outputs, nan=limit, posinf=limit, neginf=-limit)
+    return curves.time[shown], np.clip(outputs, -limit, limit), beyond
+
+
+def stress_chart(view: RestView) -> Chart:
+    """Return the recovered stress: the truth, the numerical solution, and the board at rest."""
+    places, truth, targets = view.problem.positions, view.problem.stress, view.targets
+    x = np.arange(1.0, len(view.rest) + 1.0) if places is None else places
+    marks: list[Mark] = []
+    if truth is not None:
+        truth = truth * view.board.circuit.value("U0")
+        marks.append(Curve(x, truth, "truth", "true", mark="circle", size=3.0, width=5.0))
+    marks.append(Curve(x, targets, "numerical solution", "pass", "dash", width=2.0))
+    marks.append(Curve(x, view.rest, "board at rest", "fail", "", "circle-open", size=7.0))
+    note = f"Board less solution: at most {_largest(view.rest - targets)}."
+    if truth is not None and (size := float(np.linalg.norm(truth))):
+        share = 100.0 * float(np.linalg.norm(targets - truth)) / size
+        note += f" Solution less truth: {share:.3g} % of the truth."
+    along = Axis("channel", whole=True) if places is None else Axis("place y")
+    return Chart("Recovered stress", along, Axis("", "V"), tuple(marks), summary=note)
+
+
+def _largest(differences: Floats) -> str:
+    return quantity(float(np.abs(differences).max(initial=0.0)), "V", 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """Everything that is known so far of one set of values.
+
+    Attributes
+    ----------
+    part : dict
+        What the page is told first.
+    poles : PoleView or None
+        None as long as they are not known.
+    limits : tuple of str
+        What the op-amps cannot do.
+    verdict, other : Judgement or None
+        Of the state-space engine, and of ngspice.
+    """
+
+    settings: Settings
+    scene: Scene
+    rest: RestView
+    part: Part = field(default_factory=dict)
+    poles: PoleView | None = None
+    limits: tuple[str, ...] = ()
+    verdict: Judgement | None = None
+    other: Judgement | None = None
+
+    def with_poles(self, window: str) -> tuple[Look, Part]:
+        """Add the poles and, of a small linear board, the curves."""
+        found = view_poles(self.rest)
+        look = replace(self, poles=found)
+        return look, poles_part(found) | look.outputs_part(window)
+
+    def curves(self, window: str) -> Curves | None:
+        """Return the best curves that are known.
+
+        Those of the verdict where the linear board has no closed form, or is not the board.
+        """
+        response = None if self.poles is None else self.poles.response
+        if response is None or self.limits:
+            judged = None if self.verdict is None else self.verdict.curves
+            if judged is not None or response is None:
+                return judged
+        return response.curves(response.rise if window == "rise" else response.stop)
+
+    def outputs_part(self, window: str) -> Part:
+        """Return the part of the page with the outputs, as far as they are known."""
+        curves = self.curves(window)
+        if curves is None:
+            return {}
+        other = None if self.other is None else self.other.curves
+        return {"outputs": chart_part(outputs_chart(curves, other, self.rest, window))}
+
+    def later_outputs(self, window: str) -> Part:
+        """Return the curves that came with the verdict, if they are better than the first."""
+        has_first = self.poles is not None and self.poles.response is not None
+        return {} if has_first and not self.limits else self.outputs_part(window)
+
+
+def look_at(start: Start, settings: Settings, window: str) -> Look:
+    """Return what is fast: the board at rest and, of a small linear board, poles and curves.
+
+    Raises
+    ------
+    InputError, NoVerdictError
+        As `view_rest` and `view_poles`.
+    """
+    scene = settings.scene(start)
+    rest = view_rest(scene, settings.problem(start, scene))
+    look, part = Look(settings, scene, rest), rest_part(rest)
+    if not rest.is_large:  # the poles of a large board take longer than a movement of the hand
+        look, more = look.with_poles(window)
+        part |= more
+    return replace(look, part=part)
