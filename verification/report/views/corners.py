@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.report.blocks import (
+    BOTH,
     PAGE,
     TERMINAL,
     Block,
@@ -16,6 +18,7 @@ from taction.verification.report.blocks import (
     Range,
     Ranges,
     Section,
+    Shown,
     Table,
 )
 from taction.verification.report.texts import counted, number_cell, outcome_cell, spaced
@@ -36,7 +39,6 @@ def view(scene: Scene, study: CornerStudy) -> Page:
     outcomes = [corner.result.outcome for corner in corners]
     outcome = next((each for each in WORST if each in outcomes), "")
     counts = ", ".join(f"{outcomes.count(each)} {each}" for each in WORST if each in outcomes)
-    short, whole = (directions(study, most) for most in (SHOWN, len(study.directions)))
     return Page(
         title=scene.name,
         command="taction corners",
@@ -45,10 +47,9 @@ def view(scene: Scene, study: CornerStudy) -> Page:
         lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
         sections=(
             Section("Least, typical and largest values", lambda: _ranges(scene, corners)),
-            Section("Corners", tuple(tables(quantities(scene), corners)), media=(TERMINAL, PAGE)),
-            Section("Channels at rest", tuple(short), media=(TERMINAL,)),
-            Section("Channels at rest", tuple(whole)),
-            Section("Deviations", tuple(_deviations(corners))),
+            Section("Corners", tuple(tables(quantities(scene), corners)), media=BOTH),
+            Section("Channels at rest", (directions(study),), media=BOTH),
+            Section("Deviations", (_deviations(corners),)),
             origin_section(scene),
         ),
     )
@@ -76,19 +77,18 @@ def _range(scene: Scene, quantity: Quantity, corners: Sequence[Corner]) -> Range
 
 def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Block]:
     """Yield the corners with their values, and why they do not pass."""
-    names = (spaced(each.name) for each in reported)
-    rows = tuple(
-        (
-            Cell(_name(corner)),
-            outcome_cell(corner.result.outcome),
-            *(number_cell(corner.result.value(each.name), each.unit) for each in reported),
-        )
-        for corner in corners
-    )
-    yield Table("Corners", ("corner", "outcome", *names), rows)
-    lines = tuple(line for corner in corners if (line := _remark(corner)))
-    if lines:
-        yield Notes("Why, and most moved by", lines)
+    columns: dict[str, Callable[[Corner], Shown]] = {
+        "corner": _name,
+        "outcome": lambda corner: outcome_cell(corner.result.outcome),
+    }
+    for each in reported:
+        columns[spaced(each.name)] = partial(_quantity, each)
+    yield Table.of("Corners", corners, columns)
+    yield Notes("Why, and most moved by", tuple(filter(None, map(_remark, corners))))
+
+
+def _quantity(quantity: Quantity, corner: Corner) -> Cell:
+    return number_cell(corner.result.value(quantity.name), quantity.unit)
 
 
 def _name(corner: Corner) -> str:
@@ -107,38 +107,31 @@ def _remark(corner: Corner) -> str:
     return f"{_name(corner)}: {'; '.join(filter(None, remarks))}" if any(remarks) else ""
 
 
-def directions(study: CornerStudy, most: int) -> Iterator[Block]:
-    """Yield the `most` largest errors of the channels at rest."""
-    rows = tuple(
-        (
-            Cell(f"u{each.channel}", each.channel),
-            Cell("above" if each.sign > 0 else "below"),
-            number_cell(each.predicted, "step"),
-            number_cell(each.solved, "step"),
-            Cell(" ".join(each.largest)),
-        )
-        for each in study.directions[:most]
-    )
-    if rows:
-        titles = ("channel", "side of the reference", "first order", "solved", "most moved by")
-        more = len(study.directions) - most
-        note = "Worst-case errors at rest, from the signs of the sensitivities."
-        note += f" {more} smaller ones: --json." if more > 0 else ""
-        yield Table("Largest error of each channel at rest", titles, rows, note)
+def directions(study: CornerStudy) -> Table:
+    """Return the errors of the channels at rest, the largest first."""
+    columns = {
+        "channel": lambda each: Cell(f"u{each.channel}", each.channel),
+        "side of the reference": lambda each: "above" if each.sign > 0 else "below",
+        "first order": lambda each: number_cell(each.predicted, "step"),
+        "solved": lambda each: number_cell(each.solved, "step"),
+        "most moved by": lambda each: " ".join(each.largest),
+    }
+    note, title = "Worst-case errors at rest, from the signs of the sensitivities.", "Largest error"
+    most, more = {TERMINAL: SHOWN}, "{} smaller ones: --json."
+    return Table.of(f"{title} of each channel at rest", study.directions, columns, note, most, more)
 
 
-def _deviations(corners: Sequence[Corner]) -> Iterator[Block]:
-    """Yield one table of the deviations, in tolerances, with a column for each corner."""
+def _deviations(corners: Sequence[Corner]) -> Table:
+    """Return the deviations, in tolerances, with a column for each corner."""
     moved = [corner for corner in corners if corner.deviations]
     names = list(dict.fromkeys(name for corner in moved for name in corner.deviations))
-    rows = tuple(
-        (Cell(name), *(_deviation(corner.deviations.get(name)) for corner in moved))
-        for name in names[:MOST]
-    )
-    more = len(names) - MOST
-    note = "In tolerances of the part." + (f" {more} more parts: --json." if more > 0 else "")
-    yield Table("Deviations", ("part", *map(_name, moved)), rows, note)
+    columns: dict[str, Callable[[str], Shown]] = {"part": str}
+    for corner in moved:
+        columns[_name(corner)] = partial(_deviation, corner)
+    note, most = "In tolerances of the part.", {PAGE: MOST}
+    return Table.of("Deviations", names, columns, note, most, "{} more parts: --json.")
 
 
-def _deviation(value: float | None) -> Cell:
-    return Cell("–") if value is None else Cell(f"{value:+g}", value)
+def _deviation(corner: Corner, part: str) -> Cell | None:
+    value = corner.deviations.get(part)
+    return None if value is None else Cell(f"{value:+g}", value)

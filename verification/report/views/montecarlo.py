@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.verification.report.blocks import (
+    EVERYWHERE,
     NOTEBOOK,
-    PAGE,
     TERMINAL,
     Block,
     Cell,
@@ -41,14 +41,12 @@ from taction.verification.studies.tolerance.yield_report import Spread, YieldRep
 BINS = 40  # of a histogram, at most
 CULPRITS = 12  # parts of a chart
 SHOWN = 10  # sensitivities in a terminal
-REASONS = 3  # for samples without a verdict in a terminal, the most frequent first
 ACROSS = 3  # charts side by side in a picture
 PANEL = (4.3, 2.9)  # of a chart of the picture, inches
 FAR = 1.5  # times the range of the values: a limit farther away is an arrow
 SAME = 1e-9  # relative: values that are one value
 UNITS = {"ratio": ""}
 MARGIN = 1.15  # of the largest value or limit: the width of a spread
-EVERYWHERE = (TERMINAL, PAGE, NOTEBOOK)
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
 
 
@@ -63,8 +61,7 @@ def view(scene: Scene, result: YieldReport, samples: Sequence[BoardSample], seed
         Of the samples.
     """
     rows = (("seed", str(seed)), ("samples", str(result.samples)))
-    quantities = (_quantities(result),) if result.samples else ()
-    few = tuple(_sensitivities(result, SHOWN))
+    remedy = () if result.remedy is None else (remedy_text(result.remedy),)
     return Page(
         title=scene.name,
         command="taction montecarlo",
@@ -72,16 +69,15 @@ def view(scene: Scene, result: YieldReport, samples: Sequence[BoardSample], seed
         summary=_summary(result),
         lines=(f"{result.passed} of {result.samples} boards pass; seed {seed}.",),
         sections=(
-            Section("Yield", tuple(_interval(result))),
+            Section("Yield", (_interval(result),)),
             Section("Samples", (_shares(result),), media=(NOTEBOOK,)),
             Section("Checks that do not pass", tuple(_failures(result)), media=EVERYWHERE),
-            Section("Spread and limits", tuple(_ranges(result))),
-            Section("Quantities", quantities, media=EVERYWHERE),
+            Section("Spread and limits", (_ranges(result),)),
+            Section("Quantities", (_quantities(result),), media=EVERYWHERE),
             Section("Histograms", lambda: _histograms(result, samples)),
-            Section("Culprits", lambda: _culprits(result)),
-            Section("Sensitivities", few, media=(TERMINAL, NOTEBOOK)),
-            Section("Sensitivities", tuple(_sensitivities(result, len(result.sensitivities)))),
-            Section("What to buy better", tuple(_remedy(result)), media=EVERYWHERE),
+            Section("Culprits", lambda: (_culprits(result),)),
+            Section("Sensitivities", (_sensitivities(result),), media=EVERYWHERE),
+            Section("What to buy better", (Notes("", remedy),), media=EVERYWHERE),
             origin_section(scene, rows),
         ),
         sheet=lambda: sheet(scene.name, result, samples),
@@ -90,15 +86,12 @@ def view(scene: Scene, result: YieldReport, samples: Sequence[BoardSample], seed
 
 def sheet(name: str, result: YieldReport, samples: Sequence[BoardSample]) -> Sheet:
     """Return what the picture of a yield shows: a histogram each quantity, and the culprits."""
-    blocks = [*_histograms(result, samples), *_culprits(result)]
-    count = min(len(blocks), ACROSS)
-    columns = tuple(tuple(blocks[k::count]) for k in range(count))
-    size = (PANEL[0] * count, PANEL[1] * max(map(len, columns)) + 0.5)
     foot = ""
     if result.remedy is not None and result.remedy.what:
         foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction)}"
     passed = f"{name}: {result.passed} of {result.samples} boards pass. {_summary(result)}"
-    return Sheet(passed, columns, size=size, foot=foot)
+    blocks = [*_histograms(result, samples), _culprits(result)]
+    return Sheet.of(passed, blocks, ACROSS, PANEL, (0.0, 0.5), foot)
 
 
 def _summary(result: YieldReport) -> str:
@@ -108,15 +101,15 @@ def _summary(result: YieldReport) -> str:
     return f"Yield {percent(result.fraction)}, 95 % interval {low} to {high}."
 
 
-def _interval(result: YieldReport) -> Iterator[Block]:
+def _interval(result: YieldReport) -> Ranges | None:
     if not result.samples:
-        return
+        return None
     texts = (
         f"95 % interval {percent(result.low)} to {percent(result.high)}",
         f"estimate {percent(result.fraction)}",
     )
     row = Range("yield, from 0 to 100 %", result.low, result.fraction, result.high, (), "", texts)
-    yield Ranges("", (row,))
+    return Ranges("", (row,))
 
 
 def _shares(result: YieldReport) -> Shares:
@@ -126,40 +119,39 @@ def _shares(result: YieldReport) -> Shares:
 
 
 def _failures(result: YieldReport) -> Iterator[Block]:
-    if result.failures:
-        cells = tuple(
-            (Cell(spaced(name)), Cell(str(count), count), Cell(percent(count / result.samples)))
-            for name, count in result.failures.items()
-        )
-        yield Table("Checks that do not pass", ("check", "samples", "of all"), cells)
+    columns = {
+        "check": lambda each: spaced(each[0]),
+        "samples": lambda each: each[1],
+        "of all": lambda each: percent(each[1] / result.samples),
+    }
+    yield Table.of("Checks that do not pass", result.failures.items(), columns)
     if result.without_verdict:
         text = f"{counted(result.without_verdict, 'sample')} without a verdict count as failed."
         lines = (f"{count} samples: {reason}" for reason, count in result.reasons.items())
         yield Notes("Samples without a verdict", (text, *lines))
 
 
-def _ranges(result: YieldReport) -> Iterator[Block]:
-    rows = [row for spread in result.quantities if (row := _range(spread)) is not None]
-    if rows:
-        note = (
-            "The bar goes from the 5th to the 95th percentile, the line in it is the median, the"
-            " black line the limit. Hatched: beyond the limit."
-        )
-        title = "5th percentile, median and 95th percentile against the limits"
-        yield Ranges(title, tuple(rows), note)
+def _ranges(result: YieldReport) -> Ranges:
+    spreads = (
+        (each, {"5th percentile": each.low, "median": each.median, "95th": each.high})
+        for each in result.quantities
+    )
+    rows = tuple(
+        value_range(each.name, each.unit, values, (each.at_least, each.at_most))
+        for each, values in spreads
+        if all(map(math.isfinite, values.values()))
+    )
+    note = (
+        "The bar goes from the 5th to the 95th percentile, the line in it is the median, the"
+        " black line the limit. Hatched: beyond the limit."
+    )
+    return Ranges("5th percentile, median and 95th percentile against the limits", rows, note)
 
 
-def _range(spread: Spread) -> Range | None:
-    values = {"5th percentile": spread.low, "median": spread.median, "95th": spread.high}
-    if not all(map(math.isfinite, values.values())):
-        return None
-    return value_range(spread.name, spread.unit, values, (spread.at_least, spread.at_most))
-
-
-def _is_beyond(value: float, limits: Limits) -> bool:
-    """Whether a value is outside its limits."""
+def _ends(limits: Limits) -> tuple[float, float]:
+    """Return the least and the largest accepted value, infinite without a limit."""
     least, most = limits
-    return (least is not None and value < least) or (most is not None and value > most)
+    return -math.inf if least is None else least, math.inf if most is None else most
 
 
 def value_range(
@@ -185,7 +177,8 @@ def value_range(
     bottom = min(0.0, low, *known)
     top = MARGIN * max(0.0, high, *known)
     width = (top - bottom) or 1.0
-    fails = _is_beyond(low, limits) or _is_beyond(high, limits) or bool(missing)
+    least, most = _ends(limits)
+    fails = min(low, high) < least or max(low, high) > most or bool(missing)
     texts = [f"{title} {figure(value, unit)}" for title, value in values.items()]
     texts += [f"limit {figure(limit, unit)}" for limit in known]
     return Range(
@@ -200,19 +193,20 @@ def value_range(
 
 
 def _quantities(result: YieldReport) -> Table:
-    titles = ("quantity", "at least", "at most", "5 %", "median", "95 %", "missing")
-    rows = tuple(
-        (
-            Cell(spaced(each.name)),
-            *(
-                number_cell(value, each.unit)
-                for value in (each.at_least, each.at_most, each.low, each.median, each.high)
-            ),
-            Cell(str(each.missing), each.missing),
-        )
-        for each in result.quantities
-    )
-    return Table("Quantities", titles, rows, "5 % and 95 %: percentiles of the samples.")
+    def number(name: str) -> Callable[[Spread], Cell]:
+        return lambda each: number_cell(getattr(each, name), each.unit)
+
+    columns = {
+        "quantity": lambda each: spaced(each.name),
+        "at least": number("at_least"),
+        "at most": number("at_most"),
+        "5 %": number("low"),
+        "median": number("median"),
+        "95 %": number("high"),
+        "missing": lambda each: each.missing,
+    }
+    shown = result.quantities if result.samples else ()
+    return Table.of("Quantities", shown, columns, "5 % and 95 %: percentiles of the samples.")
 
 
 def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator[Block]:
@@ -229,8 +223,8 @@ def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator
 
 def _histogram(spread: Spread, values: Floats) -> Chart:
     limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
-    fails = [_is_beyond(value, (spread.at_least, spread.at_most)) for value in values.tolist()]
-    beyond, edges = np.array(fails), _edges(values, limits)
+    least, most = _ends((spread.at_least, spread.at_most))
+    beyond, edges = (values < least) | (values > most), _edges(values, limits)
     width = float(edges[1] - edges[0])
     low, high = float(edges[0]) - width, float(edges[-1]) + width
     reach = FAR * (high - low)
@@ -244,9 +238,9 @@ def _histogram(spread: Spread, values: Floats) -> Chart:
     if spread.at_least is not None:
         marks.append(Band(min(ends[0], low - reach), spread.at_least, "x", colour="fail"))
     marks += _bars(values, beyond, edges)
-    if any(limit > high for limit in limits if limit not in near):
+    if any(limit > high + reach for limit in limits):
         marks.append(Text("limit →", None, None, ("left", "below")))
-    if any(limit < low for limit in limits if limit not in near):
+    if any(limit < low - reach for limit in limits):
         marks.append(Text("← limit", None, None, ("right", "below")))
     message = "no limit"
     if limits:
@@ -299,24 +293,28 @@ def _edges(values: Floats, limits: list[float]) -> Floats:
     return np.asarray(inside[0] + width * np.arange(-before, after + 1))
 
 
-def _culprits(result: YieldReport) -> Iterator[Block]:
+def _culprits(result: YieldReport) -> Block:
     shown = result.sensitivities[:CULPRITS]
     if not shown:
         text = "No part has an influence that stands out of the scatter of these samples."
-        yield Notes("Components behind the spread", (text,))
-        return
-    names = tuple(f"{each.parameter}, {spaced(each.quantity)}" for each in shown)
+        return Notes("Components behind the spread", (text,))
     shares = np.array([100.0 * each.correlation**2 for each in shown])
     rising = [each.correlation > 0.0 for each in shown]
-    texts = tuple(
-        f"{'+' if up else '−'} {share:.0f} %" for up, share in zip(rising, shares, strict=True)
+    bars = Columns(
+        np.arange(float(len(shown))),
+        shares,
+        "y",
+        looks=tuple("pass" if up else "fail" for up in rising),
+        written=tuple(
+            f"{'+' if up else '−'} {share:.0f} %" for up, share in zip(rising, shares, strict=True)
+        ),
     )
-    looks = tuple("pass" if up else "fail" for up in rising)
-    yield Chart(
+    names = tuple(f"{each.parameter}, {spaced(each.quantity)}" for each in shown)
+    return Chart(
         "Components behind the spread",
         Axis("share of the variance (%)", limits=(0.0, 1.25 * float(shares.max()))),
         Axis(scale="names", names=names, reverse=True),
-        (Columns(np.arange(float(len(shown))), shares, "y", looks=looks, written=texts),),
+        (bars,),
         summary=(
             "Parts with the largest share of the variance of a quantity. Solid with +: the"
             " quantity grows with the part; hatched with −: it falls."
@@ -327,25 +325,22 @@ def _culprits(result: YieldReport) -> Iterator[Block]:
     )
 
 
-def _sensitivities(result: YieldReport, most: int) -> Iterator[Block]:
-    rows = tuple(
-        (
-            Cell(spaced(s.quantity) + ("" if s.channel is None else f", channel {s.channel}")),
-            Cell(s.parameter),
-            Cell(spaced(s.kind)),
-            Cell(f"{s.correlation:+.2f} ± {s.standard_error:.2f}", s.correlation),
-            Cell(f"{100 * s.correlation**2:.0f} %", s.correlation**2),
-        )
-        for s in result.sensitivities[:most]
-    )
-    if rows:
-        titles = ("quantity", "part", "kind", "correlation", "of the variance")
-        yield Table("Sensitivities", titles, rows)
-
-
-def _remedy(result: YieldReport) -> Iterator[Block]:
-    if result.remedy is not None:
-        yield Notes("", (remedy_text(result.remedy),))
+def _sensitivities(result: YieldReport) -> Table:
+    columns = {
+        "quantity": lambda each: (
+            spaced(each.quantity) + ("" if each.channel is None else f", channel {each.channel}")
+        ),
+        "part": lambda each: each.parameter,
+        "kind": lambda each: spaced(each.kind),
+        "correlation": lambda each: Cell(
+            f"{each.correlation:+.2f} ± {each.standard_error:.2f}", each.correlation
+        ),
+        "of the variance": lambda each: Cell(
+            f"{100 * each.correlation**2:.0f} %", each.correlation**2
+        ),
+    }
+    few = {TERMINAL: SHOWN, NOTEBOOK: SHOWN}
+    return Table.of("Sensitivities", result.sensitivities, columns, most=few)
 
 
 def remedy_text(remedy: Remedy) -> str:
