@@ -89,7 +89,7 @@ def _verified_text(found: _Verified, console: Console) -> None:
 
 
 def _verified_page(found: _Verified, **more: Any) -> Any:
-    from taction.verification.report.verdict.remedies import remedies_text
+    from taction.verification.report.views.remedies import remedies_text
     from taction.verification.report.views.verdict import view
 
     remedies = found.remedies
@@ -100,7 +100,7 @@ def _verified_page(found: _Verified, **more: Any) -> Any:
 def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
     """Print errors and warnings as GitHub shows them at the files."""
     if call.options["annotate"]:
-        from taction.verification.report.files.annotations import annotation_lines
+        from taction.verification.report.junit import annotation_lines
 
         for document in documents:
             for line in annotation_lines(document):
@@ -243,7 +243,7 @@ def _nothing(found: Any, console: Console) -> None:
 
 def _check_export(call: Call) -> None:
     if call.options["output"] is not None:
-        from taction.verification.report.verdict.waveform_files import check_export
+        from taction.verification.report.waveform_files import check_export
 
         check_export(call.options["output"])
 

@@ -405,7 +405,7 @@ STRESS = Command(
         text=printed(f"{REPORT}.views.stress:view"),
         outputs=(
             text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:stress_junit"),
-            text_file("page", "Write a page in Markdown.", f"{REPORT}.stress.page:stress_page"),
+            text_file("page", "Write a page in Markdown.", f"{REPORT}.views.stress:stress_page"),
         ),
     ),
     parameters=(option("only", multiple=True, metavar="NAME"), JOBS),
@@ -442,7 +442,7 @@ def _make_folder(call: Call) -> None:
 def _write_paper(found: Any, call: Call) -> list[str]:
     if call.options["output"] is None:
         return []
-    from taction.verification.report.paper.report import write_paper
+    from taction.verification.report.views.paper import write_paper
 
     names = write_paper(found, call.options["output"])
     return [f"{', '.join(names)} into {call.options['output']}"]

@@ -86,7 +86,7 @@ def simulate(
     from taction.results import Simulated
     from taction.system.errors import Complaint, InputError
     from taction.verification.reference.ideal_answer import read_scene
-    from taction.verification.report.verdict.waveform_files import check_export, export
+    from taction.verification.report.waveform_files import check_export, export
     from taction.verification.verdict.recording import record_transient
 
     scene = read_scene(scene, engine)

@@ -1,4 +1,4 @@
-"""Verdicts, regressions and stress cases as JUnit XML, for the reporters of Jenkins and GitLab.
+"""Results for CI: JUnit XML for Jenkins and GitLab, workflow commands for GitHub Actions.
 
 Every study is a list of suites of tests: a scene is a suite, and each of its checks is a test. A
 failed check is a failure, an undecided one an error, and what was not run is skipped.
@@ -17,6 +17,7 @@ from taction.system.documents import plain
 from taction.verification.evidence.stress.catalogue import FOLDER
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
 from taction.verification.report.texts import value_text
+from taction.verification.report.views.files import Document, reasons
 from taction.verification.report.views.regression import change_line, remarks
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
@@ -206,3 +207,28 @@ def _case_test(run: CaseRun) -> JUnitTest:
         return JUnitTest(name, "skipped", run.reason or run.judgement.value)
     message = f"{run.judgement.value}: {run.reason}"
     return JUnitTest(name, "failure", message, f"{message}\nhard because {run.case.why}")
+
+
+_MESSAGE = {"%": "%25", "\r": "%0D", "\n": "%0A"}
+_PROPERTY = _MESSAGE | {":": "%3A", ",": "%2C"}
+
+
+def annotation_lines(document: Document) -> Iterator[str]:
+    """Yield an error for each reason why a file does not pass, and a warning for each warning.
+
+    Examples
+    --------
+    >>> bad = {"file": "a.toml", "outcome": "bad input", "error": {"message": "50%"}}
+    >>> list(annotation_lines(bad))
+    ['::error file=a.toml,title=taction verify (bad input)::50%25']
+    """
+    file = _escaped(document["file"], _PROPERTY)
+    title = _escaped(f"taction verify ({document['outcome']})", _PROPERTY)
+    for reason in reasons(document):
+        yield f"::error file={file},title={title}::{_escaped(reason, _MESSAGE)}"
+    for warning in document.get("warnings", ()):
+        yield f"::warning file={file},title=taction verify::{_escaped(warning, _MESSAGE)}"
+
+
+def _escaped(text: str, codes: dict[str, str]) -> str:
+    return "".join(codes.get(character, character) for character in text)

@@ -19,7 +19,7 @@ from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import Trials
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.documents.verdict import WhatToChange
-from taction.verification.report.verdict.remedies import (
+from taction.verification.report.views.remedies import (
     distance_text,
     remedies_text,
 )

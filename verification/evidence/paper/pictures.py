@@ -1,4 +1,4 @@
-"""Pictures of the paper's reproduction as plain data; `verification.report.paper` draws them."""
+"""Pictures of the reproduction as plain data; `verification.report.views.paper` draws them."""
 
 from __future__ import annotations
 

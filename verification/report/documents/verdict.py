@@ -27,7 +27,7 @@ from taction.system.documents import (
 from taction.system.error_document import Failure
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.constraint_stage import ConstraintPlane
-from taction.verification.report.verdict.scene_keys import KeyValue, scene_keys
+from taction.verification.report.documents.scene_keys import KeyValue, scene_keys
 from taction.verification.stability.margin import Margin
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.error_budget import ErrorBudget
@@ -70,7 +70,7 @@ class RangePart:
     @classmethod
     def of(cls, found: StableRange) -> RangePart:
         """Return the range in numbers and in words."""
-        from taction.verification.report.verdict.remedies import distance_text
+        from taction.verification.report.views.remedies import distance_text
 
         return taken(cls, found, text=distance_text(found), doubt="")
 

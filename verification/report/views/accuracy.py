@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,14 +10,14 @@ import numpy as np
 
 from taction.system.quantities import readable
 from taction.verification.report.blocks import (
-    PAGE,
-    TERMINAL,
+    BOTH,
     Block,
     Cell,
     Notes,
     Page,
     Section,
     Sheet,
+    Shown,
     Table,
 )
 from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark
@@ -42,7 +42,6 @@ TITLES = {
 MARKS = ("circle", "square", "diamond", "triangle-down", "triangle-up", "star", "cross", "hexagon")
 LINES: tuple[Line, ...] = ("solid", "dash", "dot", "dashdot")
 LOWEST = 1e-15  # place of an error of exactly 0
-BOTH = (TERMINAL, PAGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +62,6 @@ def view(study: WorkPrecisionStudy) -> Page:
             Section(title, partial(_charts, study, name)),
             Section(f"Runs: {PROBLEMS[name]}", tuple(_runs(study, name)), media=BOTH),
         ]
-    omissions = Notes("", study.omissions)
     took = f"the study took {quantity(study.seconds, 's', 3)}"
     machine = [f"{k} {v}" for k, v in study.machine.items() if v is not None]
     return Page(
@@ -76,7 +74,7 @@ def view(study: WorkPrecisionStudy) -> Page:
             *sections,
             Section("Order of convergence", (_orders(study),), media=BOTH),
             Section("Cheapest settings", (_cheapest(study),), media=BOTH),
-            Section("Left out", (omissions,) if study.omissions else (), media=BOTH),
+            Section("Left out", (Notes("", study.omissions),), media=BOTH),
             origin_section(study.scene, (("the study took", quantity(study.seconds, "s", 3)),)),
         ),
         foot=("; ".join(filter(None, (", ".join(machine), took))),),
@@ -123,13 +121,10 @@ def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
 
 
 def _sheet(study: WorkPrecisionStudy) -> Sheet:
-    left, right = [], []
-    for problem in (name for name in PROBLEMS if name in study.problems):
-        left.append(_work(study, problem))
-        right.append(_steps(study, problem))
+    problems = [name for name in PROBLEMS if name in study.problems]
+    charts = [draw(study, name) for name in problems for draw in (_work, _steps)]
     title = f"{study.scene.name}: {study.extent.text}"
-    size = (12.0, 4.6 * max(len(left), 1) + 0.4)
-    return Sheet(title, (tuple(left), tuple(right)), size=size)
+    return Sheet.of(title, charts, 2, (6.0, 4.6), (0.0, 0.4))
 
 
 ERROR = Axis("largest error over time (of the step)", scale="log")
@@ -137,11 +132,12 @@ ERROR = Axis("largest error over time (of the step)", scale="log")
 
 def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
     """Return the errors over the run times; a bar goes from the fastest to the slowest run."""
+    methods, late = _methods(study, problem), list[Curve]()
     marks: list[Mark] = []
     if floor := study.problems[problem].floor["maximum"]:
         marks.append(Limit(floor, "y", "error of the reference", "muted"))
-    late: list[SettingResult] = []
-    for method, look in _methods(study, problem).items():
+    top = max((float(_errors(_known(study, m)).max(initial=1.0)) for m in methods), default=1.0)
+    for method, look in methods.items():
         points = _known(study, method)
         times = np.array([(p.seconds, p.fastest, p.slowest) for p in points], dtype=np.float64)
         middle, *ends = times.reshape(-1, 3).T
@@ -152,25 +148,21 @@ def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
                 width=1.2, hover=texts, spread=np.array(ends),
             )
         )  # fmt: skip
-        late += [p for p in study.of(method) if p.status == "timeout" and p.seconds is not None]
-    top = _top(study, problem)
-    for point in late:  # at the upper edge, since the error of this run has no bound
-        colour, text = (
-            _methods(study, problem)[point.method].colour,
-            f"timed out at {point.name}",
-        )
-        seconds = np.array([point.seconds], dtype=np.float64)
-        marks.append(
-            Curve(
-                seconds, np.array([top]), text, colour, "", "x", size=9.0, label="",
-                hover=(text,), written=(text,),
-            )
-        )  # fmt: skip
+        for point in study.of(method):
+            if point.status == "timeout" and point.seconds is not None:
+                # At the upper edge, since the error of this run has no bound.
+                text = f"timed out at {point.name}"
+                late.append(
+                    Curve(
+                        np.array([point.seconds]), np.array([top]), text, look.colour, "", "x",
+                        size=9.0, label="", hover=(text,), written=(text,),
+                    )
+                )  # fmt: skip
     return Chart(
         f"Runs by time and error, {PROBLEMS[problem]}",
         Axis("wall time, median", "s", "log"),
         ERROR,
-        tuple(marks),
+        (*marks, *late),
         message=_best(study, problem),
         summary=(
             "Each mark is one setting of a method: further left is faster, further down is more"
@@ -179,11 +171,6 @@ def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
         ),
         height=460,
     )
-
-
-def _top(study: WorkPrecisionStudy, problem: str) -> float:
-    points = [p for method in _methods(study, problem) for p in _known(study, method)]
-    return float(_errors(points).max(initial=1.0))
 
 
 def _errors(points: list[SettingResult]) -> np.ndarray:
@@ -255,38 +242,36 @@ def _open(mark: str) -> str:
 
 
 def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
-    methods = _methods(study, problem)
-    points = [point for method in methods for point in study.of(method)]
-    norms = [n for n in NORMS if any(p.errors[n] is not None for p in points)]
-    titles = ("method", "setting", "status", "time", "fastest", "slowest", "runs", "steps")
-    rows = tuple(
-        (
-            Cell(point.method.name),
-            Cell(f"{point.setting:g}" if point.method.setting else "–", point.setting),
-            Cell(point.status),
-            *(number_cell(t, "s", 3) for t in (point.seconds, point.fastest, point.slowest)),
-            *map(_count, (point.repeats, point.steps, point.factorisations)),
-            *(_error(point.errors[norm]) for norm in norms),
-        )
-        for point in points
-    )
-    yield Table(
-        f"Wall times and errors of {PROBLEMS[problem]}",
-        (*titles, "factorisations", *(TITLES[norm] for norm in norms)),
-        rows,
-        _scale_text(study, problem),
-    )
-    notes = tuple(f"{p.method.name}, {p.name}: {p.status} {p.note}" for p in points if p.note)
-    if notes:
-        yield Notes("", notes)
+    points = [point for method in _methods(study, problem) for point in study.of(method)]
+    columns: dict[str, Callable[[SettingResult], Shown]] = {
+        "method": lambda each: each.method.name,
+        "setting": lambda each: Cell(
+            f"{each.setting:g}" if each.method.setting else "–", each.setting
+        ),
+        "status": lambda each: each.status,
+        "time": lambda each: number_cell(each.seconds, "s", 3),
+        "fastest": lambda each: number_cell(each.fastest, "s", 3),
+        "slowest": lambda each: number_cell(each.slowest, "s", 3),
+        "runs": lambda each: each.repeats,
+        "steps": lambda each: each.steps,
+        "factorisations": lambda each: each.factorisations,
+    }
+    for norm in NORMS:
+        if any(point.errors[norm] is not None for point in points):
+            columns[TITLES[norm]] = partial(_error, norm)
+    title = f"Wall times and errors of {PROBLEMS[problem]}"
+    yield Table.of(title, points, columns, _scale_text(study, problem))
+    notes = (f"{p.method.name}, {p.name}: {p.status} {p.note}" for p in points if p.note)
+    yield Notes("", tuple(notes))
 
 
-def _count(value: int | None) -> Cell:
-    return Cell("–" if value is None else str(value), value)
+def _error(norm: str, point: SettingResult) -> Cell:
+    value = point.errors[norm]
+    return Cell(_power(value), value)
 
 
-def _error(value: float | None) -> Cell:
-    return Cell("–") if value is None else Cell(f"{value:.1e}", value)
+def _power(value: float | None) -> str:
+    return "–" if value is None else f"{value:.1e}"
 
 
 def _scale_text(study: WorkPrecisionStudy, problem: str) -> str:
@@ -299,22 +284,22 @@ def _scale_text(study: WorkPrecisionStudy, problem: str) -> str:
     text = f"Errors are fractions of the step. Reference: {errors.references[0]}"
     if len(errors.references) > 1:
         text += f", checked by {errors.references[1]}; the largest difference of the two is"
-        text += f" {_error(errors.floor['maximum']).text}"
+        text += f" {_power(errors.floor['maximum'])}"
     return f"{text}; step {quantity(scale.amplitude, 'V')}; ±{100 * scale.band:g} % at {settling}."
 
 
 def _cheapest(study: WorkPrecisionStudy) -> Table:
-    rows = tuple(
-        (
-            Cell(f"{error:.0e}", error),
-            *_choice(study.cheapest(error)),
-            *_choice(study.cheapest(error, engines=["ngspice"])),
-        )
-        for error in ERRORS
-    )
-    titles = ("largest error", "cheapest", "time", "ngspice", "time of ngspice")
+    of_all = {error: _choice(study.cheapest(error)) for error in ERRORS}
+    of_ngspice = {error: _choice(study.cheapest(error, engines=["ngspice"])) for error in ERRORS}
+    columns: dict[str, Callable[[float], Shown]] = {
+        "largest error": lambda error: Cell(f"{error:.0e}", error),
+        "cheapest": lambda error: of_all[error][0],
+        "time": lambda error: of_all[error][1],
+        "ngspice": lambda error: of_ngspice[error][0],
+        "time of ngspice": lambda error: of_ngspice[error][1],
+    }
     note = "Largest error over time on the board, as measured."
-    return Table("Cheapest setting that reaches an error", titles, rows, note)
+    return Table.of("Cheapest setting that reaches an error", ERRORS, columns, note)
 
 
 def _choice(point: SettingResult | None) -> tuple[Cell, Cell]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.design.choose import CAPACITANCE, GAIN, Confirmation, Design
 from taction.verification.report.blocks import (
+    BOTH,
     PAGE,
     TERMINAL,
     Block,
@@ -18,6 +21,7 @@ from taction.verification.report.blocks import (
     Page,
     Section,
     Sheet,
+    Shown,
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Curve, Grid
@@ -38,7 +42,6 @@ LISTED = 500  # designs in the table
 MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
 LOW, HIGH = 0.1, 10.0  # ends of the colours: shares of a limit
 WORST = "Worst: the largest value over its limit; below 1 every check passes."
-BOTH = (TERMINAL, PAGE)
 COMMAND = "taction choose"
 
 
@@ -64,32 +67,30 @@ def view(
     summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
     own = (
         Section("Best designs", tuple(_best(best, confirmations)), WORST, BOTH),
-        Section("Op-amps", (_opamps(designs, SHOWN),), media=(TERMINAL,)),
-        Section("Op-amps", (_opamps(designs, len(designs)),)),
+        Section("Op-amps", (_opamps(designs),), media=BOTH),
         Section("Maps", lambda: _maps(designs, best)),
         Section("All designs", lambda: (_table(designs),)),
     )
-
-    def picture() -> Sheet:
-        return sheet(
-            f"{scene.name}: worst value over its limit, for {len(designs)} designs", designs, best
-        )
-
-    if verdict is None and best:
-        return Page(scene.name, COMMAND, "pass", summary, (), own, sheet=picture)
-    if verdict is None:
-        lines = ("No design passes; the table of op-amps has the nearest of each with its reason.",)
-        return Page(scene.name, COMMAND, "fail", summary, lines, own[1:], sheet=picture)
-    full = verdict_report(verdict, COMMAND)
-    first = _words(best[proposed(confirmations)])
-    return Page(
+    title = f"{scene.name}: worst value over its limit, for {len(designs)} designs"
+    lines = ("No design passes; the table of op-amps has the nearest of each with its reason.",)
+    page = Page(
         title=scene.name,
-        command=full.command,
+        command=COMMAND,
+        outcome="pass" if best else "fail",
+        summary=summary,
+        lines=() if best else lines,
+        sections=own,
+        sheet=lambda: sheet(title, designs, best),
+    )
+    if verdict is None:
+        return page
+    full = verdict_report(verdict, COMMAND)
+    return replace(
+        page,
         outcome=full.outcome,
-        summary=f"{first}. {full.summary} {summary}",
+        summary=f"{_words(best[proposed(confirmations)])}. {full.summary} {summary}",
         lines=(f"In full below: {verdict.scene.name}, {verdict.waveforms.simulator}.", *full.lines),
         sections=(*own, *full.sections),
-        sheet=picture,
     )
 
 
@@ -115,47 +116,33 @@ def _words(design: Design) -> str:
 
 
 def _best(best: Sequence[Design], confirmations: Sequence[Confirmation]) -> Iterator[Block]:
-    noise = _has_noise(best)
-    rows = tuple(
-        (
-            *_cells(design, noise=noise),
-            Cell(_text_of(said), None, said.outcome.value if said.outcome else ""),
-        )
-        for design, said in zip(best, confirmations, strict=True)
+    said = {design.place: each for design, each in zip(best, confirmations, strict=True)}
+
+    def ngspice(design: Design) -> Cell:
+        each = said[design.place]
+        return Cell(_text_of(each), None, each.outcome.value if each.outcome else "")
+
+    yield Table.of("Best designs", best, {**_columns(best), "ngspice": ngspice})
+    reasons = (
+        f"{design.opamp}: {readable(said[design.place].reason)}"
+        for design in best
+        if said[design.place].reason
     )
-    yield Table("Best designs", (*_titles(noise=noise), "ngspice"), rows)
-    reasons = tuple(
-        f"{design.opamp}: {readable(said.reason)}"
-        for design, said in zip(best, confirmations, strict=True)
-        if said.reason
-    )
-    if reasons:
-        yield Notes("What ngspice says", reasons)
+    yield Notes("What ngspice says", tuple(reasons))
 
 
-def _opamps(designs: Sequence[Design], most: int) -> Table:
+def _opamps(designs: Sequence[Design]) -> Table:
     """Return the best design of each op-amp, and why it does not pass."""
-    first = _first_of_each(designs)
-    counts = {d.opamp: sum(each.good for each in designs if each.opamp == d.opamp) for d in first}
-    noise = _has_noise(designs)
-    rows = tuple(
-        (
-            *_cells(each, noise=noise),
-            Cell(str(counts[each.opamp]), counts[each.opamp]),
-            Cell(_why(each)),
-        )
-        for each in first[:most]
-    )
-    more = f"{len(first) - most} more: --json." if first[most:] else ""
-    titles = (*_titles(noise=noise), "passing", "why")
-    return Table("The best design of each op-amp", titles, rows, more)
+    passing = Counter(design.opamp for design in designs if design.good)
+    columns = {**_columns(designs), "passing": lambda each: passing[each.opamp], "why": _why}
+    title, most = "The best design of each op-amp", {TERMINAL: SHOWN}
+    return Table.of(title, _first_of_each(designs), columns, "", most, "{} more: --json.")
 
 
 def _table(designs: Sequence[Design]) -> Table:
-    noise = _has_noise(designs)
-    rows = tuple((*_cells(d, noise=noise), Cell(_why(d))) for d in designs[:LISTED])
-    more = f"The first {LISTED} of {len(designs)}; --json has all." if designs[LISTED:] else ""
-    return Table("Designs, the best first", (*_titles(noise=noise), "why"), rows, more)
+    more = f"The first {LISTED} of {len(designs)}; --json has all."
+    columns = {**_columns(designs), "why": _why}
+    return Table.of("Designs, the best first", designs, columns, "", {PAGE: LISTED}, more)
 
 
 def _why(design: Design) -> str:
@@ -163,28 +150,23 @@ def _why(design: Design) -> str:
     return readable(reason or (design.refused and f"cannot be bought: {design.refused}"))
 
 
-def _has_noise(designs: Sequence[Design]) -> bool:
-    return any(design.noise is not None for design in designs)
-
-
-def _titles(*, noise: bool) -> tuple[str, ...]:
-    names = ("op-amp", "C", "gain", "outcome", "settling", "overshoot", "headroom")
-    return (*names, "noise", "worst") if noise else (*names, "worst")
-
-
-def _cells(design: Design, *, noise: bool) -> tuple[Cell, ...]:
-    farads, ohms = _values(design)
-    return (
-        Cell(design.opamp),
-        Cell(quantity(farads, "F", 3), farads),
-        Cell(quantity(ohms, "ohm", 3), ohms),
-        Cell("no parts", None, "fail") if design.refused else outcome_cell(design.outcome),
-        number_cell(finite(design.settling_time), "s", 3),
-        number_cell(finite(design.overshoot), "step", 3),
-        number_cell(design.headroom, "step", 3),
-        *([number_cell(design.noise, "V", 3)] if noise else []),
-        number_cell(design.worst if design.shares else None, "", 3),
-    )
+def _columns(designs: Sequence[Design]) -> dict[str, Callable[[Design], Shown]]:
+    columns: dict[str, Callable[[Design], Shown]] = {
+        "op-amp": lambda each: each.opamp,
+        "C": lambda each: number_cell(_values(each)[0], "F", 3),
+        "gain": lambda each: number_cell(_values(each)[1], "ohm", 3),
+        "outcome": lambda each: (
+            Cell("no parts", None, "fail") if each.refused else outcome_cell(each.outcome)
+        ),
+        "settling": lambda each: number_cell(finite(each.settling_time), "s", 3),
+        "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
+        "headroom": lambda each: number_cell(each.headroom, "step", 3),
+        "noise": lambda each: number_cell(each.noise, "V", 3),
+        "worst": lambda each: number_cell(each.worst if each.shares else None, "", 3),
+    }
+    if all(design.noise is None for design in designs):
+        del columns["noise"]
+    return columns
 
 
 def _first_of_each(designs: Sequence[Design]) -> list[Design]:
@@ -211,15 +193,11 @@ def _maps(designs: Sequence[Design], best: Sequence[Design]) -> Iterator[Block]:
 def sheet(title: str, designs: Sequence[Design], best: Sequence[Design]) -> Sheet:
     """Return what the picture of a choice shows: a map for each of the best op-amps."""
     blocks = [block for block in _maps(designs, best) if isinstance(block, Chart)]
-    count = max(min(len(blocks), ACROSS), 1)
-    columns = tuple(tuple(blocks[k::count]) for k in range(count))
-    return Sheet(
-        title,
-        columns,
-        size=(2.0 + 3.6 * count, 1.4 + 3.0 * max(map(len, columns))),
-        foot="circle: passes all checks, with parts that can be bought; star: among the best;"
-        " empty: unstable or without a verdict",
+    foot = (
+        "circle: passes all checks, with parts that can be bought; star: among the best;"
+        " empty: unstable or without a verdict"
     )
+    return Sheet.of(title, blocks, ACROSS, (3.6, 3.0), (2.0, 1.4), foot)
 
 
 def _map(name: str, own: Sequence[Design], best: Sequence[Design]) -> Chart:

@@ -2,21 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-from taction.verification.report.blocks import (
-    PAGE,
-    TERMINAL,
-    Block,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
+from taction.verification.report.blocks import BOTH, Block, Cell, Notes, Page, Section, Table
 from taction.verification.report.charts import Outcome
 from taction.verification.report.texts import readable, spaced, value_text
-from taction.verification.studies.difference import KeyDifference, VerdictDifference
+from taction.verification.studies.difference import VerdictDifference
 from taction.verification.verdict.compare import Difference
 
 BEYOND: dict[bool | None, tuple[str, Outcome]] = {
@@ -25,7 +14,6 @@ BEYOND: dict[bool | None, tuple[str, Outcome]] = {
     None: ("unknown", "inconclusive"),
 }
 EXITS: dict[int, Outcome] = {0: "pass", 1: "fail", 3: "inconclusive"}
-BOTH = (TERMINAL, PAGE)
 
 
 def view(difference: VerdictDifference) -> Page:
@@ -38,7 +26,7 @@ def view(difference: VerdictDifference) -> Page:
         lines=(f"A: {difference.first}", f"B: {difference.second}"),
         sections=(
             Section("Keys", (_keys(difference),), media=BOTH),
-            Section("Readings", tuple(_readings(difference)), media=BOTH),
+            Section("Readings", (_readings(difference),), media=BOTH),
         ),
     )
 
@@ -58,30 +46,32 @@ def _keys(difference: VerdictDifference) -> Block:
         return Notes("", ("keys: unknown; a document of an older taction has none",))
     if not difference.keys:
         return Notes("", ("keys: no difference",))
-    return Table("Keys", ("key", "A", "B"), tuple(map(_key_row, difference.keys)))
+    columns = {
+        "key": lambda each: each.key,
+        "A": lambda each: _text(each.first, each.unit or "", 6),
+        "B": lambda each: (
+            _text(each.second, each.unit or "", 6) + " (another content)" * each.content
+        ),
+    }
+    return Table.of("Keys", difference.keys, columns)
 
 
-def _key_row(key: KeyDifference) -> tuple[Cell, ...]:
-    first, second = (_text(value, key.unit or "", 6) for value in (key.first, key.second))
-    return Cell(key.key), Cell(first), Cell(second + " (another content)" * key.content)
+def _readings(difference: VerdictDifference) -> Table:
+    columns = {
+        "reading": _name,
+        "A": lambda each: _text(each.first, each.unit, 6),
+        "B": lambda each: _text(each.second, each.unit, 6),
+        "B - A": lambda each: Cell(_text(each.difference, each.unit, 3), each.difference),
+        "±": lambda each: Cell(_text(each.allowed, each.unit, 2), each.allowed),
+        "beyond ±": lambda each: Cell(BEYOND[each.beyond][0], None, BEYOND[each.beyond][1]),
+    }
+    changed = (each for each in difference.readings if each.first != each.second)
+    return Table.of("Readings", changed, columns)
 
 
-def _readings(difference: VerdictDifference) -> Iterator[Block]:
-    rows = tuple(_row(each) for each in difference.readings if each.first != each.second)
-    if rows:
-        yield Table("Readings", ("reading", "A", "B", "B - A", "±", "beyond ±"), rows)
-
-
-def _row(reading: Difference) -> tuple[Cell, ...]:
+def _name(reading: Difference) -> str:
     name = f"check {spaced(reading.name)}" if reading.group == "checks" else spaced(reading.name)
-    word, outcome = BEYOND[reading.beyond]
-    return (
-        Cell(f"u_{reading.channel} {name}" if reading.channel else name),
-        *(Cell(_text(value, reading.unit, 6)) for value in (reading.first, reading.second)),
-        Cell(_text(reading.difference, reading.unit, 3), reading.difference),
-        Cell(_text(reading.allowed, reading.unit, 2), reading.allowed),
-        Cell(word, None, outcome),
-    )
+    return f"u_{reading.channel} {name}" if reading.channel else name
 
 
 def _text(value: object, unit: str, digits: int) -> str:

@@ -6,24 +6,27 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from taction.verification.report.blocks import PAGE, TERMINAL, Cell, Notes, Page, Section, Table
+from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Table
 from taction.verification.report.charts import OUTCOMES, Outcome
 from taction.verification.report.texts import number_cell, spaced
 from taction.verification.studies.verify_files import VerifiedFiles
 
-TITLES = ("scene", "outcome", "checks", "settling", "overshoot", "time")
-BOTH = (TERMINAL, PAGE)
 Document = Mapping[str, Any]
 
 
 def view(files: VerifiedFiles) -> Page:
     """Return the page of the verdicts of several files."""
     counts = ", ".join(f"{count} {name}" for name, count in files.count().items())
-    table = Table("Scenes", TITLES, tuple(map(_row, files.documents)))
-    remarks = tuple(
-        Notes(f"{document['file']}: {document['outcome']}", lines)
-        for document in files.documents
-        if (lines := tuple(_lines(document)))
+    columns = {
+        "scene": lambda each: each["file"],
+        "outcome": lambda each: Cell(each["outcome"], None, _outcome(each["outcome"])),
+        "checks": _passed,
+        "settling": lambda each: number_cell(each.get("settling_time"), "s"),
+        "overshoot": lambda each: number_cell(_largest(each, "overshoot"), "step"),
+        "time": lambda each: number_cell(each.get("timing", {}).get("total"), "s", 3),
+    }
+    remarks = (
+        Notes(f"{each['file']}: {each['outcome']}", tuple(_lines(each))) for each in files.documents
     )
     return Page(
         title=f"{len(files.documents)} scenes",
@@ -32,8 +35,8 @@ def view(files: VerifiedFiles) -> Page:
         summary=f"{len(files.documents)} scenes: {counts}",
         lines=(),
         sections=(
-            Section("Scenes", (table,), media=BOTH),
-            Section("Remarks", remarks, media=BOTH),
+            Section("Scenes", (Table.of("Scenes", files.documents, columns),), media=BOTH),
+            Section("Remarks", tuple(remarks), media=BOTH),
         ),
     )
 
@@ -41,17 +44,6 @@ def view(files: VerifiedFiles) -> Page:
 def _outcome(name: str) -> Outcome:
     """Return the outcome whose look a file has: bad input looks like a failure."""
     return name if name in OUTCOMES else "fail" if name == "bad input" else "inconclusive"
-
-
-def _row(document: Document) -> tuple[Cell, ...]:
-    return (
-        Cell(document["file"]),
-        Cell(document["outcome"], None, _outcome(document["outcome"])),
-        Cell(_passed(document)),
-        number_cell(document.get("settling_time"), "s"),
-        number_cell(_largest(document, "overshoot"), "step"),
-        number_cell(document.get("timing", {}).get("total"), "s", 3),
-    )
 
 
 def _lines(document: Document) -> Iterator[str]:

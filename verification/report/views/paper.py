@@ -1,12 +1,15 @@
-"""The paper's reproduction: every claim beside what taction finds, with its pictures."""
+"""The reproduction of the paper: every claim beside what taction finds, and a folder of all."""
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
+from taction.system.atomic_files import write_atomically
 from taction.verification.evidence.paper.findings import ClaimOutcome
 from taction.verification.evidence.paper.pictures import Curve as PaperCurve
 from taction.verification.evidence.paper.pictures import Panel, Picture
@@ -33,7 +36,11 @@ from taction.verification.report.charts import (
     Outcome,
     Scale,
 )
+from taction.verification.report.renderers.markdown import line, markdown
+from taction.verification.report.renderers.page import PACKAGES, write_page
+from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.views.origin import plain_origin
+from taction.verification.studies.running.versions import describe_machine
 
 TITLE = "The paper, claim by claim"
 SOURCE = (
@@ -164,3 +171,35 @@ def _curve(curve: PaperCurve) -> Curve:
         size=5.0,
         label="legend" if curve.label else "",
     )
+
+
+MARKDOWN, HTML = "paper.md", "paper.html"
+PAGES = (MARKDOWN, HTML)
+
+
+def write_paper(result: Reproduction, folder: str) -> tuple[str, ...]:
+    """Write `PAGES` and their pictures into `folder`; return the files' names.
+
+    Without the packages of ``taction[report]`` there is no HTML page, and without matplotlib there
+    are no pictures.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+    """
+    page, names = view(result), list[str]()
+    images: dict[str, list[tuple[str, str]]] = {}
+    if importlib.util.find_spec("matplotlib") is not None:
+        for section in result.sections:
+            for picture in section.pictures:
+                draw_sheet(sheet(picture), Path(folder) / f"{picture.name}.png")
+                names.append(f"{picture.name}.png")
+                images.setdefault(section.title, []).append((names[-1], picture.caption))
+    text = markdown(page, medium=TERMINAL, images=images)
+    machine = (f"- {name}: {line(str(value))}" for name, value in describe_machine().items())
+    write_atomically(Path(folder) / MARKDOWN, "\n".join((text, *machine)) + "\n")
+    if all(importlib.util.find_spec(name) for name in PACKAGES):
+        write_page(page, str(Path(folder) / HTML))
+        return (MARKDOWN, HTML, *names)
+    return (MARKDOWN, *names)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from taction.verification.report.blocks import (
+    BOTH,
     PAGE,
     TERMINAL,
     Bars,
@@ -26,8 +27,6 @@ from taction.verification.verdict.compare import Difference
 
 SHOWN = 12  # changed quantities of a scene in a terminal; the page and JSON have them all
 LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number
-SUMMARY = ("scene", "status", "checks", "tolerances off", "simulator", "baseline from")
-CHANGES = ("what", "value", "baseline", "tolerance", "tolerances off", "note")
 OUTCOMES: dict[Status, Outcome] = {
     Status.SAME: "pass",
     Status.NEWLY_PASSING: "pass",
@@ -40,7 +39,6 @@ EXITS: dict[int, Outcome] = {0: "pass", 1: "fail"}
 
 def view(report: RegressionReport) -> Page:
     """Return the page of a regression run."""
-    rows = tuple(map(_row, report.results))
     revision = (("revision", report.revision), ("baseline", report.baseline))
     changes = tuple(block for each in report.results for block in _scene(each, TERMINAL))
     scenes = (
@@ -54,7 +52,7 @@ def view(report: RegressionReport) -> Page:
         summary=headline(report),
         lines=("The run was interrupted.",) if report.interrupted else (),
         sections=(
-            Section("Scenes", (Table("Scenes", SUMMARY, rows),), media=(TERMINAL, PAGE)),
+            Section("Scenes", (_scenes(report.results),), media=BOTH),
             Section("Changes", changes, media=(TERMINAL,)),
             *scenes,
             plain_origin(revision),
@@ -62,19 +60,22 @@ def view(report: RegressionReport) -> Page:
     )
 
 
-def _row(result: SceneResult) -> tuple[Cell, ...]:
-    """Return the row of one scene under the titles `SUMMARY`."""
+def _scenes(results: Sequence[SceneResult]) -> Table:
+    columns = {
+        "scene": lambda each: each.file.removesuffix(".toml"),
+        "status": lambda each: Cell(each.status.value, None, OUTCOMES.get(each.status, "fail")),
+        "checks": _passing,
+        "tolerances off": lambda each: _off(each.worst) if each.differences else None,
+        "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],
+        "baseline from": lambda each: each.baseline and _short(each.baseline.revision),
+    }
+    return Table.of("Scenes", results, columns)
+
+
+def _passing(result: SceneResult) -> str | None:
+    """Return how many checks pass; None without a verdict."""
     passed = sum(check.outcome.value == "pass" for check in result.checks)
-    checks = f"{passed} of {len(result.checks)} pass" if result.checks else "–"
-    off = result.worst if result.differences and math.isfinite(result.worst) else None
-    return (
-        Cell(result.file.removesuffix(".toml")),
-        Cell(result.status.value, None, OUTCOMES.get(result.status, "fail")),
-        Cell(checks),
-        Cell(off_text(result.worst) if result.differences else "–", off),
-        Cell(result.entry.solved_by.partition(",")[0] if result.entry else "–"),
-        Cell(_short(result.baseline.revision) if result.baseline else "–"),
-    )
+    return f"{passed} of {len(result.checks)} pass" if result.checks else None
 
 
 def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
@@ -85,24 +86,22 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
     name = f"{result.file}: {result.status.value}" if medium == TERMINAL else ""
     if lines or name:
         yield Notes(name, tuple(map(readable, lines)))
-    most = SHOWN if medium == TERMINAL else len(result.changes)
-    if result.changes:
-        rows = tuple(map(_change_row, result.changes[:most]))
-        more = len(result.changes) - most
-        note = f"and {more} more (--json has all)" if more > 0 else ""
-        yield Table("" if name else "Changes", CHANGES, rows, note)
+    columns = {
+        "what": lambda each: each.label,
+        "value": lambda each: readable(value_text(each.second, each.unit)),
+        "baseline": lambda each: readable(value_text(each.first, each.unit)),
+        "tolerance": lambda each: readable(value_text(each.allowed, each.unit)),
+        "tolerances off": lambda each: _off(each.off),
+        "note": lambda each: each.note,
+    }
+    title, most = "" if name else "Changes", {TERMINAL: SHOWN}
+    yield Table.of(title, result.changes, columns, "", most, "and {} more (--json has all)")
     if result.checks and medium == PAGE:
         yield Bars("Checks", tuple(check_bar(check) for check in result.checks))
 
 
-def _change_row(change: Difference) -> tuple[Cell, ...]:
-    values = (change.second, change.first, change.allowed)
-    return (
-        Cell(change.label),
-        *(Cell(readable(value_text(value, change.unit))) for value in values),
-        Cell(off_text(change.off), change.off if math.isfinite(change.off) else None),
-        Cell(change.note),
-    )
+def _off(off: float) -> Cell:
+    return Cell(off_text(off), off if math.isfinite(off) else None)
 
 
 def change_line(change: Difference) -> str:

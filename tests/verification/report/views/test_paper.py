@@ -15,8 +15,7 @@ from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.reproduce import Task
 from taction.verification.report.charts import SERIES, Curve
 from taction.verification.report.documents.studies import ReproduceDocument
-from taction.verification.report.paper.report import write_paper
-from taction.verification.report.views.paper import panel_chart
+from taction.verification.report.views.paper import panel_chart, write_paper
 
 PNG = b"\x89PNG\r\n"
 PICTURE = Picture(

@@ -16,8 +16,7 @@ from taction.verification.report.blocks import TERMINAL, Table
 from taction.verification.report.documents.studies import StressDocument
 from taction.verification.report.junit import stress_junit
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.stress.page import stress_page
-from taction.verification.report.views.stress import TITLES, view
+from taction.verification.report.views.stress import TITLES, stress_page, view
 from taction.verification.verdict.checks import Check, Outcome
 from tests.support.paths import DATA, ROOT
 

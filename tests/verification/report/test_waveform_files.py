@@ -21,7 +21,7 @@ from taction.verification.readings.readings import Reading
 from taction.verification.report.documents.verdict import (
     verdict_document,
 )
-from taction.verification.report.verdict.waveform_files import check_export, export
+from taction.verification.report.waveform_files import check_export, export
 from taction.verification.verdict.record import Channel, finite
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.measured import channel

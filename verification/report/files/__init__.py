@@ -1,1 +1,0 @@
-"""The verdicts of several files as a table, JSON, JUnit and annotations."""

@@ -1,1 +1,0 @@
-"""The paper's claims and figures as pages and plots."""

@@ -1,1 +1,0 @@
-"""The stress cases as a table, as JSON, as JUnit XML and as a page."""

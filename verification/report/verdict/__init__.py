@@ -1,1 +1,0 @@
-"""A verdict as table, JSON, plot and waveform files."""
