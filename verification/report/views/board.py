@@ -6,7 +6,7 @@ import hashlib
 
 import numpy as np
 
-from taction.netlist_gen.board.bill_of_materials import PartLine, bill_of_materials
+from taction.netlist_gen.board.bill_of_materials import bill_of_materials
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.kicad.picture import schematic_summary, schematic_svg
@@ -14,16 +14,14 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.quantities import readable, sizes
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.report.blocks import Block, Cell, Code, Drawing, Facts, Notes, Table
+from taction.verification.report.blocks import Block, Code, Drawing, Facts, Notes, Table
 from taction.verification.report.charts import Axis, Chart, Grid
 from taction.verification.report.texts import (
     counted,
-    number_cell,
     opamp_name,
-    percent,
     quantity,
-    text_cells,
 )
+from taction.verification.report.views.parts import nearest_value, part_columns
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.verify import Verdict
 
@@ -124,42 +122,26 @@ def omission_blocks(circuit: Circuit) -> tuple[Block, ...]:
     """Return the parts that the board omits."""
     if not circuit.omissions:
         return (Notes("", ("Nothing was left out.",)),)
-    rows = tuple(text_cells((readable(o.what), readable(o.why))) for o in circuit.omissions)
-    return (Table("Parts that this scene does not need", ("part", "why"), rows),)
+    columns = {"part": lambda each: readable(each.what), "why": lambda each: readable(each.why)}
+    return (Table.of("Parts that this scene does not need", circuit.omissions, columns),)
 
 
 def parts_blocks(circuit: Circuit, scene: Scene) -> tuple[Block, ...]:
     """Return the bill of materials with the packages and the power."""
     parts, power = bill_of_materials(circuit, scene), board_power(LinearBoard(circuit))
-    titles = ("part", "value", "count", "tolerance", "nearest preferred value", "references")
+    columns = part_columns(REFERENCES)
+    references = columns.pop("references")
+    columns["nearest preferred value"] = lambda line: nearest_value(line, "standard value")
+    columns["references"] = references
     facts = (
         ("op-amps", f"{len(parts.packages)} packages {parts.opamp}"),
         ("op-amps without use", str(parts.spare)),
         ("supply current", quantity(power.supply_current, "A", 3)),
         ("dissipation at rest", quantity(power.total, "W", 3)),
     )
-    table = Table("Bill of materials", titles, tuple(map(_part, parts.lines)))
+    table = Table.of("Bill of materials", parts.lines, columns)
     missing = Notes("Not included", tuple(map(readable, parts.not_listed)))
     return Facts("", facts), table, missing
-
-
-def _part(line: PartLine) -> tuple[Cell, ...]:
-    near, names = line.preferred, line.references
-    more = len(names) - REFERENCES
-    listed = " ".join(names[:REFERENCES]) + (f" and {more} more" if more > 0 else "")
-    preferred = "standard value"
-    if near is not None:
-        value = quantity(near.value, line.unit)
-        preferred = f"{near.series}: {value} ({100 * near.deviation:+.2g} %)"
-    tolerance = "–" if line.tolerance is None else percent(line.tolerance)
-    return (
-        Cell(line.kind),
-        number_cell(line.value, line.unit),
-        Cell(str(len(names)), len(names)),
-        Cell(tolerance, line.tolerance),
-        Cell(preferred),
-        Cell(listed),
-    )
 
 
 def deck_blocks(verdict: Verdict) -> tuple[Block, ...]:

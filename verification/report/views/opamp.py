@@ -20,17 +20,7 @@ from taction.verification.characterise.characterise import (
     supply_of,
 )
 from taction.verification.characterise.witnesses import Witness
-from taction.verification.report.blocks import (
-    NOTEBOOK,
-    PAGE,
-    TERMINAL,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Sheet,
-    Table,
-)
+from taction.verification.report.blocks import EVERYWHERE, Cell, Notes, Page, Section, Sheet, Table
 from taction.verification.report.charts import BLUE, ORANGE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.verification.report.texts import quantity, readable
 
@@ -114,7 +104,7 @@ def view(
         summary="",
         lines=(),
         sections=(
-            Section("Figures", (table, Notes("", tuple(sources))), "", (TERMINAL, PAGE, NOTEBOOK)),
+            Section("Figures", (table, Notes("", tuple(sources))), "", EVERYWHERE),
             Section("Open loop and follower", tuple(chart for c in columns for chart in c)),
         ),
         sheet=lambda: Sheet(

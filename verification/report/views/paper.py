@@ -16,7 +16,7 @@ from taction.verification.evidence.paper.pictures import Panel, Picture
 from taction.verification.evidence.paper.reproduce import Judged, Reproduction
 from taction.verification.evidence.paper.reproduce import Section as Chapter
 from taction.verification.report.blocks import (
-    PAGE,
+    BOTH,
     TERMINAL,
     Block,
     Cell,
@@ -47,7 +47,6 @@ SOURCE = (
     "Y. C. Pati, P. S. Krishnaprasad and M. C. Peckerar, Neural network solutions to problems in"
     " early taction"
 )
-COLUMNS = ("claim", "place", "what was run", "printed", "ours", "verdict")
 OUTCOMES: dict[ClaimOutcome, Outcome] = {
     ClaimOutcome.HOLDS: "pass",
     ClaimOutcome.FITTED: "pass",
@@ -62,17 +61,26 @@ STYLE = re.compile(r"(?P<colour>C\d|k)?(?P<mark>[os*x])?(?P<line>--|-\.|-|:)?")
 COLOUR = {"k": "ink", "": SERIES[0]} | {f"C{k}": colour for k, colour in enumerate(SERIES)}
 MARK = {"o": "circle", "s": "square", "*": "star", "x": "x"}
 LINE: dict[str, Line] = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
-BOTH = (TERMINAL, PAGE)
 
 
 def view(result: Reproduction) -> Page:
     """Return the page of the reproduction."""
     chapters = []
+    columns = {
+        "claim": lambda each: each.claim.claim,
+        "place": lambda each: each.claim.place,
+        "what was run": lambda each: each.finding.run,
+        "printed": lambda each: each.claim.printed,
+        "ours": lambda each: each.finding.ours,
+        "verdict": _verdict,
+    }
     for chapter in result.sections:
-        table = Table(chapter.title, COLUMNS, tuple(map(_row, chapter.judged)))
+        table = Table.of(chapter.title, chapter.judged, columns)
         chapters.append(Section(chapter.title, (table,), media=BOTH))
         if chapter.pictures:
             chapters.append(Section(f"{chapter.title}: pictures", tuple(_charts(chapter))))
+    names = ", ".join(claim.id for claim in result.left_out)
+    left_out = Notes("", (names,)) if names else None
     return Page(
         title=TITLE,
         command="taction reproduce",
@@ -81,8 +89,8 @@ def view(result: Reproduction) -> Page:
         lines=(f"{SOURCE}.",),
         sections=(
             *chapters,
-            Section("Left out of a quick run", tuple(_left_out(result)), media=BOTH),
-            Section("Unexpected", tuple(_unexpected(result)), media=BOTH),
+            Section("Left out of a quick run", (left_out,), media=BOTH),
+            Section("Unexpected", (_unexpected(result),), media=BOTH),
             plain_origin(()),
         ),
     )
@@ -95,29 +103,21 @@ def summary(result: Reproduction) -> str:
     return f"{len(outcomes)} claims: {counts}."
 
 
-def _row(each: Judged) -> tuple[Cell, ...]:
-    claim, finding = each.claim, each.finding
-    verdict, outcome = finding.outcome.value, OUTCOMES[finding.outcome]
+def _verdict(each: Judged) -> Cell:
+    text = each.finding.outcome.value
     if not each.as_expected:
-        verdict = f"{verdict} (expected: {claim.expected.value})"
-    texts = (claim.claim, claim.place, finding.run, claim.printed, finding.ours)
-    return *map(Cell, texts), Cell(verdict, None, outcome)
+        text += f" (expected: {each.claim.expected.value})"
+    return Cell(text, None, OUTCOMES[each.finding.outcome])
 
 
-def _left_out(result: Reproduction) -> Iterator[Block]:
-    if result.left_out:
-        yield Notes("", (", ".join(claim.id for claim in result.left_out),))
-
-
-def _unexpected(result: Reproduction) -> Iterator[Block]:
-    lines = tuple(
+def _unexpected(result: Reproduction) -> Notes:
+    lines = (
         f"{each.claim.id}: {each.finding.outcome.value}; expected: {each.claim.expected.value}."
         f" {each.finding.ours}"
         for each in result.judged
         if not each.as_expected
     )
-    if lines:
-        yield Notes("", lines, "fail")
+    return Notes("", tuple(lines), "fail")
 
 
 def _charts(chapter: Chapter) -> Iterator[Block]:
@@ -128,10 +128,7 @@ def _charts(chapter: Chapter) -> Iterator[Block]:
 def sheet(picture: Picture) -> Sheet:
     """Return a picture of the paper's reproduction."""
     charts = [panel_chart(panel, picture.caption) for panel in picture.panels]
-    across = min(len(charts), ACROSS)
-    columns = tuple(tuple(charts[k::across]) for k in range(across))
-    size = (max(across, 1.5) * PANEL[0], max(map(len, columns)) * PANEL[1])
-    return Sheet("", columns, size=size)
+    return Sheet.of("", charts, ACROSS, PANEL, (0.5 * PANEL[0] if len(charts) == 1 else 0.0, 0.0))
 
 
 def panel_chart(panel: Panel, caption: str) -> Chart:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from taction.netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine, Preferred
-from taction.verification.report.blocks import PAGE, TERMINAL, Cell, Notes, Page, Section, Table
-from taction.verification.report.texts import quantity
+from taction.netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine
+from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Shown, Table
+from taction.verification.report.texts import number_cell, quantity
 from taction.verification.verdict.board_power import BoardPower
 
 SHOWN = 3  # references in a line of the table
@@ -22,8 +22,10 @@ COLUMNS = (
 
 def view(name: str, parts: BillOfMaterials, power: BoardPower) -> Page:
     """Return the page of the parts of the scene `name`."""
-    titles = ("part", "value", "count", "tolerance", "references", "not a standard value; nearest")
-    table = Table("Parts", titles, tuple(map(_row, parts.lines)))
+    columns = {
+        **part_columns(SHOWN),
+        "not a standard value; nearest": lambda line: nearest_value(line, ""),
+    }
     return Page(
         title=name,
         command="taction bom",
@@ -31,8 +33,8 @@ def view(name: str, parts: BillOfMaterials, power: BoardPower) -> Page:
         summary=_counts(parts),
         lines=(),
         sections=(
-            Section("Parts", (table,), media=(TERMINAL, PAGE)),
-            Section("Board", (Notes("", tuple(_lines(parts, power))),), media=(TERMINAL, PAGE)),
+            Section("Parts", (Table.of("Parts", parts.lines, columns),), media=BOTH),
+            Section("Board", (Notes("", tuple(_lines(parts, power))),), media=BOTH),
         ),
     )
 
@@ -59,21 +61,33 @@ def _lines(parts: BillOfMaterials, power: BoardPower) -> Iterator[str]:
     yield from (f"not included: {what}" for what in parts.not_listed)
 
 
-def _row(line: PartLine) -> tuple[Cell, ...]:
-    names, near = " ".join(line.references[:SHOWN]), line.preferred
-    more = len(line.references) - SHOWN
-    return (
-        Cell(line.kind),
-        Cell(quantity(line.value, line.unit), line.value),
-        Cell(str(len(line.references)), len(line.references)),
-        Cell("–" if line.tolerance is None else f"{100 * line.tolerance:.3g} %", line.tolerance),
-        Cell(f"{names} and {more} more" if more > 0 else names),
-        Cell("" if near is None else _text(near, line.unit)),
-    )
+def part_columns(shown: int) -> dict[str, Callable[[PartLine], Shown]]:
+    """Return the columns of the parts of one value, of which `shown` have their names."""
+
+    def names(line: PartLine) -> str:
+        more = len(line.references) - shown
+        return " ".join(line.references[:shown]) + (f" and {more} more" if more > 0 else "")
+
+    return {
+        "part": lambda line: line.kind,
+        "value": lambda line: number_cell(line.value, line.unit),
+        "count": lambda line: len(line.references),
+        "tolerance": _tolerance,
+        "references": names,
+    }
 
 
-def _text(near: Preferred, unit: str) -> str:
-    return f"{near.series}: {quantity(near.value, unit)} ({100 * near.deviation:+.2g} %)"
+def _tolerance(line: PartLine) -> Cell | None:
+    share = line.tolerance
+    return None if share is None else Cell(f"{100 * share:.3g} %", share)
+
+
+def nearest_value(line: PartLine, standard: str) -> str:
+    """Return the nearest value that is sold, or `standard` for a value of a series."""
+    near = line.preferred
+    if near is None:
+        return standard
+    return f"{near.series}: {quantity(near.value, line.unit)} ({100 * near.deviation:+.2g} %)"
 
 
 def parts_csv(parts: BillOfMaterials) -> str:

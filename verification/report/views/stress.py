@@ -7,29 +7,22 @@ from collections.abc import Iterable, Iterator
 
 from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
-from taction.verification.report.blocks import PAGE, TERMINAL, Cell, Notes, Page, Section, Table
+from taction.verification.report.blocks import BOTH, PAGE, Cell, Notes, Page, Section, Table
 from taction.verification.report.charts import Outcome
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.texts import figure, number_cell
 
-TITLES = (
-    *("case", "engine", "outcome", "worst quantity", "true error", "stated error"),
-    *("outside", "time"),
-)
 OUTCOMES: dict[Judgement, Outcome] = {
     Judgement.RIGHT: "pass",
     Judgement.WRONG_OUTCOME: "fail",
     Judgement.WRONG_NUMBER: "fail",
     Judgement.NOT_RUN: "inconclusive",
 }
-CASES = ("case", "hard because", "right outcome", "known from")
-BOTH = (TERMINAL, PAGE)
 
 
 def view(report: StressReport) -> Page:
     """Return the page of a run of the stress cases."""
     outcome = "fail" if report.wrong else "pass" if not report.exit_status else "inconclusive"
-    table = Table("Results", TITLES, tuple(map(_row, report.runs)))
     wrong = tuple(
         f"{run.case.name}, {run.engine}: {run.judgement.value}: {run.reason}"
         for run in report.wrong
@@ -43,8 +36,8 @@ def view(report: StressReport) -> Page:
         summary=headline(report),
         lines=(),
         sections=(
-            Section("Results", (table,), media=BOTH),
-            Section("Wrong", (Notes("Wrong", wrong, "fail"),) if wrong else (), media=BOTH),
+            Section("Results", (_results(report.runs),), media=BOTH),
+            Section("Wrong", (Notes("Wrong", wrong, "fail"),), media=BOTH),
             *(
                 Section(f"Cases: {family}", (_cases(family, cases.values()),))
                 for family in families
@@ -65,20 +58,25 @@ def headline(report: StressReport) -> str:
     )
 
 
-def _row(run: CaseRun) -> tuple[Cell, ...]:
-    """Return the row of one run under the titles `TITLES`.
+def _results(runs: Iterable[CaseRun]) -> Table:
+    """Return a row for each run.
 
     The worst quantity is the stated number whose true error is largest in its stated error;
     "outside" counts the numbers whose true error is larger than the stated one.
     """
-    worst = run.worst
-    said: tuple[Cell, ...] = (Cell("–"),) * 4
-    if worst is not None:
-        errors = (_error(error, worst.unit) for error in (worst.error, worst.uncertainty))
-        outside = Cell(f"{run.outside} of {len(run.comparisons)}", run.outside)
-        said = (Cell(worst.name), *errors, outside)
-    outcome = Cell(run.outcome, None, OUTCOMES[run.judgement])
-    return Cell(run.case.name), Cell(run.engine), outcome, *said, number_cell(run.seconds, "s", 2)
+    columns = {
+        "case": lambda run: run.case.name,
+        "engine": lambda run: run.engine,
+        "outcome": lambda run: Cell(run.outcome, None, OUTCOMES[run.judgement]),
+        "worst quantity": lambda run: run.worst and run.worst.name,
+        "true error": lambda run: run.worst and _error(run.worst.error, run.worst.unit),
+        "stated error": lambda run: run.worst and _error(run.worst.uncertainty, run.worst.unit),
+        "outside": lambda run: (
+            run.worst and Cell(f"{run.outside} of {len(run.comparisons)}", run.outside)
+        ),
+        "time": lambda run: number_cell(run.seconds, "s", 2),
+    }
+    return Table.of("Results", runs, columns)
 
 
 def _error(error: float, unit: str) -> Cell:
@@ -86,12 +84,13 @@ def _error(error: float, unit: str) -> Cell:
 
 
 def _cases(family: str, cases: Iterable[Case]) -> Table:
-    rows = tuple(
-        (Cell(case.name), Cell(case.why), Cell(", ".join(_outcomes(case))), Cell(case.known))
-        for case in cases
-        if case.family == family
-    )
-    return Table(family, CASES, rows)
+    columns = {
+        "case": lambda case: case.name,
+        "hard because": lambda case: case.why,
+        "right outcome": lambda case: ", ".join(_outcomes(case)),
+        "known from": lambda case: case.known,
+    }
+    return Table.of(family, (case for case in cases if case.family == family), columns)
 
 
 def _outcomes(case: Case) -> Iterator[str]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,8 +14,7 @@ from taction.system.quantities import written
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuning
 from taction.verification.report.blocks import (
-    PAGE,
-    TERMINAL,
+    BOTH,
     Block,
     Cell,
     Code,
@@ -22,6 +23,7 @@ from taction.verification.report.blocks import (
     Page,
     Section,
     Sheet,
+    Shown,
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark
@@ -38,34 +40,28 @@ def view(tuning: Tuning, verdict: Verdict) -> Page:
         f"Settling time {quantity(after, 's')}, before {quantity(before, 's')}. {verified.summary}"
     )
     own = (
-        Section("Tuning", tuple(_blocks(tuning, verdict)), media=(TERMINAL, PAGE)),
+        Section("Tuning", tuple(_blocks(tuning, verdict)), media=BOTH),
         Section("Trade-off", lambda: (_tradeoff(tuning),)),
     )
-    return Page(
-        verified.title,
-        verified.command,
-        verified.outcome,
-        summary,
-        verified.lines,
-        (*own, *verified.sections),
-        verified.foot,
-        lambda: sheet(tuning),
+    return replace(
+        verified,
+        summary=summary,
+        sections=(*own, *verified.sections),
+        sheet=lambda: sheet(tuning),
     )
 
 
 def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
     units, circuit = _units(tuning), verdict.circuit
-    titles = ("design", *map(_key_name, units), "settling time", "overshoot")
-    rows = tuple(
-        (
-            Cell(name),
-            *(number_cell(value, units[path], 5) for path, value in candidate.values.items()),
-            number_cell(candidate.settling_time, "s"),
-            number_cell(candidate.overshoot, "step", 3),
-        )
-        for name, candidate in (("before", tuning.before), ("after", tuning.after))
-    )
-    yield Table("Before and after", titles, rows)
+    columns: dict[str, Callable[[tuple[str, Trial]], Shown]] = {"design": lambda each: each[0]}
+    for path, unit in units.items():
+        columns[_key_name(path)] = partial(_value, path, unit)
+    columns |= {
+        "settling time": lambda each: number_cell(each[1].settling_time, "s"),
+        "overshoot": lambda each: number_cell(each[1].overshoot, "step", 3),
+    }
+    designs = (("before", tuning.before), ("after", tuning.after))
+    yield Table.of("Before and after", designs, columns)
     facts = (
         ("designs tried", str(tuning.tried)),
         ("designs on the trade-off curve", str(len(tuning.frontier))),
@@ -86,8 +82,11 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
         for path, edge in tuning.at_edges.items()
         if (name := path.removeprefix("design."))
     )
-    if edges:
-        yield Notes("", edges)
+    yield Notes("", edges)
+
+
+def _value(path: str, unit: str, design: tuple[str, Trial]) -> Cell:
+    return number_cell(design[1].values[path], unit, 5)
 
 
 def _units(tuning: Tuning) -> dict[str, str]:

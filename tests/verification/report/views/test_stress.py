@@ -16,7 +16,7 @@ from taction.verification.report.blocks import TERMINAL, Table
 from taction.verification.report.documents.studies import StressDocument
 from taction.verification.report.junit import stress_junit
 from taction.verification.report.renderers.terminal import page_text
-from taction.verification.report.views.stress import TITLES, stress_page, view
+from taction.verification.report.views.stress import stress_page, view
 from taction.verification.verdict.checks import Check, Outcome
 from tests.support.paths import DATA, ROOT
 
@@ -53,20 +53,20 @@ def test_junit_is_valid_and_holds_every_run() -> None:
     assert "hard because two nearly equal rows" in document.findall(".//failure")[0].text
 
 
-def row_of(run: CaseRun) -> list[str]:
-    """Return the texts of the row of a run."""
+def row_of(run: CaseRun) -> dict[str, str]:
+    """Return the texts of the row of a run by the titles."""
     (section, *_) = view(StressReport((run,), ())).sections
     (table,) = section.made(TERMINAL)
     assert isinstance(table, Table)
-    return [cell.text for cell in table.rows[0]]
+    return {title: each.text for title, each in zip(table.columns, table.rows[0], strict=True)}
 
 
 def test_a_row_has_the_worst_number_with_both_errors() -> None:
-    row = dict(zip(TITLES, row_of(REPORT.runs[2]), strict=True))
+    row = row_of(REPORT.runs[2])
     assert row["worst quantity"] == "settling_time of u_2"
     assert (row["true error"], row["stated error"]) == ("3 µs", "1 µs")
     assert (row["outside"], row["time"]) == ("1 of 2", "500 ms")
-    assert row_of(REPORT.runs[0])[3:7] == ["–"] * 4
+    assert [*row_of(REPORT.runs[0]).values()][3:7] == ["–"] * 4
 
 
 def test_the_table_says_what_is_wrong_and_counts() -> None:
@@ -92,7 +92,8 @@ def test_the_document_has_every_number() -> None:
 def test_a_number_without_a_true_value_is_the_worst() -> None:
     none = Comparison("rise_time of u_1", 1e-3, 1e-6, math.nan, "s", 0.0, 1e-5)
     run = CaseRun(OTHER, "ngspice", "pass", Judgement.WRONG_NUMBER, (), (OUTSIDE, none))
-    assert row_of(run)[3:5] == ["rise_time of u_1", "–"]
+    row = row_of(run)
+    assert (row["worst quantity"], row["true error"]) == ("rise_time of u_1", "–")
 
 
 def test_the_page_lists_what_is_wrong_and_every_case_once() -> None:
