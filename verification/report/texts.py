@@ -86,9 +86,9 @@ def text_cells(texts: Iterable[object]) -> tuple[Cell, ...]:
     return tuple(Cell(str(text)) for text in texts)
 
 
-def outcome_cell(outcome: Outcome) -> Cell:
-    """Return a cell with the mark of an outcome."""
-    return Cell(outcome, None, outcome)
+def outcome_cell(text: str, outcome: Outcome | None = None) -> Cell:
+    """Return a cell with the mark of an outcome, which is its text unless given."""
+    return Cell(text, None, text if outcome is None else outcome)
 
 
 def value_text(value: object, unit: str, digits: int = 4) -> str:

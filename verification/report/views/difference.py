@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from taction.verification.report.blocks import BOTH, Block, Cell, Notes, Page, Section, Table
 from taction.verification.report.charts import Outcome
-from taction.verification.report.texts import readable, spaced, value_text
+from taction.verification.report.texts import outcome_cell, readable, spaced, value_text
 from taction.verification.studies.difference import VerdictDifference
 from taction.verification.verdict.compare import Difference
 
@@ -63,7 +63,7 @@ def _readings(difference: VerdictDifference) -> Table:
         "B": lambda each: _text(each.second, each.unit, 6),
         "B - A": lambda each: Cell(_text(each.difference, each.unit, 3), each.difference),
         "±": lambda each: Cell(_text(each.allowed, each.unit, 2), each.allowed),
-        "beyond ±": lambda each: Cell(BEYOND[each.beyond][0], None, BEYOND[each.beyond][1]),
+        "beyond ±": lambda each: outcome_cell(*BEYOND[each.beyond]),
     }
     changed = (each for each in difference.readings if each.first != each.second)
     return Table.of("Readings", changed, columns)

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Table
+from taction.verification.report.blocks import BOTH, Notes, Page, Section, Table
 from taction.verification.report.charts import OUTCOMES, Outcome
-from taction.verification.report.texts import number_cell, spaced
+from taction.verification.report.texts import number_cell, outcome_cell, spaced
 from taction.verification.studies.verify_files import VerifiedFiles
 
 Document = Mapping[str, Any]
@@ -19,7 +19,7 @@ def view(files: VerifiedFiles) -> Page:
     counts = ", ".join(f"{count} {name}" for name, count in files.count().items())
     columns = {
         "scene": lambda each: each["file"],
-        "outcome": lambda each: Cell(each["outcome"], None, _outcome(each["outcome"])),
+        "outcome": lambda each: outcome_cell(each["outcome"], _outcome(each["outcome"])),
         "checks": _passed,
         "settling": lambda each: number_cell(each.get("settling_time"), "s"),
         "overshoot": lambda each: number_cell(_largest(each, "overshoot"), "step"),

@@ -10,8 +10,7 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.quantities import readable, show
 from taction.verification.report.blocks import (
-    PAGE,
-    TERMINAL,
+    BOTH,
     Block,
     Cell,
     Facts,
@@ -33,12 +32,12 @@ from taction.verification.report.charts import (
     Scale,
     Text,
     View,
-    segments,
 )
-from taction.verification.report.texts import number_cell, quantity
+from taction.verification.report.texts import number_cell, outcome_cell, quantity
 from taction.verification.report.views.origin import origin_section
+from taction.verification.report.views.stability import damping_lines, mode_marks
 from taction.verification.stability.edges import Edge
-from taction.verification.studies.onset.onset import CheckedEdge, Onset
+from taction.verification.studies.onset.onset import Onset
 from taction.verification.studies.onset.transient_trial import Side
 
 STATES: dict[bool | None, tuple[str, Outcome]] = {
@@ -75,7 +74,7 @@ def view(onset: Onset) -> Page:
         summary=f"Stable for {name}: {stable}.",
         lines=(f"{name} from {examined}{default}, poles at {len(samples)} values.",),
         sections=(
-            Section("Crossings", tuple(_crossings(onset)), media=(TERMINAL, PAGE)),
+            Section("Crossings", tuple(_crossings(onset)), media=BOTH),
             Section("Poles", lambda: _poles(onset)),
             origin_section(onset.scene),
         ),
@@ -89,12 +88,31 @@ def _ranges(ranges: Sequence[tuple[float, float]], unit: str) -> str:
 
 def _crossings(onset: Onset) -> Iterator[Block]:
     unit, complete = onset.axis.key.unit, onset.scan.complete
-    if onset.findings:
-        titles = ("crossing", "frequency", "unstable poles", "side", "transients", "rate below")
-        rows = tuple(_row(each, unit, complete) for each in onset.findings)
-        yield Table("Crossings", (*titles, "rate above", "remark"), rows, RATES)
-    else:
+    if not onset.findings:
         yield Notes("", ("No pole crosses the imaginary axis in this range.",))
+
+    def unstable(count: int) -> str:
+        return str(count) if complete or not count else "some"
+
+    columns = {
+        "crossing": lambda each: Cell(
+            readable(show(each.crossing.value, unit, 7)), each.crossing.value
+        ),
+        "frequency": lambda each: (
+            number_cell(each.crossing.frequency, "Hz", 5)
+            if each.crossing.frequency
+            else "real pole"
+        ),
+        "unstable poles": lambda each: (
+            f"{unstable(each.crossing.below)} → {unstable(each.crossing.above)}"
+        ),
+        "side": lambda each: direction(each.crossing),
+        "transients": lambda each: outcome_cell(*STATES[each.confirmation.confirmed]),
+        "rate below": lambda each: _rate(each.confirmation.below),
+        "rate above": lambda each: _rate(each.confirmation.above),
+        "remark": lambda each: each.confirmation.reason,
+    }
+    yield Table.of("Crossings", onset.findings, columns, RATES)
     yield Notes("", tuple(_remarks(onset)))
     counts = tuple(
         (
@@ -104,8 +122,7 @@ def _crossings(onset: Onset) -> Iterator[Block]:
         )
         for count in onset.counts
     )
-    if counts:
-        yield Facts("Two counts of the unstable poles", counts)
+    yield Facts("Two counts of the unstable poles", counts)
 
 
 def _remarks(onset: Onset) -> Iterator[str]:
@@ -128,33 +145,14 @@ def _remarks(onset: Onset) -> Iterator[str]:
         yield from (f"{quantity(s.value, unit)}: {s.failure}" for s in failures[:FAILURES])
 
 
-def _row(finding: CheckedEdge, unit: str, complete: bool) -> tuple[Cell, ...]:
-    crossing, trial = finding.crossing, finding.confirmation
-    word, outcome = STATES[trial.confirmed]
-    below, above = (
-        str(count) if complete or not count else "some"
-        for count in (crossing.below, crossing.above)
-    )
-    return (
-        Cell(readable(show(crossing.value, unit, 7)), crossing.value),
-        number_cell(crossing.frequency, "Hz", 5) if crossing.frequency else Cell("real pole"),
-        Cell(f"{below} → {above}"),
-        Cell(direction(crossing)),
-        Cell(word, None, outcome),
-        _rate(trial.below),
-        _rate(trial.above),
-        Cell(trial.reason),
-    )
-
-
 def direction(crossing: Edge) -> str:
     """Return the side of the crossing on which the mode grows."""
     return "unstable above" if crossing.unstable_above else "unstable below"
 
 
-def _rate(side: Side | None) -> Cell:
+def _rate(side: Side | None) -> Cell | None:
     if side is None:
-        return Cell("–")
+        return None
     measured = "–" if side.growth_rate is None else f"{side.growth_rate:+.4g}"
     return Cell(f"{measured} ({side.predicted.real:+.4g})", side.growth_rate)
 
@@ -196,14 +194,11 @@ def _values(onset: Onset) -> Axis:
     return Axis(onset.axis.name, onset.axis.key.unit, scale, (samples[0].value, samples[-1].value))
 
 
-def _dots(x: Floats, y: Floats, onset: Onset, modes: Modes) -> Iterator[Curve]:
-    """Yield the modes that decay and those that grow, each with its value for the pointer."""
+def _dots(x: Floats, y: Floats, onset: Onset, modes: Modes) -> tuple[Curve, Curve]:
+    """Return the modes that decay and those that grow, each with its value for the pointer."""
     value, real, _ = modes
-    unit = onset.axis.key.unit
-    for name, outcome, chosen in (("decays", "pass", real < 0.0), ("grows", "fail", real >= 0.0)):
-        texts = tuple(quantity(float(each), unit) for each in value[chosen])
-        mark = "circle" if outcome == "pass" else "x"
-        yield Curve(x[chosen], y[chosen], name, outcome, "", mark, size=4.0, hover=texts)
+    texts = [quantity(each, onset.axis.key.unit) for each in value.tolist()]
+    return mode_marks(x, y, real, texts, 4.0)
 
 
 def _on_values(onset: Onset) -> Iterator[Mark]:
@@ -272,15 +267,13 @@ def _map(onset: Onset, modes: Modes) -> Chart:
     value, real, imag = modes
     left, right, top = _window(onset)
     most = HEADROOM * float(np.hypot(real, imag).max(initial=top))
-    ends = [(-z * most, math.sqrt(1.0 - z**2) * most / math.tau) for z in DAMPING]
-    x, y = segments([((0.0, 0.0), end) for end in ends])
     hertz = np.array([each.crossing.frequency for each in onset.findings])
     leftmost = HEADROOM * float(real.min(initial=left))
     texts = tuple(quantity(float(each), onset.axis.key.unit) for each in value)
     marks = (
         Band(0.0, most, "x", "grows", "fail", hatched=True),
         Limit(0.0, "x", "", "ink", "solid"),
-        Curve(x, y, "equal damping", "band", width=1.0, label="", behind=True),
+        damping_lines(DAMPING, most),
         Curve(
             real, imag / math.tau, "pole", "muted", "", "circle", size=5.0, label="", hover=texts,
             shades=value, shade=_values(onset),
@@ -299,11 +292,7 @@ def _map(onset: Onset, modes: Modes) -> Chart:
         ),
         views=(
             View("near the crossings", (left, right), (0.0, top / math.tau)),
-            View(
-                "all ringing poles",
-                (leftmost, right),
-                (0.0, most / math.tau),
-            ),
+            View("all ringing poles", (leftmost, right), (0.0, most / math.tau)),
         ),
         legend="",
         height=400,

@@ -39,6 +39,7 @@ from taction.verification.report.charts import (
 from taction.verification.report.renderers.markdown import line, markdown
 from taction.verification.report.renderers.page import PACKAGES, write_page
 from taction.verification.report.renderers.picture import draw_sheet
+from taction.verification.report.texts import outcome_cell
 from taction.verification.report.views.origin import plain_origin
 from taction.verification.studies.running.versions import describe_machine
 
@@ -107,7 +108,7 @@ def _verdict(each: Judged) -> Cell:
     text = each.finding.outcome.value
     if not each.as_expected:
         text += f" (expected: {each.claim.expected.value})"
-    return Cell(text, None, OUTCOMES[each.finding.outcome])
+    return outcome_cell(text, OUTCOMES[each.finding.outcome])
 
 
 def _unexpected(result: Reproduction) -> Notes:

@@ -18,7 +18,7 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Outcome
-from taction.verification.report.texts import readable, spaced
+from taction.verification.report.texts import outcome_cell, readable, spaced
 from taction.verification.report.texts import value_text as written_value
 from taction.verification.report.views.origin import plain_origin
 from taction.verification.report.views.verdict import check_bar
@@ -63,7 +63,7 @@ def view(report: RegressionReport) -> Page:
 def _scenes(results: Sequence[SceneResult]) -> Table:
     columns = {
         "scene": lambda each: each.file.removesuffix(".toml"),
-        "status": lambda each: Cell(each.status.value, None, OUTCOMES.get(each.status, "fail")),
+        "status": lambda each: outcome_cell(each.status.value, OUTCOMES.get(each.status, "fail")),
         "checks": _passing,
         "tolerances off": lambda each: _off(each.worst) if each.differences else None,
         "simulator": lambda each: each.entry and each.entry.solved_by.partition(",")[0],

@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import Complexes
+from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.blocks import Block, Facts, Notes
-from taction.verification.report.charts import Axis, Band, Chart, Curve, Limit, Mark, Text, View
+from taction.verification.report.charts import (
+    Axis,
+    Band,
+    Chart,
+    Curve,
+    Limit,
+    Mark,
+    Text,
+    View,
+    segments,
+)
 from taction.verification.report.texts import figure, quantity
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import AROUND, stable_values
@@ -81,18 +93,8 @@ def pole_map(poles: Poles, ranges: str = "") -> Chart:
     )
     reach = 1.5 * math.hypot(left, top)
     marks: list[Mark] = [Band(0.0, reach, "x", colour="fail"), Limit(0.0, "x", line="solid")]
-    marks += (
-        Curve(
-            [0.0, -zeta * reach], [0.0, math.sqrt(1.0 - zeta**2) * reach / math.tau], "", "band",
-            width=1.0, label="", behind=True,
-        )
-        for zeta in DAMPING
-    )  # fmt: skip
-    for name, colour, mark, shown in (
-        ("decays", "pass", "circle", values[values.real < 0.0]),
-        ("grows", "fail", "x", values[values.real >= 0.0]),
-    ):
-        marks.append(Curve(shown.real, shown.imag / math.tau, name, colour, "", mark))
+    marks.append(damping_lines(DAMPING, reach))
+    marks += mode_marks(values.real, values.imag / math.tau, values.real)
     marks.append(Text("grows →", None, None, ("left", "above")))
     summary = (
         "Poles of the linearised board in the upper half plane. Circles decay, crosses in the"
@@ -110,6 +112,33 @@ def pole_map(poles: Poles, ranges: str = "") -> Chart:
         tuple(View(name, (low, high), (0.0, up / math.tau)) for name, (low, high, up) in views),
         legend="below",
     )
+
+
+def damping_lines(ratios: Sequence[float], reach: float) -> Curve:
+    """Return the lines of equal damping in the upper half plane, up to `reach` in 1/s."""
+    ends = [(-z * reach, math.sqrt(1.0 - z**2) * reach / math.tau) for z in ratios]
+    x, y = segments([((0.0, 0.0), end) for end in ends])
+    return Curve(x, y, "equal damping", "band", width=1.0, label="", behind=True)
+
+
+def mode_marks(
+    x: Floats, y: Floats, real: Floats, texts: Sequence[str] = (), size: float = 6.0
+) -> tuple[Curve, Curve]:
+    """Return the modes (P,) that decay, as circles, and those that grow, as crosses.
+
+    Parameters
+    ----------
+    x, y, real : ndarray (P,)
+        Places of the modes, and the real parts of their poles, 1/s.
+    texts : sequence of str
+        For the pointer, one for each mode.
+    """
+
+    def marks(name: str, outcome: str, mark: str, chosen: np.ndarray) -> Curve:
+        hover = tuple(itertools.compress(texts, chosen))
+        return Curve(x[chosen], y[chosen], name, outcome, "", mark, size=size, hover=hover)
+
+    return marks("decays", "pass", "circle", real < 0.0), marks("grows", "fail", "x", real >= 0.0)
 
 
 def _result(poles: Poles) -> str:

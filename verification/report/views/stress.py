@@ -10,7 +10,7 @@ from taction.verification.evidence.stress.run import CaseRun, Judgement, StressR
 from taction.verification.report.blocks import BOTH, PAGE, Cell, Notes, Page, Section, Table
 from taction.verification.report.charts import Outcome
 from taction.verification.report.renderers.markdown import markdown
-from taction.verification.report.texts import figure, number_cell
+from taction.verification.report.texts import figure, number_cell, outcome_cell
 
 OUTCOMES: dict[Judgement, Outcome] = {
     Judgement.RIGHT: "pass",
@@ -67,7 +67,7 @@ def _results(runs: Iterable[CaseRun]) -> Table:
     columns = {
         "case": lambda run: run.case.name,
         "engine": lambda run: run.engine,
-        "outcome": lambda run: Cell(run.outcome, None, OUTCOMES[run.judgement]),
+        "outcome": lambda run: outcome_cell(run.outcome, OUTCOMES[run.judgement]),
         "worst quantity": lambda run: run.worst and run.worst.name,
         "true error": lambda run: run.worst and _error(run.worst.error, run.worst.unit),
         "stated error": lambda run: run.worst and _error(run.worst.uncertainty, run.worst.unit),

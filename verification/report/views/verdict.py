@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -11,9 +12,9 @@ from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.report.blocks import (
-    NOTEBOOK,
+    BOTH,
+    EVERYWHERE,
     PAGE,
-    TERMINAL,
     Bar,
     Bars,
     Block,
@@ -23,6 +24,7 @@ from taction.verification.report.blocks import (
     Page,
     Section,
     Sheet,
+    Shown,
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Columns, Limit, View
@@ -54,7 +56,6 @@ from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.verify import Verdict
 
-EVERYWHERE = (TERMINAL, PAGE, NOTEBOOK)
 LIMITED = ("settling_time", "rise_time")  # checks that may have a smallest accepted value, too
 LOADS = 16  # of op-amps that are shown
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
@@ -85,9 +86,9 @@ def view(
     verbose : bool
         Whether a terminal also shows how the record and the reference were made.
     """
-    circuit = verdict.circuit
-    detailed = (TERMINAL, PAGE) if verbose else (PAGE,)
-    both = (TERMINAL, PAGE)
+    circuit, waves = verdict.circuit, verdict.waveforms
+    engine = tuple((name, getattr(waves, name) or "–") for name in ("engine", "solver", "method"))
+    detailed = BOTH if verbose else (PAGE,)
     return Page(
         title=verdict.scene.name,
         command=command,
@@ -97,20 +98,19 @@ def view(
         sections=(
             Section("Checks", lambda: _checks(verdict, notes), media=EVERYWHERE),
             _changes(changes),
-            Section("Waveforms", lambda: _waveforms(verdict)),
-            Section("Waveforms", lambda: (_channels(verdict),), media=both),
+            Section("Waveforms", lambda: _records(verdict)),
+            Section("Waveforms", lambda: (_channels(verdict),), media=BOTH),
             Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
             Section("Recovered stress", lambda: (stress_chart(verdict),)),
             Section("Error budget", lambda: _waterfall_of(verdict)),
-            Section("Error budget", lambda: budget_blocks(verdict), media=both),
-            Section("Headroom", lambda: headroom_blocks(verdict), media=both),
+            Section("Error budget", lambda: budget_blocks(verdict), media=BOTH),
+            Section("Headroom", lambda: headroom_blocks(verdict), media=BOTH),
             Section("Error and run time", lambda: (_effort(verdict),), media=detailed),
-            Section("Error and run time", lambda: (_run_time(verdict),)),
             Section("Board", lambda: board_blocks(circuit)),
             Section("Left out", lambda: omission_blocks(circuit)),
             Section("Parts list", lambda: parts_blocks(circuit, verdict.scene)),
             Section("Deck", lambda: deck_blocks(verdict)),
-            origin_section(verdict.scene, _engine(verdict)),
+            origin_section(verdict.scene, engine),
         ),
         foot=(_cost(verdict),),
         sheet=lambda: _sheet(verdict),
@@ -119,9 +119,7 @@ def view(
 
 def _sheet(verdict: Verdict) -> Sheet:
     """Return the waveforms beside the recovered stress and the checks."""
-    both = difference_chart(verdict)
-    left: list[Block] = [outputs_chart(verdict), deviation_chart(verdict)]
-    left += [both] if both is not None else []
+    left = tuple(each for each in _records(verdict) if each is not None)
     bars = Bars("", tuple(check_bar(check) for check in verdict.checks))
     settling, outcome = verdict.measurements.settling_time, verdict.outcome.value
     headline = outcome
@@ -131,10 +129,10 @@ def _sheet(verdict: Verdict) -> Sheet:
         headline += f", settled at {quantity(settling.value, 's')}"
     return Sheet(
         f"{verdict.scene.name}: {headline}",
-        (tuple(left), (stress_chart(verdict), bars)),
+        (left, (stress_chart(verdict), bars)),
         widths=(1.7, 1.0),
-        heights=((1.0, 1.0, 0.55)[: len(left)], (1.0, 1.55 if both is not None else 1.0)),
-        size=(13.0, 9.6 if both is not None else 7.6),
+        heights=((1.0, 1.0, 0.55)[: len(left)], (1.0, 1.55 if left[2:] else 1.0)),
+        size=(13.0, 9.6 if left[2:] else 7.6),
     )
 
 
@@ -181,20 +179,18 @@ def _changes(text: str) -> Section:
     first, *lines = [readable(line.strip()) for line in text.splitlines()] or [""]
     detail = first.removesuffix(":").removeprefix("what to change").strip()
     lead = f"The nearest changes that mend the verdict {detail}".rstrip() + "."
-    blocks = (Notes("", tuple(lines)),) if lines else ()
-    return Section("What to change", blocks, lead, (TERMINAL, PAGE))
+    return Section("What to change", (Notes("", tuple(lines)),), lead, BOTH)
 
 
 def _checks(verdict: Verdict, notes: Sequence[str]) -> tuple[Block, ...]:
     limits = {name: getattr(verdict.scene.checks, name) for name in LIMITED}
     least = {name: each.min for name, each in limits.items() if each and each.min is not None}
-    rows = [check_bar(check, least.get(check.name)) for check in verdict.checks]
-    blocks: list[Block] = [Bars("", tuple(rows), MARGINS)]
-    if notes:
-        blocks.append(Notes("", tuple(map(readable, notes))))
-    if verdict.warnings:
-        blocks.append(Notes("Warnings", tuple(map(readable, verdict.warnings))))
-    return tuple(blocks)
+    rows = (check_bar(check, least.get(check.name)) for check in verdict.checks)
+    return (
+        Bars("", tuple(rows), MARGINS),
+        Notes("", tuple(map(readable, notes))),
+        Notes("Warnings", tuple(map(readable, verdict.warnings))),
+    )
 
 
 def check_bar(check: Check, smallest: float | None = None) -> Bar:
@@ -237,10 +233,8 @@ def _share(
     return (limit / value, limit * error / value**2) if value > 0.0 else (None, 0.0)
 
 
-def _waveforms(verdict: Verdict) -> tuple[Block, ...]:
-    both = difference_chart(verdict)
-    charts = (outputs_chart(verdict), deviation_chart(verdict))
-    return charts if both is None else (*charts, both)
+def _records(verdict: Verdict) -> tuple[Chart, Chart, Chart | None]:
+    return outputs_chart(verdict), deviation_chart(verdict), difference_chart(verdict)
 
 
 def _channels(verdict: Verdict) -> Table:
@@ -255,31 +249,26 @@ def channel_table(
 
     `rest` (N,) and `noise` (N,), V, have a column where they are known.
     """
-    short = [READINGS[name].short if name in TIMES else name for name in READINGS]
-    columns = (
-        "channel", "target", *["at rest"][: len(rest)], "end", *short,
-        *["noise, rms"][: len(noise)], "state",
-    )  # fmt: skip
-    rows = tuple(
-        (
-            Cell(f"u{channel.index + 1}", channel.index + 1),
-            number_cell(channel.target, "V"),
-            *(number_cell(volts, "V") for volts in rest[channel.index : channel.index + 1]),
-            number_cell(channel.final, "V"),
-            *(_reading(channel, name) for name in READINGS),
-            *(number_cell(volts, "V", 3) for volts in noise[channel.index : channel.index + 1]),
-            Cell(channel.state.value),
-        )
-        for channel in measurements.channels
-    )
-    words = " and ".join(EXCURSIONS).capitalize()
-    return Table("Channels", columns, rows, f"{words} are in % of the step of the network.")
+    columns: dict[str, Callable[[ChannelMeasure], Shown]] = {
+        "channel": lambda each: Cell(f"u{each.index + 1}", each.index + 1),
+        "target": lambda each: number_cell(each.target, "V"),
+    }
+    if rest:
+        columns["at rest"] = lambda each: number_cell(rest[each.index], "V")
+    columns["end"] = lambda each: number_cell(each.final, "V")
+    for name, known in READINGS.items():
+        columns[known.short if name in TIMES else name] = partial(_reading, name)
+    if noise:
+        columns["noise, rms"] = lambda each: number_cell(noise[each.index], "V", 3)
+    columns["state"] = lambda each: each.state.value
+    note = f"{' and '.join(EXCURSIONS).capitalize()} are in % of the step of the network."
+    return Table.of("Channels", measurements.channels, columns, note)
 
 
-def _reading(channel: ChannelMeasure, name: str) -> Cell:
+def _reading(name: str, channel: ChannelMeasure) -> Cell | None:
     reading = channel.readings[name]
     if reading is None:
-        return Cell("–")
+        return None
     if name in EXCURSIONS:
         value, error = reading.value, reading.uncertainty
         if 0.0 < abs(value) <= error < 1.0:  # only the bound is known
@@ -344,42 +333,48 @@ def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
         sums = tuple(budget.summed)
         parts.append(ErrorPart("sum of the parts", max(map(abs, sums)), "", channels=sums))
         parts.append(ErrorPart("whole", total.value, total.how, channels=total.channels))
-    signed = () if worst is None else (f"channel {worst + 1}",)
-    rows = tuple(_part(part, worst, amplitude, least) for part in parts)
-    titles = ("error", "largest of any channel", "of the step", *signed, "how it was found")
+    columns: dict[str, Callable[[ErrorPart], Shown]] = {
+        "error": lambda part: spaced(part.name),
+        "largest of any channel": lambda part: _largest(part, amplitude, least),
+        "of the step": lambda part: _of_step(part, amplitude, least),
+    }
+    if worst is not None:
+        columns[f"channel {worst + 1}"] = lambda part: (
+            Cell(_volts(part.channels[worst], amplitude, least), part.channels[worst])
+            if part.channels
+            else None
+        )
+    columns["how it was found"] = _how
     note = f"{budget.solves} solutions of its own."
     if worst is None:
         note += " The parts do not add up: a solution between them is not known."
-    return (Table("Parts of the error", titles, rows, note),)
+    return (Table.of("Parts of the error", parts, columns, note),)
 
 
 def _worst(budget: ErrorBudget) -> int | None:
     return None if budget.total is None else int(np.argmax(np.abs(budget.total.channels)))
 
 
-def _part(part: ErrorPart, worst: int | None, amplitude: float, least: float) -> tuple[Cell, ...]:
-    """Return the row of a part, with its signed value in the channel `worst` (from 0)."""
-    how, value = part.how, part.value
+def _largest(part: ErrorPart, amplitude: float, least: float) -> Cell:
+    """Return the value of a part, V; below rounding it sorts as no number."""
+    value = part.value
+    if value is None or not math.isfinite(value):
+        return Cell("unknown")
+    return Cell(_volts(value, amplitude, least), value if abs(value) > least else None)
+
+
+def _of_step(part: ErrorPart, amplitude: float, least: float) -> Cell | None:
+    value = part.value
+    if value is None or not math.isfinite(value) or abs(value) <= least:
+        return None
+    return Cell(figure(value / amplitude, "step", 3) if amplitude else "–", value)
+
+
+def _how(part: ErrorPart) -> str:
+    how = part.how
     if part.predicted:
         how += f"; first order predicts {quantity(max(map(abs, part.predicted)), 'V', 3)}"
-    known = value is not None and math.isfinite(value) and abs(value) > least
-    share = Cell("–")
-    if known and value is not None:
-        share = Cell(figure(value / amplitude, "step", 3) if amplitude else "–", value)
-    signed: tuple[Cell, ...] = ()
-    if worst is not None:
-        own = part.channels[worst] if part.channels else None
-        signed = (Cell("–") if own is None else Cell(_volts(own, amplitude, least), own),)
-    text = "unknown"
-    if value is not None and math.isfinite(value):
-        text = _volts(value, amplitude, least)
-    return (
-        Cell(spaced(part.name)),
-        Cell(text, value if known else None),
-        share,
-        *signed,
-        Cell(readable(how)),
-    )
+    return readable(how)
 
 
 def _volts(value: float, amplitude: float, least: float) -> str:
@@ -490,26 +485,3 @@ def _effort(verdict: Verdict) -> Facts:
         rows.append(("energy", text))
     stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
     return Facts("", (*rows, ("run time", ", ".join(stages))))
-
-
-def _run_time(verdict: Verdict) -> Chart:
-    stages = {name: each for name, each in verdict.timing.items() if name != "total"}
-    total = figure(verdict.timing["total"], "s", 3)
-    texts = tuple(figure(each, "s", 3) for each in stages.values())
-    return Chart(
-        "Run time",
-        Axis("time", "s", limits=(0.0, 1.2 * max(stages.values()))),
-        Axis(scale="names", names=tuple(stages), reverse=True),
-        (Columns(np.arange(len(stages)), [*stages.values()], "y", written=texts),),
-        f"{total}, most of it {max(stages, key=lambda name: stages[name])}",
-        f"Run time by stage; {total} in all. The simulation runs beside the reference.",
-        legend="",
-        height=260,
-        zoom=False,
-    )
-
-
-def _engine(verdict: Verdict) -> tuple[tuple[str, str], ...]:
-    """Return the engine of a verdict in words."""
-    names = ("engine", "solver", "method")
-    return tuple((name, getattr(verdict.waveforms, name) or "–") for name in names)
