@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from taction.verification.report.blocks import BOTH, Block, Cell, Notes, Page, Section, Table
+from collections.abc import Callable
+
+from taction.verification.report.blocks import BOTH, Block, Cell, Notes, Page, Section, Shown, Table
 from taction.verification.report.charts import Outcome
 from taction.verification.report.texts import outcome_cell, readable, spaced, value_text
-from taction.verification.studies.difference import VerdictDifference
+from taction.verification.studies.difference import KeyDifference, VerdictDifference
 from taction.verification.verdict.compare import Difference
 
 BEYOND: dict[bool | None, tuple[str, Outcome]] = {
@@ -46,7 +48,7 @@ def _keys(difference: VerdictDifference) -> Block:
         return Notes("", ("keys: unknown; a document of an older taction has none",))
     if not difference.keys:
         return Notes("", ("keys: no difference",))
-    columns = {
+    columns: dict[str, Callable[[KeyDifference], Shown]] = {
         "key": lambda each: each.key,
         "A": lambda each: _text(each.first, each.unit or "", 6),
         "B": lambda each: (
