@@ -59,7 +59,7 @@ def _keys(difference: VerdictDifference) -> Block:
 
 
 def _readings(difference: VerdictDifference) -> Table:
-    columns = {
+    columns: dict[str, Callable[[Difference], Shown]] = {
         "reading": _name,
         "A": lambda each: _text(each.first, each.unit, 6),
         "B": lambda each: _text(each.second, each.unit, 6),
