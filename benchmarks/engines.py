@@ -116,7 +116,7 @@ def precision(name: str, board: Board) -> Figure:
     names = [descriptor.names[place] for place in charged]
     solution = exact.exact_solution(board.linear, stop=stop)
     columns = [names.index(node) for node in solution.nodes]
-    off = np.abs(solution.at(np.array(times)) - precise[:, columns].astype(np.float64)).max()
+    off = np.abs(solution.at(np.array(times)) - precise[:, columns]).max()
     error = float(off / np.abs(solution.final - solution.start).max())
     what = f"error of the state space against 50 digits, {name}"
     return Figure(what, f"an error of {ERROR:g}", [error / ERROR], 1e-4)

@@ -1,4 +1,7 @@
-"""A short session of torture: eight kills and one disaster of each kind."""
+"""A short session of torture: six kills and one disaster of each kind.
+
+Of seed 10643 two kills are SIGKILL to a sweep and to a Monte Carlo study, in the middle of a run.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,10 @@ from tests.torture.studies import all_studies
 @pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
 def test_nothing_is_lost_and_nothing_stays(tmp_path: Path, ngspice: str) -> None:
     assert ngspice
-    reports = list(session(tmp_path, kills=8, disasters=1, points=5, seed=3))
-    assert len(reports) == 11
+    reports = list(session(tmp_path, kills=6, disasters=1, points=5, seed=10643, jobs=2))
+    assert len(reports) == 9
     assert [summary(report) for report in reports if is_fault(report)] == []
-    assert sum(report.hit for report in reports) > 5
+    assert sum(report.hit for report in reports) > 4
 
 
 def test_a_plan_takes_every_kind_of_kill_and_is_the_same_again() -> None:

@@ -35,24 +35,6 @@ def assert_right(problem: Problem) -> Solution:
     return solution
 
 
-@pytest.mark.parametrize(
-    ("regulariser", "bias"),
-    [(name, bias) for name in EVERY for bias in (False, True) if name != "linear" or not bias],
-)
-@pytest.mark.parametrize("lam", [1e6, 1.0, 1e-4, 1e-8, 1e-12])
-def test_reach_in_lambda(regulariser: str, bias: bool, lam: float) -> None:
-    assert_right(replace(tactile(9, 1.0), regulariser=regulariser, bias=bias, lam=lam))
-
-
-@pytest.mark.parametrize("regulariser", EVERY)
-@pytest.mark.parametrize("scale", [1e-13, 1e-12, 1e3])
-def test_reach_in_the_scale_of_the_matrix(regulariser: str, scale: float) -> None:
-    base = tactile(6, 1.0)
-    for lam in (1.0, 1e-6 * scale * scale, 1e-12):
-        problem = Problem(scale * base.T, scale * base.eps, lam, regulariser)
-        assert_right(problem)
-
-
 @pytest.mark.parametrize("regulariser", EVERY)
 @pytest.mark.parametrize("factor", [0.0, -1.0, 1e4, -1e4])
 @pytest.mark.parametrize("lam", [10.0, 1e-3, 1e-9])
@@ -68,19 +50,6 @@ def test_thick_layers(regulariser: str, thickness: float, lam: float) -> None:
     base = tactile(12, thickness * 6.0 / 11.0)
     T = base.T * thickness**2
     assert_right(Problem(T, T @ np.ones(12) + 0.01 * base.eps, lam, regulariser))
-
-
-@pytest.mark.parametrize("regulariser", EVERY)
-@pytest.mark.parametrize(("rows", "channels"), [(1, 1), (1, 6), (6, 1), (4, 9), (9, 4)])
-def test_shapes_signs_zeros_and_rank(
-    rng: np.random.Generator, regulariser: str, rows: int, channels: int
-) -> None:
-    T = rng.standard_normal((rows, channels))
-    eps = rng.standard_normal(rows)
-    sparse = T * (rng.random(T.shape) < 0.5)
-    for matrix in (T, sparse, np.outer(T[:, 0], T[0]), np.zeros_like(T)):
-        for lam in (1.0, 1e-7):
-            assert_right(Problem(matrix, eps, lam, regulariser))
 
 
 def test_channels_whose_output_underflows_report_v() -> None:
@@ -179,11 +148,12 @@ def test_what_double_precision_cannot_answer_is_refused(problem: Problem) -> Non
     assert np.all(np.isfinite(solution.u))
 
 
-def test_a_hundred_and_fifty_random_problems_without_a_false_claim() -> None:
-    claims = count_claims(random_problems(seed=1993, count=150))
+def test_four_hundred_random_problems_without_a_false_claim() -> None:
+    """Of every amplifier, with and without bias, shape, rank, scale, strain and lambda."""
+    claims = count_claims(random_problems(seed=1993, count=400))
     assert claims.false == ()
     assert all(problem.lam == 0.0 for problem in claims.inconclusive)
-    assert len(claims.inconclusive) <= 8
+    assert len(claims.inconclusive) <= 20
     assert claims.worst < 1e-12
 
 

@@ -172,72 +172,35 @@ def test_a_board_within_its_limits_stays_linear() -> None:
     assert not built(scene, "large-signal").circuit.is_linear
 
 
+def beyond_limits(channels: int, **figures: str) -> Scene:
+    design = {"opamp": {"base": "ua741", **figures}, "capacitance": "100pF", "lambda": 1.0}
+    design |= {"gain": "1Mohm", "unit_conductance": "1uS", "unit_voltage": "5V"}
+    return make_scene({"channels": channels, "span": 6.0 * channels / 7}, design=design)
+
+
+FOLLOWERS = {"topology": "passive", "opamp": "ua741", "capacitance": "1nF", "lambda": 10.0}
+AMPLIFIED = {"amplifier": "exponential", "exponential_slope": "0.1V", "capacitance": "100pF"}
+AMPLIFIED |= {"lambda": 0.2, "gain": "100kohm", "unit_conductance": "10uS", "opamp": "ua741"}
+# The scene, and what the headroom says.
+SLEWING = {
+    "followers": (make_scene(design=FOLLOWERS | {"unit_voltage": "5V"}), ""),
+    "a current": (beyond_limits(3, output_current="0.25mA"), "and largest output current"),
+    "640 unknowns": (beyond_limits(20), "slew rate and swing"),
+    "amplifiers": (
+        Scene.from_arrays([[1.0, 0.4], [0.3, 0.9]], [0.7, 0.5], design=AMPLIFIED),
+        "would reach",
+    ),
+}
+
+
 @pytest.mark.usefixtures("ngspice")
-def test_both_engines_agree_on_followers_that_slew() -> None:
-    design = {
-        "topology": "passive",
-        "opamp": "ua741",
-        "capacitance": "1nF",
-        "unit_voltage": "5V",
-        "lambda": 10.0,
-    }
-    scene = make_scene(design=design, analysis={"error": 5e-5})
-    verdict = verify(scene.with_engine("ngspice"))
+@pytest.mark.parametrize("name", SLEWING)
+def test_both_engines_agree_on_every_kind_of_board_that_slews(name: str) -> None:
+    scene, reason = SLEWING[name]
+    verdict = verify(with_values(scene, {"analysis.error": 5e-5}).with_engine("ngspice"))
     agree = named(verdict, "engines_agree")
     assert not verdict.circuit.is_small_signal
-    assert agree.value is not None
-    assert agree.value < 1e-4
-
-
-@pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize(
-    ("channels", "figures", "reason"),
-    [
-        (3, {"output_current": "0.25mA"}, "and largest output current"),
-        (20, {}, "slew rate and swing"),  # 640 unknowns
-    ],
-)
-def test_both_engines_agree_beyond_a_current_and_on_large_boards(
-    channels: int, figures: dict[str, str], reason: str
-) -> None:
-    design = {
-        "opamp": {"base": "ua741", **figures},
-        "capacitance": "100pF",
-        "gain": "1Mohm",
-        "unit_conductance": "1uS",
-        "lambda": 1.0,
-        "unit_voltage": "5V",
-    }
-    problem = {"channels": channels, "span": 6.0 * channels / 7}
-    scene = make_scene(problem, design=design, analysis={"error": 5e-5})
-    verdict = verify(scene.with_engine("ngspice"))
-    agree = named(verdict, "engines_agree")
     assert reason in named(verdict, "headroom").reason
-    assert verdict.outcome is Outcome.PASS
-    assert agree.value is not None
-    assert agree.value < 1e-4
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_a_board_with_exponential_amplifiers_slews_on_both_engines() -> None:
-    scene = Scene.from_arrays(
-        [[1.0, 0.4], [0.3, 0.9]],
-        [0.7, 0.5],
-        design={
-            "amplifier": "exponential",
-            "capacitance": "100pF",
-            "lambda": 0.2,
-            "gain": "100kohm",
-            "unit_conductance": "10uS",
-            "exponential_slope": "0.1V",
-            "opamp": "ua741",
-        },
-        analysis={"error": 5e-5},
-    )
-    verdict = verify(scene.with_engine("ngspice"))
-    agree = named(verdict, "engines_agree")
-    assert not verdict.circuit.is_small_signal
-    assert "would reach" in named(verdict, "headroom").reason
     assert agree.outcome is Outcome.PASS
     assert agree.value is not None
     assert agree.value < 1e-4

@@ -1,8 +1,9 @@
-"""Loads of op-amps: beside ngspice at every output, and beside Kirchhoff's law at rest."""
+"""Loads of op-amps beside ngspice and Kirchhoff's law, and the power of a board."""
 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -11,20 +12,24 @@ import pytest
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, simulate
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict import view
+from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.headroom import Load, PartLoads, headroom
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import Verdict, verify
+from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import CASES, SCENES
 
 
@@ -210,3 +215,35 @@ def test_no_unit_voltage_is_promised_for_a_load_without_a_bound(
     loads = PartLoads((Load("v_1", "voltage", 20.0, 10.0, 1e-6, 5.0, error),), "", 10.0)
     assert loads.largest_unit_voltage == (None if volts is None else pytest.approx(volts))
     assert ("unit_voltage" in loads.remedy) == (volts is not None)
+
+
+def test_one_channel_by_hand() -> None:
+    """The output is 1 V at v_1, -1 V at a_1 and -0.5 V at w_1: eps = 3, T = 1, lambda = 0.5.
+
+    v_1 drives R = 2 Mohm and an inverter, a_1 is loaded by the inverter and T, w_1 by s and T.
+    """
+    design = {"lambda": 0.5, "gain": "1Mohm", "unit_conductance": "1uS", "unit_voltage": 0.5}
+    opamp = NEAR_IDEAL | {"supply_current": "1mA"}
+    scene = make_scene(design=design | {"supply": "±10V", "opamp": opamp})
+    power = board_power(LinearBoard(synthesise(scene, matrix_problem([[1.0]], [3.0]))))
+    v, a, w = 100.5e-6, 101e-6, 1e-6
+    assert power.quiescent == pytest.approx(3 * 20 * 1e-3)
+    assert power.outputs == pytest.approx(9.0 * v + 9.0 * a + 9.5 * w, rel=1e-9)
+    assert power.resistors == pytest.approx(0.5e-6 + 200e-6 + 1e-6 + 0.5e-6, rel=1e-9)
+    assert power.supply_current == pytest.approx(3e-3 + a + w, rel=1e-9)
+
+
+@pytest.mark.parametrize("amplifier", ["linear", "exponential"])
+def test_what_the_supplies_deliver_is_dissipated(amplifier: str) -> None:
+    """Tellegen: the op-amps, amplifiers and sources deliver what the resistors take."""
+    scene = make_scene(design={"amplifier": amplifier, "opamp": NEAR_IDEAL, "lambda": 0.4})
+    problem = matrix_problem([[0.3, -0.2, 0.5], [0.1, 0.4, 0.25]], [1.0, -0.5])
+    board = LinearBoard(synthesise(scene, problem))
+    circuit, rest, currents = board.circuit, board.equilibrium, defaultdict[str, float](float)
+    placed = [(part.a, part.b, part.ohms) for part in circuit.resistors]
+    placed += [element[2:] for matrix in circuit.matrices for element in matrix.elements()]
+    for a, b, ohms in placed:
+        currents[a] += (rest[a] - rest[b]) / ohms
+        currents[b] -= (rest[a] - rest[b]) / ohms
+    delivered = sum(rest[node] * amps for node, amps in currents.items())
+    assert board_power(board).resistors == pytest.approx(delivered, rel=1e-9)

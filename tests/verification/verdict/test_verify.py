@@ -11,16 +11,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.system.errors import SimulatorNotFound, TimedOut
 from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales
+from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.readings.settling import ChannelState
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict import view
+from taction.verification.stability.poles import Poles, poles_behind
+from taction.verification.verdict import design
 from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.progress import Clock
+from taction.verification.verdict.recording import record_transient
 from taction.verification.verdict.verify import Verdict, verify
+from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
 NAMES = sorted(path.stem for path in SCENES.glob("*.toml"))
@@ -190,3 +201,92 @@ def test_progress_is_told_by_stage() -> None:
     verify(shipped("tuned-breadboard", analysis={"engine": "statespace"}), told.append)
     assert told[:3] == ["synthesis", "poles", "simulation"]
     assert "reference (while the simulation runs)" in told
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return next(case for case in load_catalogue() if case.name == "onset-itself").scene()
+
+
+def shifted(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
+    """Move the rightmost pair of poles by a share of its rounding error."""
+
+    def moved(board: LinearBoard, scales: TimeScales) -> Poles:
+        found = poles_behind(board, scales)
+        poles = found.poles.copy()
+        poles[:2] = share * found.errors[:2] + 1j * poles[:2].imag
+        rightmost = complex(poles[0].real, abs(poles[0].imag))
+        return replace(found, poles=poles, rightmost=rightmost, stable=rightmost.real < 0.0)
+
+    monkeypatch.setattr(design, "poles_behind", moved)
+
+
+def designed(scene: Scene) -> PlannedBoard:
+    return design_board(scene, Clock(lambda stage: None))
+
+
+def test_the_board_and_its_deck_are_the_same(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    decks = set()
+    for share in (-0.5, 0.5):
+        shifted(monkeypatch, share)
+        found = designed(scene)
+        assert not found.poles.known_stable
+        assert not found.poles.known_unstable
+        decks.add(write_deck(found.circuit, found.transient).text)
+    assert len(decks) == 1
+
+
+@pytest.mark.parametrize("engine", ["statespace", "ngspice"])
+def test_the_verdict_is_the_same(
+    scene: Scene, engine: str, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    if engine == "ngspice":
+        request.getfixturevalue("ngspice")
+    asked = scene.model_copy(
+        update={"analysis": scene.analysis.model_copy(update={"engine": engine})}
+    )
+    outcomes = []
+    for share in (-0.5, 0.5):
+        shifted(monkeypatch, share)
+        outcomes.append({c.name: c.outcome.value for c in verify(asked).checks})
+    assert outcomes[0] == outcomes[1]
+    assert outcomes[0]["stability"] == "inconclusive"
+
+
+def scenes() -> list[Scene]:
+    shipped = [
+        load_scene(SCENES / f"{name}.toml") for name in ("tuned-breadboard", "custom-matrix")
+    ]
+    paper = load_scene(SCENES / "paper-breadboard.toml")
+    design = {"gain": "6.252Mohm", "unit_conductance": "0.3313uS", "resistance": "1.9Mohm"}
+    made = [
+        make_scene({"channels": n, "span": span}, design={**design, "capacitance": C})
+        for n, span, C in ((3, 2.0, "30pF"), (5, 3.0, "100pF"), (7, 6.0, "15pF"))
+    ]
+    found = [*shipped, paper, *made]
+    analysis = {"engine": "statespace"}
+    return [
+        s.model_copy(update={"analysis": s.analysis.model_copy(update=analysis)}) for s in found
+    ]
+
+
+@pytest.mark.parametrize("scene", scenes(), ids=lambda scene: scene.name)
+def test_the_solution_and_its_record_are_read_the_same(scene: Scene) -> None:
+    a, b = verify(scene).measurements, record_transient(scene).measurements
+    assert [c.state for c in a.channels] == [c.state for c in b.channels]
+    compared = 0
+    for one, two in zip(a.channels, b.channels, strict=True):
+        assert one.overshoot == pytest.approx(two.overshoot, abs=1e-5)
+        assert one.rise_reason == two.rise_reason
+        for x, y in (
+            (one.rise_time, two.rise_time),
+            (one.settling_time, two.settling_time),
+        ):
+            assert (x is None) is (y is None)
+            if x is None or y is None:
+                continue
+            compared += 1
+            assert abs(x.value - y.value) <= x.uncertainty + y.uncertainty + 1e-12 * x.value
+            assert x.fragile is y.fragile
+    assert compared >= len(a.channels)
+    assert np.isfinite(a.amplitude)

@@ -1,9 +1,10 @@
-"""The runner against a real ngspice: right answers, and each way to fail by its own name."""
+"""The runner with a real ngspice, the search for ngspice, and run folders."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,15 @@ from taction.system.errors import (
     Killed,
     OutOfDisk,
     SimulationError,
+    SimulatorNotFound,
     SingularCircuit,
     StepTooSmall,
     TimedOut,
 )
+from taction.system.own_folders import remove_own_folder
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.ngspice.process import Simulator, find_simulator, simulate, start
+from taction.verification.engines.ngspice.executable import environment, find_simulator
+from taction.verification.engines.ngspice.process import Simulator, make_folder, simulate, start
 from tests.support.processes import is_running, process_id
 from tests.support.small_decks import TAU, SmallDeck, divider, endless, transient, wrapped
 
@@ -272,3 +276,100 @@ def test_the_deck_is_screened_before_anything_is_written(
             folder=tmp_path / "run",
         )
     assert not (tmp_path / "run").exists()
+
+
+def fake(folder: Path, answer: str) -> str:
+    path = folder / "ngspice"
+    path.write_text(f"#!/bin/sh\necho x >> {folder}/calls\necho '{answer}'\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+def test_the_real_one(ngspice: str) -> None:
+    simulator = find_simulator(ngspice)
+    assert simulator.version >= 39
+    assert simulator.solver_option == ("klu" if simulator.klu else "noopiter")
+
+
+@pytest.mark.parametrize(
+    ("answer", "version", "option"),
+    [
+        ("** ngspice-39.3 : Circuit level simulation program", 39, "noopiter"),
+        ("** ngspice-46 : x\n** Compiled with KLU Direct Linear Solver", 46, "klu"),
+        ("** ngspice-46+ : x", 46, "noopiter"),
+    ],
+)
+def test_version_and_solver(answer: str, version: int, option: str, tmp_path: Path) -> None:
+    simulator = find_simulator(fake(tmp_path, answer))
+    assert (simulator.version, simulator.solver_option) == (version, option)
+    for asked in ("klu", "noopiter"):
+        right = "KLU" if asked == option == "klu" else "Sparse"
+        assert simulator.solver_of(f"* title\n.options {asked}\n.end\n") == right
+
+
+def test_it_is_asked_once(tmp_path: Path) -> None:
+    path = fake(tmp_path, "** ngspice-45 : x")
+    assert find_simulator(path) is find_simulator(path)
+    assert (tmp_path / "calls").read_text() == "x\n"
+
+
+def test_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("TACTION_NGSPICE", raising=False)
+    with pytest.raises(SimulatorNotFound, match="TACTION_NGSPICE"):
+        find_simulator()
+
+
+def test_variable_overrides_the_path_and_an_argument_overrides_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for version in (41, 42):
+        (tmp_path / str(version)).mkdir()
+    named = fake(tmp_path / "41", "** ngspice-41 : x")
+    given = fake(tmp_path / "42", "** ngspice-42 : x")
+    monkeypatch.setenv("TACTION_NGSPICE", named)
+    assert find_simulator().version == 41
+    assert find_simulator(given).version == 42
+
+
+def test_environment_inherits_only_the_loaders_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("LD_LIBRARY_PATH", "/opt/lib")
+    monkeypatch.setenv("SPICE_LIB_DIR", "/elsewhere")
+    assert environment(tmp_path) == {
+        "LC_ALL": "C",
+        "HOME": str(tmp_path),
+        "SPICE_SCRIPTS": ".",
+        "OMP_NUM_THREADS": "1",
+        "LD_LIBRARY_PATH": "/opt/lib",
+    }
+
+
+def test_a_run_has_all_that_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    place = make_folder(transient(files={"a.inc": "* x\n"}), "ngspice\n", None)
+    assert place.parent == tmp_path
+    texts = {path.name: path.read_text() for path in place.iterdir()}
+    assert texts.pop("spinit").startswith("*")
+    expected = {"a.inc": "* x\n", "command.txt": "ngspice\n", "deck.cir": transient().text}
+    assert texts == expected
+    assert place.stat().st_mode & 0o077 == 0
+    remove_own_folder(place)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_within_is_removed_too(tmp_path: Path) -> None:
+    (tmp_path / "run" / "within").mkdir(parents=True)
+    (tmp_path / "run" / "within" / "file").touch()
+    remove_own_folder(tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_given_folder_is_made_and_must_be_empty(tmp_path: Path) -> None:
+    place = make_folder(transient(), "", tmp_path / "a" / "b")
+    assert place == tmp_path / "a" / "b"
+    with pytest.raises(InputError, match="must be empty"):
+        make_folder(transient(), "", place)
+    with pytest.raises(OutOfDisk, match="cannot be made"):
+        make_folder(transient(), "", place / "deck.cir" / "c")

@@ -1,20 +1,70 @@
-"""Sections of a report: margins, schematic, stable values of C, tables of studies."""
+"""What pages and pictures of studies show: margins, yields, maps, charts for Plotly."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pytest
+
+import taction
+from taction.netlist_gen.scene.axes import parse_axes, with_values
 from taction.system.quantities import readable
-from taction.verification.report.blocks import (
-    PAGE,
-    Bars,
-    Block,
-    Page,
-    Ranges,
-    Table,
-)
+from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Ranges, Table
+from taction.verification.report.charts import Cells, Chart, Columns, Limit, Text, thinned
+from taction.verification.report.renderers.picture import draw_sheet
+from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.texts import figure
-from tests.support.report_pages import page
+from taction.verification.report.views.montecarlo import _edges, sheet
+from taction.verification.report.views.sweep import Plane
+from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.tolerance.remedy import Remedy
+from taction.verification.studies.tolerance.yield_report import Sensitivity, Spread, YieldReport
+from tests.support.making import make_scene
+from tests.support.report_pages import STATESPACE, STUDIES, VERDICTS, page
+from tests.support.sweeping import grid_plan, make_sample
+
+MARKED = "#123456"  # in the place of a colour of the style sheet
+
+
+def coloured(value: Any) -> Any:
+    if isinstance(value, str):
+        return MARKED if value.startswith("--") else value
+    if isinstance(value, dict):
+        return {key: coloured(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [coloured(each) for each in value]
+    return value
+
+
+@pytest.mark.parametrize("name", [*VERDICTS, *STUDIES])
+def test_plotly_accepts_every_chart(name: str) -> None:
+    import plotly.graph_objects as go
+
+    for chart in (block for block in page(name).blocks() if isinstance(block, Chart)):
+        spec = coloured(json.loads(json.dumps(plotly_spec(chart), allow_nan=False)))
+        go.Figure(spec)  # raises for an unknown property or value
+        for view in chart.views:
+            layout = view_layout(chart, view)
+            go.Figure(spec).update_layout({k.replace(".", "_"): v for k, v in layout.items()})
+        assert chart.title
+        assert chart.summary
+
+
+def test_a_thinned_curve_keeps_every_peak() -> None:
+    rng = np.random.default_rng(5)
+    time = np.sort(rng.random(50_000))
+    values = rng.standard_normal(50_000)
+    x, y = thinned(time, values, 1000)
+    assert len(x) <= 1002
+    assert np.all(np.diff(x) > 0)
+    assert (y.min(), y.max()) == (values.min(), values.max())
+    for part in np.split(values, 500):  # 50,000 points in 500 parts with two points each
+        assert {part.min(), part.max()} <= set(y)
 
 
 def block(report: Page, title: str, kind: type[Any] = Table) -> Any:
@@ -53,3 +103,131 @@ def test_values_are_written_as_an_engineer_writes_them() -> None:
     assert readable("0.5 V/us of 10 kohm in 3 us") == "0.5 V/µs of 10 kΩ in 3 µs"
     assert readable("10 uA, usual") == "10 µA, usual"
     assert figure(float("nan"), "s") == "–"
+
+
+def _charts(name: str) -> list[Chart]:
+    return [each for each in page(name).blocks() if isinstance(each, Chart)]
+
+
+def ends(plane: Plane) -> list[tuple[float, float, float, float]]:
+    """Return the lines of the boundary: x and y of one end, x and y of the other."""
+    assert plane.edge is not None
+    x, y = (np.asarray(v).reshape(-1, 3)[:, :2] for v in (plane.edge.x, plane.edge.y))
+    return [(*a, *b) for a, b in zip(x.tolist(), y.tolist(), strict=True)]
+
+
+def test_three_axes_are_maps_at_each_value_of_the_third() -> None:
+    found = _charts("sweep, three axes")
+    assert [each.title for each in found] == ["Outcome", "Settling time"] * 2
+    places = ["1 pF"] * 2 + ["9 pF"] * 2
+    for each, place in zip(found, places, strict=True):
+        assert each.message.endswith(f"at stray_capacitance = {place}")
+
+
+def test_the_boundary_is_a_mark_across_each_category() -> None:
+    plan = grid_plan("opamp.base=ua741,op27", "C=10pF:100pF:3")
+    plane = Plane(plan, Boundary(points=((0, 5e-12), (1, 2e-11))))
+    assert ends(plane) == [(-0.5, 0.5, 5e-12, 5e-12), (0.5, 1.5, 2e-11, 2e-11)]
+
+
+def test_the_boundary_of_a_map_is_the_crossing_of_onset() -> None:
+    scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
+    axes = parse_axes(scene, ("C=1pF:100pF:9", "gain=5Mohm:8Mohm:2"))
+    plan = Plan(scene, axes, ("statespace",), hybrid=False)
+    gain = plan.groups[1][0].values[0]
+    lines = ends(Plane(plan, solve_boundary(plan)))
+    both = [(x, y) for x0, x1, y0, y1 in lines for x, y in ((x0, y0), (x1, y1))]
+    drawn = {x for x, y in both if y == pytest.approx(gain)}
+    onset = taction.onset(
+        with_values(scene, {"design.gain": gain}), over="C=1pF:100pF", transients=False
+    )
+    solved = [each.crossing.value for each in onset.findings if each.crossing.changes_stability]
+    assert solved
+    assert sorted(drawn) == pytest.approx(sorted(solved), rel=2e-3)
+
+
+def test_what_fails_is_told_apart_by_colour_and_mark() -> None:
+    (cells,) = (mark for mark in _charts("sweep, a map")[0].marks if isinstance(mark, Cells))
+    kinds = {name.partition(":")[0] for name in cells.looks}
+    assert kinds == {"pass", "fail", "inconclusive", "error"}
+    looks = [(look.colour, look.mark) for look in cells.looks.values()]
+    assert len(set(looks)) == len(looks)
+
+
+SAMPLES = [
+    make_sample(
+        k, "pass" if k < 30 else "fail", settling_time=1e-5 * (1 + k / 40), growth_rate=-5.0
+    )
+    for k in range(40)
+]
+TIME = Spread("settling_time", "s", None, 1.76e-5, 1e-5, 1.5e-5, 2e-5, 0)
+REPORT = YieldReport(
+    samples=40,
+    passed=30,
+    without_verdict=0,
+    fraction=0.75,
+    low=0.59,
+    high=0.87,
+    failures={"settling_time": 10},
+    reasons={},
+    quantities=(TIME, Spread("growth_rate", "1/s", None, 0.0, -5.0, -5.0, -5.0, 0)),
+    sensitivities=(Sensitivity("Cc_1", "capacitor", "settling_time", -0.9, 0.15),),
+    remedy=Remedy({"Cc_1": 0.01}, {}, 0.99, 1.0),
+)
+
+
+def charts(report: YieldReport) -> list[Any]:
+    (column, *more) = sheet("board", report, SAMPLES).columns
+    return [*column, *(block for each in more for block in each)]
+
+
+def histogram(spread: Spread) -> Chart:
+    (chart, *_) = charts(replace(REPORT, quantities=(spread,)))
+    assert isinstance(chart, Chart)
+    return chart
+
+
+def marks(chart: Chart, kind: type) -> list[Any]:
+    return [mark for mark in chart.marks if isinstance(mark, kind)]
+
+
+def test_bars_beyond_the_limit_are_failures_and_all_samples_are_shown() -> None:
+    chart = histogram(TIME)
+    within, beyond = marks(chart, Columns)
+    assert (within.looks, within.sizes.sum()) == (("pass",), 31)  # up to 1e-5 (1 + 30/40)
+    assert (beyond.looks, beyond.sizes.sum()) == (("fail",), 9)
+    assert (beyond.places[beyond.sizes > 0] > 1.76e-5).all()
+    assert [limit.value for limit in marks(chart, Limit)] == [TIME.at_most]
+    assert chart.message == "9 of 40 samples (22.5 %) beyond 17.6 µs"
+
+
+def test_a_limit_far_away_is_an_arrow() -> None:
+    chart = histogram(replace(TIME, at_most=1.0))
+    first, second = chart.views
+    assert first.x is not None
+    assert first.x[1] < 3e-5
+    assert second.x is not None
+    assert second.x[1] > 1.0
+    assert [text.text for text in marks(chart, Text)] == ["limit →"]
+
+
+def test_one_value_is_no_histogram() -> None:
+    notes = next(each for each in charts(REPORT) if isinstance(each, Notes))
+    assert notes.lines == ("Growth rate: every sample has -5 /s.",)
+
+
+@pytest.mark.parametrize("limits", [[], [0.31], [2.0], [0.2, 0.7]])
+def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
+    values = np.linspace(0.0, 1.0, 101)
+    edges = _edges(values, limits)
+    assert edges[0] <= 0.0
+    assert edges[-1] >= 1.0
+    assert np.diff(edges) == pytest.approx(np.full(len(edges) - 1, edges[1] - edges[0]))
+    if limits and limits[0] < 1.0:
+        assert np.abs(edges - limits[0]).min() < 1e-12
+
+
+def test_a_study_without_samples_has_a_picture(tmp_path: Path) -> None:
+    empty = replace(REPORT, samples=0, passed=0, quantities=(), sensitivities=(), remedy=None)
+    draw_sheet(sheet("board", empty, []), tmp_path / "a.svg")
+    assert (tmp_path / "a.svg").read_text().count("<path") > 5

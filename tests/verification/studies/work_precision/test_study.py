@@ -1,4 +1,4 @@
-"""A work-precision study of a small board, and what is read from it."""
+"""A work-precision study of a small board, its norms and its fitted orders."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
 from taction.system.documents import plain
 from taction.system.errors import EngineError, SimulatorNotFound
 from taction.verification.report.documents.studies import AccuracyDocument
@@ -22,9 +24,15 @@ from taction.verification.report.views.accuracy import view
 from taction.verification.studies.running.worker import Worker
 from taction.verification.studies.work_precision import ladders
 from taction.verification.studies.work_precision import study as study_module
+from taction.verification.studies.work_precision.convergence_order import fit_order
 from taction.verification.studies.work_precision.method_runs import MethodRun, Task
 from taction.verification.studies.work_precision.methods import METHODS, Method
-from taction.verification.studies.work_precision.norms import NORMS
+from taction.verification.studies.work_precision.norms import (
+    NORMS,
+    ErrorScale,
+    make_scale,
+    measure_errors,
+)
 from taction.verification.studies.work_precision.study import WorkPrecisionStudy, run_study
 from tests.support.making import make_scene
 
@@ -252,3 +260,117 @@ def test_the_coarsest_setting_of_every_method_runs_first() -> None:
     assert sorted((m.name, s) for m, s in found) == sorted(
         (m.name, s) for m in FEW for s in m.ladder
     )
+
+
+STEPS = [2.0**-k for k in range(8)]
+NAMES = [str(k) for k in range(8)]
+
+
+def test_a_clean_ladder_gives_its_order_and_constant() -> None:
+    found = fit_order(STEPS, [0.05 * h**3 for h in STEPS], 0.0, NAMES)
+    assert found.value == pytest.approx(3.0, abs=1e-12)
+    assert found.constant == pytest.approx(0.05, rel=1e-12)
+    assert found.points == tuple(range(8))
+    assert found.reason == ""
+
+
+def test_what_is_not_asymptotic_and_what_is_at_the_floor_is_left_out() -> None:
+    """Saturation above, the reference's error of 1e-6 below: the three between remain."""
+    errors = [min(8.0 * h**2, 0.9) + 1e-6 * (k > 6) for k, h in enumerate(STEPS)]
+    found = fit_order(STEPS, errors, 1e-4, NAMES)
+    assert found.points == (4, 5, 6)
+    assert found.value == pytest.approx(2.0, abs=1e-12)
+    assert "3 is not asymptotic" in found.reason
+    assert "7 is at the reference's own error" in found.reason
+
+
+def test_a_time_out_is_no_error_and_breaks_nothing() -> None:
+    errors = [0.05 * h for h in STEPS[:-1]]
+    found = fit_order([*STEPS[:-1], None], [*errors, None], 0.0, NAMES)
+    assert found.value == pytest.approx(1.0)
+    assert found.reason == "7 has no error"
+
+
+def test_an_outlier_is_named() -> None:
+    errors = [0.05 * h**2 for h in STEPS]
+    errors[0] = 1e-5
+    found = fit_order(STEPS, errors, 0.0, NAMES)
+    assert found.points == tuple(range(1, 8))
+    assert found.reason == "0 is off the line"
+
+
+def test_scatter_and_two_points_show_no_order(rng: np.random.Generator) -> None:
+    noise = fit_order(STEPS, (10.0 ** rng.uniform(-6, -2, 8)).tolist(), 0.0, NAMES)
+    assert noise.value is None or len(noise.points) < 5
+    assert fit_order(STEPS[:2], [1e-2, 1e-3], 0.0, NAMES[:2]).value is None
+    assert fit_order([1.0, 1.0, 1.0], [1e-2, 1e-3, 1e-4], 0.0, NAMES[:3]).value is None
+
+
+def test_the_uncertainty_is_that_of_a_straight_line(rng: np.random.Generator) -> None:
+    """Against numpy's own least squares with its covariance."""
+    errors = [0.05 * h**2 * float(np.exp(0.05 * rng.standard_normal())) for h in STEPS]
+    found = fit_order(STEPS, errors, 0.0, NAMES)
+    line, covariance = np.polyfit(np.log(STEPS), np.log(errors), 1, cov=True)
+    assert found.value == pytest.approx(line[0], rel=1e-12)
+    assert found.sigma == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
+
+
+DECAY, OMEGA = 1e3, 2e5
+TARGET = np.array([2.0, -1.0])
+TIME = np.linspace(0.0, 4e-3, 16001)
+
+
+def ringing(time: Floats, decay: float = DECAY, omega: float = OMEGA) -> Floats:
+    """Two channels that ring around their targets, from 0; step amplitude 2."""
+    wave = 1.0 - np.exp(-decay * time) * np.cos(omega * time)
+    return np.outer(wave, TARGET)
+
+
+def scale(band: float = 0.05) -> ErrorScale:
+    return make_scale(TIME, ringing(TIME), np.zeros(2), TARGET, band, complex(-DECAY, OMEGA))
+
+
+def errors_of(u: Floats) -> dict[str, float | None]:
+    return measure_errors(MethodRun(TIME, u, 1.0, 1, None), ringing(TIME), scale())
+
+
+def test_the_scale_is_that_of_the_reference() -> None:
+    found = scale()
+    assert found.amplitude == 2.0
+    assert found.band == 0.05
+    # exp(-t) = 0.05 at the last peak before it, so within half a ringing period of 1/decay ln 20
+    assert found.settling_time == pytest.approx(np.log(20.0) / DECAY, abs=np.pi / OMEGA)
+    assert found.ringing is not None
+    assert found.ringing == pytest.approx(complex(-DECAY, OMEGA), rel=1e-6)
+
+
+def test_a_band_that_the_record_does_not_reach_is_widened() -> None:
+    found = scale(band=0.01)
+    # what is left at 80 % of the record, times 1.25, to two digits
+    assert found.band == pytest.approx(1.25 * np.exp(-3.2), rel=0.03)
+    assert found.settling_time is not None
+
+
+def test_amplitude_errors_are_fractions_of_the_step() -> None:
+    errors = errors_of(ringing(TIME) + 1e-3 * np.outer(TIME / TIME[-1], [1.0, 0.5]))
+    assert errors["final"] == pytest.approx(5e-4)
+    assert errors["maximum"] == pytest.approx(5e-4)
+
+
+def test_the_pole_of_a_wrong_record_is_found_wrong_by_as_much() -> None:
+    errors = errors_of(ringing(TIME, decay=1.1 * DECAY, omega=1.001 * OMEGA))
+    assert errors["frequency"] == pytest.approx(1e-3, rel=1e-3)
+    assert errors["growth_rate"] == pytest.approx(0.1 * DECAY / OMEGA, rel=1e-2)
+    settling = errors["settling_time"]
+    assert settling == pytest.approx(0.1 / 1.1, abs=np.pi / OMEGA / 3e-3)
+
+
+def test_no_error_is_no_error_in_any_norm() -> None:
+    assert set(errors_of(ringing(TIME)).values()) == {0.0}
+
+
+def test_a_record_that_does_not_ring_has_no_ringing_error() -> None:
+    errors = errors_of(np.outer(1.0 - np.exp(-DECAY * TIME), TARGET))
+    assert errors["frequency"] is None
+    assert errors["growth_rate"] is None
+    assert errors["final"] is not None

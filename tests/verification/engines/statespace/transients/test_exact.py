@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Capacitor, Output, Resistor
+from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -27,17 +27,17 @@ TAU = 1e-6
 
 
 @pytest.fixture(scope="module")
-def fifty_digits() -> tuple[list[float], Any]:
+def fifty_digits() -> tuple[list[float], Floats]:
     """Seven channels at 4 ms / 2^j, all states."""
     return precise_step(stamp(paper_board()), 2.0**-8, 22)
 
 
-def test_seven_channels_against_fifty_digits(fifty_digits: tuple[list[float], Any]) -> None:
+def test_seven_channels_against_fifty_digits(fifty_digits: tuple[list[float], Floats]) -> None:
     times, precise = fifty_digits
     circuit = paper_board()
     states = LinearBoard(circuit).state_space.states
     nodes = (*circuit.signal_nodes, "c3", "xXw3.p1")
-    wanted = precise[:, [states.index(name) for name in nodes]].astype(np.float64)
+    wanted = precise[:, [states.index(name) for name in nodes]]
     solution = exact_solution(circuit, nodes=nodes)
     assert solution.form == "modes"
     error, amplitude = np.abs(solution.at(np.array(times)) - wanted), np.abs(wanted).max(axis=0)
@@ -49,14 +49,14 @@ def test_seven_channels_against_fifty_digits(fifty_digits: tuple[list[float], An
     assert np.all(error[large] <= 1e-10 * np.abs(wanted)[large])
 
 
-def test_the_ladder_agrees_with_fifty_digits_too(fifty_digits: tuple[list[float], Any]) -> None:
+def test_the_ladder_agrees_with_fifty_digits_too(fifty_digits: tuple[list[float], Floats]) -> None:
     times, precise = fifty_digits
     circuit = paper_board()
     space = LinearBoard(circuit).state_space
     C, _ = space.rows(circuit.signal_nodes)
     target = -np.linalg.solve(space.A, space.B.sum(axis=1))
     flow = LadderFlow(space.A, C, -target, times[0])
-    wanted = precise[:, [space.states.index(n) for n in circuit.signal_nodes]].astype(np.float64)
+    wanted = precise[:, [space.states.index(n) for n in circuit.signal_nodes]]
     difference = C @ target + flow.at(np.array(times)) - wanted
     assert np.abs(difference).max() <= 1e-10 * np.abs(wanted).max()
     assert np.abs(difference).max() <= flow.error
