@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress fuzz torture docs notebooks man schemas lint format bench lock build clean
+.PHONY: help setup ready demo test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress nightly fuzz torture docs notebooks man schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -47,10 +47,10 @@ test-kicad: ready ## the KiCad projects in a real kicad-cli, which is installed 
 test-processors: ready ## the numerical tests with every BLAS kernel that this processor executes
 	$(PYTHON_IN_VENV) scripts/processors.py $(ARGS) -- -n $(JOBS)
 
-test-pythons: ready ## many tests with the newest other Python of this machine, in .venv-VERSION
-	bash scripts/pythons.sh -n $(JOBS) $(ARGS)
+test-pythons: ready ## the numerical tests with the newest other Python, in .venv-VERSION; ARGS=--all runs all tests
+	bash scripts/pythons.sh $(ARGS) -n $(JOBS)
 
-test-simulators: ready ## all shipped scenes with ngspice 39 (of Debian 12) and the installed one: every solver and method
+test-simulators: ready ## all shipped scenes with ngspice 39 (of Debian 12) and the installed one: solvers and methods, ARGS=--all for every combination
 	$(PYTHON_IN_VENV) scripts/simulators.py --jobs $(JOBS) $$(bash scripts/older_ngspice.sh) $(ARGS)
 
 regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update accepts what changed
@@ -59,8 +59,12 @@ regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update acc
 stress: ready ## the stiff and extreme cases as a table; ARGS="--page docs/stress.md" writes the page
 	.venv/bin/taction stress --jobs $(JOBS) $(ARGS)
 
+nightly: ready ## what takes too long for every commit (an hour or two); records in docs/nightly.toml what was green
+	$(PYTHON_IN_VENV) scripts/nightly.py $(ARGS)
+
 fuzz: ready ## damaged inputs of every kind, for ARGS="--minutes 60"; prints how often each outcome occurred
 	$(PYTHON_IN_VENV) -m tests.fuzz $(ARGS)
+
 torture: ready ## 200 kills of studies at random instants, in half an hour; ARGS="--page docs/torture.md" writes the page
 	$(PYTHON_IN_VENV) -m tests.torture $(ARGS)
 

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Run tests with the newest Python on this machine that is newer than the one of .venv: the pinned
-# packages go into .venv-VERSION, beside .venv. Says so where there is none. Arguments go to pytest.
+# packages go into .venv-VERSION, beside .venv. Says so where there is none. With --all (the first argument) it runs
+# all tests. Other arguments go to pytest.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/system.sh
@@ -9,10 +10,14 @@ source scripts/system.sh
 unset PYTHONPATH PYTHONHOME PIP_TARGET PIP_PREFIX
 export PIP_USER=0 PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 NEWER=(3.14 3.13 3.12)
-# What depends on Python: processes, files, messages, parsers, and every engine once.
-TESTS=(tests/netlist_gen tests/spice_models tests/cli tests/taction tests/faulty_simulators tests/fuzz)
-TESTS+=(tests/verification/engines tests/verification/readings)
-TESTS+=(tests/verification/studies/running tests/verification/studies/sweep)
+# What depends on Python: every engine and reading, processes, documents of types, all commands once.
+TESTS=(tests/verification/engines tests/verification/readings tests/verification/reference)
+TESTS+=(tests/verification/studies/running tests/netlist_gen/deck tests/system)
+TESTS+=(tests/cli/test_contract.py)
+if [ "${1-}" = --all ]; then
+    shift
+    TESTS=(tests)
+fi
 
 is_version() { [ "$("$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)" = "$2" ]; }
 

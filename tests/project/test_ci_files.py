@@ -11,6 +11,7 @@ import click
 import pytest
 import yaml
 
+from scripts import nightly
 from taction.cli.main import COMMANDS, main
 from taction.cli.running import made
 from taction.netlist_gen.scene.checks import Regression
@@ -52,12 +53,24 @@ def test_the_workflow_runs_what_anybody_can_run() -> None:
 
 def test_ci_run_compares_the_scenes_after_the_tests() -> None:
     lines = (ROOT / ".ci" / "run").read_text().splitlines()
-    assert lines.index("make regress || status=1") > lines.index("make test || status=1")
+    assert lines.index("step regress") > lines.index("step test")
     others = ("simulators", "pythons", "browser", "install", "kicad")
-    assert {f"make test-{name} || status=1" for name in others} <= set(lines)
-    assert "taction regress scenes/ --baseline scenes/baseline.json" in (
-        ROOT / "Makefile"
-    ).read_text("utf-8")
+    assert {f"step test-{name}" for name in others} <= set(lines)
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    assert "taction regress scenes/ --baseline scenes/baseline.json" in makefile
+    targets = set(re.findall(r"^([a-z-]+):.*## ", makefile, re.MULTILINE))
+    assert {words[1] for words in nightly.STEPS.values()} <= targets
+    assert not any(line.startswith(("step nightly", "make nightly")) for line in lines)
+
+
+def test_a_step_of_the_night_is_stale_until_it_is_green_with_these_sources() -> None:
+    green = {"sources": "ab", "day": "2026-01-02", "green": True}
+    entries = dict.fromkeys(nightly.STEPS, green)
+    assert nightly.stale(entries, "ab") == []
+    del entries["fuzz"]
+    entries["torture"] = green | {"green": False}
+    assert nightly.stale(entries, "ab") == ["fuzz: never run", "torture: red on 2026-01-02"]
+    assert "processors: green on 2026-01-02, with other sources" in nightly.stale(entries, "cd")
 
 
 def test_the_hook_is_one_that_pre_commit_can_read() -> None:

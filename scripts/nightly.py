@@ -1,0 +1,111 @@
+"""What takes too long for every commit: the full tables of which `.ci/run` runs a part.
+
+    python scripts/nightly.py [STEP ...]     run all steps, or these; record them
+    python scripts/nightly.py --stale        name the steps that were not green with these sources
+
+`docs/nightly.toml` has, for each step, the hash of the sources, the day and whether it was green.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+RECORD = ROOT / "docs" / "nightly.toml"
+HEAD = "# Written by `make nightly`; `.ci/run` says which steps are not green with its sources.\n"
+SOURCES = ("taction", "cli", "system", "netlist_gen", "spice_models", "verification")
+SOURCES += ("scenes", "tests", "scripts", "requirements", "pyproject.toml")
+STEPS = {
+    "processors": ("make", "test-processors"),
+    "pythons": ("make", "test-pythons", "ARGS=--all"),
+    "simulators": ("make", "test-simulators", "ARGS=--all"),
+    "random-scenes": ("make", "test", "ARGS=tests/verification"),
+    "fuzz": ("make", "fuzz"),
+    "torture": ("make", "torture"),
+}
+# Ten times as many random scenes and seeds as in every commit.
+MORE = {"random-scenes": {"TACTION_RANDOM_SCENES": "200", "TACTION_ROUNDING_SCALE": "10"}}
+
+
+def git(*words: str) -> str:
+    """Return what git says, or nothing where it fails or is missing."""
+    command = [shutil.which("git") or "git", *words]
+    try:
+        run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    except OSError:
+        return ""
+    return run.stdout.strip() if run.returncode == 0 else ""
+
+
+def source_hash() -> str:
+    """Return the hash of the committed sources, without the documentation; "" without git."""
+    trees = [git("rev-parse", f"HEAD:{name}") for name in SOURCES]
+    return hashlib.sha256(" ".join(trees).encode()).hexdigest()[:16] if all(trees) else ""
+
+
+def recorded() -> dict[str, dict[str, Any]]:
+    """Return the entries of the record by the names of their steps."""
+    return tomllib.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
+
+
+def stale(entries: dict[str, dict[str, Any]], sources: str) -> list[str]:
+    """Return a sentence for each step that was not green with `sources`."""
+    found = []
+    for name in STEPS:
+        entry = entries.get(name)
+        if entry is None:
+            found.append(f"{name}: never run")
+        elif not entry["green"]:
+            found.append(f"{name}: red on {entry['day']}")
+        elif entry["sources"] != sources:
+            found.append(f"{name}: green on {entry['day']}, with other sources")
+    return found
+
+
+def record(name: str, sources: str, green: bool) -> None:
+    """Write the end of a step; the entries of the others stay."""
+    day = datetime.datetime.now(datetime.UTC).date().isoformat()
+    entries = recorded() | {name: {"sources": sources, "day": day, "green": green}}
+    text = HEAD
+    for step, entry in sorted(entries.items()):
+        text += f'\n["{step}"]\nsources = "{entry["sources"]}"\nday = "{entry["day"]}"\n'
+        text += f"green = {str(entry['green']).lower()}\n"
+    RECORD.write_text(text, encoding="utf-8")
+
+
+def main() -> int:
+    """Run the steps; 1 if one is red. With `--stale` always 0."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--stale", action="store_true", help="run nothing; say what is stale")
+    parser.add_argument("steps", nargs="*", choices=[*STEPS, []], metavar="STEP")
+    asked = parser.parse_args()
+    sources = source_hash()
+    if asked.stale:
+        for line in stale(recorded(), sources):
+            print(f"nightly: {line}")
+        return 0
+    if not sources or git("status", "--porcelain", "--", *SOURCES):
+        print("nightly: commit the sources first: the record names them", file=sys.stderr)
+        return 1
+    failed = []
+    for name in asked.steps or STEPS:
+        print(f"== {name}", flush=True)
+        environment = os.environ | {"CI": "true"} | MORE.get(name, {})
+        green = subprocess.run(STEPS[name], cwd=ROOT, env=environment).returncode == 0
+        record(name, sources, green)
+        failed += [] if green else [name]
+    print(f"nightly: red: {', '.join(failed) or 'none'}")
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
