@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 from flint import acb, arb, arb_mat, ctx
 
-from tests.support.deck_equations import state_equations
-from tests.support.deck_text import parse_deck
-from tests.support.exact_modes import Modes, eigen, exact_modes
-from tests.support.exact_readings import Signal
-from tests.support.nonlinear_response import Board, source_value
-from tests.support.sampled_readings import Samples
+from tests.support.deck_equations import parse_deck, state_equations
+from tests.support.exact_readings import Modes, Signal, eigen, exact_modes
+from tests.support.nonlinear_response import Board, Samples, source_value
 
 HEAD = ".title taction board\n* outputs: u_1 = -v(y)\n"
 TAIL = ".options klu\n.save v(y)\n.op\n.end\n"

@@ -13,8 +13,7 @@ from taction.netlist_gen.analysis import OperatingPoint
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.scene import Scene
-from tests.support.deck_equations import state_equations
-from tests.support.deck_text import parse_deck
+from tests.support.deck_equations import parse_deck, state_equations
 
 RATE = 1e6  # 1/s: unit of s, so that the coefficients are of one size
 BITS = 600

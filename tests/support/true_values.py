@@ -1,49 +1,92 @@
-"""The oracle's readings in the form that the catalogue of stress cases stores."""
+"""The true readings of a scene, from its deck's text and its problem, as the catalogue stores them.
+
+Linear boards: modes in Arb (`exact_modes`, `exact_readings`). Boards with behavioural sources:
+equilibrium and poles in Arb, times and peaks from two integrators of SciPy, whose difference is the
+error.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from flint import acb, arb, arb_mat, ctx
 
 from taction.netlist_gen.analysis import OperatingPoint
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.scene import Scene
-from taction.system.errors import InputError
-from taction.system.reading_definitions import READINGS
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
+from taction.system.errors import InputError, NoVerdictError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.true_values import TrueValues
+from taction.verification.reference import Problem, solve
 from taction.verification.reference.ideal_answer import resolve_lambda
-from tests.support.deck_text import parse_deck
+from taction.verification.verdict.deck import deck_of
+from taction.verification.verdict.design import has_large_signal
+from tests.support.deck_equations import DeckText, StateEquations, parse_deck, state_equations
+from tests.support.exact_readings import Signal, UnreadableError, exact_modes
+from tests.support.nonlinear_response import Board, DivergenceError, Samples
+from tests.support.oracle import AMPLIFIERS, exact_solution
 from tests.support.true_margin import true_margin
-from tests.support.true_readings import board_of, true_readings
 
+BITS = 320
+SMALL_STEP = 0.05  # of A
+STILL = 1e-6  # of A: a smaller step has no direction; both sides of it count as undershoot
+EXACT = 1e-13  # error of a reading in Arb, whose modes are right to 30 digits
+INTEGRATORS = (("Radau", 1e-7), ("LSODA", 1e-8))  # with their relative tolerances
 LINEAR = "modes of the deck in Arb, 320 bits; suprema and crossings by interval bounds"
 NONLINEAR = "equilibrium and poles in Arb; transient by SciPy's Radau and LSODA, which differ by"
+LAST = 1e-5  # of A: what is left of the slowest mode at the end of an integration
+
+
+class AnySignal(Protocol):
+    """A channel's ``e = u - target``: a sum of modes or samples."""
+
+    def highest(self, sign: int) -> arb | float:
+        """Return the supremum of ``sign * e``."""
+
+    def last_outside(self, level: arb) -> arb | float | None:
+        """Return the last instant with ``|e| > level``; None if it stays so."""
+
+    def first_above(self, sign: int, level: arb) -> arb | float | None:
+        """Return the first instant with ``sign * e > level``."""
+
+
+def board_of(scene: Scene) -> Circuit:
+    """Return the board that taction simulates: at the level of its op-amps' model."""
+    circuit = synthesise(scene, make_problem(scene))
+    if not has_large_signal(LinearBoard(circuit)):
+        return circuit
+    try:
+        return deck_of(scene)[0]
+    except NoVerdictError:
+        return circuit
 
 
 def true_values(scene: Scene) -> TrueValues:
     """Return the true readings of the board that `scene` describes."""
-    found = true_readings(resolve_lambda(scene))
-    channels = [
-        {
-            name: value
-            for name in (*READINGS, "final")
-            if (value := asdict(channel)[name]) is not None
-        }
-        for channel in found.channels
-    ]
     asked = scene.checks.stability.margin > 1.0
-    linear = board_of(resolve_lambda(scene)).is_linear
-    return TrueValues(
-        amplitude=found.amplitude,
-        rightmost=(found.rightmost.real, found.rightmost.imag),
-        steady_state=found.steady_state if found.amplitude else 0.0,
-        channels=tuple(channels),
-        error=found.error,
-        arrives=found.arrives,
-        readable=found.readable,
-        margin=true_margin(scene) if asked and len(channels) == 1 else None,
-        by=LINEAR if linear else f"{NONLINEAR} {found.error:.1g}",
+    scene = resolve_lambda(scene)
+    problem, circuit = make_problem(scene), board_of(scene)
+    with _precision(BITS):
+        deck = parse_deck(write_deck(circuit, OperatingPoint()).text)
+        parts = state_equations(deck)
+        if circuit.is_linear:
+            found = _linear(scene, problem, parts)
+        else:
+            found = _nonlinear(scene, problem, deck, parts)
+    return replace(
+        found,
+        margin=true_margin(scene) if asked and len(found.channels) == 1 else None,
+        by=LINEAR if circuit.is_linear else f"{NONLINEAR} {found.error:.1g}",
     )
 
 
@@ -63,3 +106,188 @@ def deck_digest(case: Case) -> str | None:
 
 def _rounded(value: float | str) -> str:
     return value if isinstance(value, str) else f"{value:.11g}"
+
+
+@contextmanager
+def _precision(bits: int) -> Iterator[None]:
+    before = ctx.prec
+    ctx.prec = bits
+    try:
+        yield
+    finally:
+        ctx.prec = before
+
+
+def true_lambda(scene: Scene) -> arb:
+    """Return lambda: given, or ``1/(R s G0^2)``, with amplifiers ``2 Ve / (R s G0^2 U0)``."""
+    design = scene.design
+    if isinstance(design.lam, float):
+        return arb(design.lam)
+    R = DEFAULT_RESISTANCE if design.resistance is None else design.resistance
+    lam = 1 / (arb(R) * arb(design.gain) * arb(design.unit_conductance) ** 2)
+    if design.amplifier == "linear":
+        return lam
+    return lam * 2 * arb(design.exponential_slope or 1.0) / arb(design.unit_voltage)
+
+
+def _linear_solution(scene: Scene, problem: InverseProblem) -> list[arb]:
+    """Return u of ``(T'T + lambda) u = T' eps``, dimensionless."""
+    T, eps = arb_mat(problem.matrix.tolist()), arb_mat([[e] for e in problem.strain.tolist()])
+    left = T.transpose() * T
+    for n in range(left.nrows()):
+        left[n, n] += true_lambda(scene)
+    u = left.solve(T.transpose() * eps)
+    return [u[n, 0] for n in range(left.nrows())]
+
+
+def _linear(scene: Scene, problem: InverseProblem, parts: list[StateEquations]) -> TrueValues:
+    targets = [arb(scene.design.unit_voltage) * u for u in _linear_solution(scene, problem)]
+    amplitude = max(map(abs, targets), key=float)
+    modes = exact_modes(parts, len(targets))
+    signals = [Signal(modes, n, target, amplitude) for n, target in enumerate(targets)]
+    moves = bool(amplitude > 0) and all(bool(p.real < 0) for p in modes.poles)
+    steps = [(arb(0), target) for target in targets]
+    values = partial(_values, amplitude, steps, modes.final, _rightmost(modes.poles))
+    try:
+        return values(_channels(scene, steps, amplitude, signals if moves else []))
+    except UnreadableError:
+        return values((), readable=False)
+
+
+def _nonlinear(
+    scene: Scene, problem: InverseProblem, deck: DeckText, parts: list[StateEquations]
+) -> TrueValues:
+    unit, count = arb(scene.design.unit_voltage), len(deck.outputs)
+    rests = scene.analysis.initial == "rest"
+    if scene.design.amplifier == "linear":  # op-amps with limits, whose inputs rest near 0
+        v = v0 = [0.0] * len(deck.of("B"))
+        steps = [(arb(0), unit * u) for u in _linear_solution(scene, problem)]
+    else:
+        v, targets = _amplified_solution(scene, problem.matrix, problem.strain)
+        v0, start = [0.0] * count, [AMPLIFIERS[scene.design.amplifier][0](0)] * count
+        if rests:
+            v0, start = _amplified_solution(scene, problem.matrix, 0.0 * problem.strain)
+        pairs = zip(start, targets, strict=True)
+        steps = [(unit * arb(str(a)), unit * arb(str(b))) for a, b in pairs]
+    amplitude = max((abs(b - a) for a, b in steps), key=float)
+    final, poles = [arb(0)] * count, list[acb]()
+    begun = []
+    for board in map(Board, parts):
+        places = [deck.of("B").index(source) for source in board.equations.sources]
+        rest, outputs, slopes = board.equilibrium(1, [v[k] for k in places])
+        first = arb_mat(rest.nrows(), 1)
+        if rests:
+            first = board.equilibrium(0, [v0[k] for k in places])[0]
+        begun.append((board, first, rest))
+        poles += board.poles(slopes)
+        for row, k in enumerate(board.equations.outputs):
+            final[k] = outputs[row, 0]
+    lead = _rightmost(poles)
+    values = partial(_values, amplitude, steps, final, lead)
+    if lead.real >= 0.0:
+        return values(())
+
+    def read(method: str, tolerance: float) -> list[dict[str, float]]:
+        signals: list[Samples | None] = [None] * count
+        for board, first, rest in begun:
+            run = board.transient(first, rest, np.log(LAST) / lead.real, method, tolerance)
+            own = board.equations.outputs
+            ends = [(float(steps[k][1]), float(final[k] - steps[k][1])) for k in own]
+            for k, samples in zip(own, Samples.of(run, ends), strict=True):
+                signals[k] = samples
+        return _channels(scene, steps, amplitude, signals)
+
+    try:
+        channels, others = (read(*integrator) for integrator in INTEGRATORS)
+    except DivergenceError:
+        return values((), arrives=False)
+    return values(channels, error=_apart(channels, others))
+
+
+def _amplified_solution(
+    scene: Scene, T: np.ndarray, eps: np.ndarray
+) -> tuple[list[Any], list[Any]]:
+    """Return the reference solution's v and u, dimensionless; u as mpmath's numbers."""
+    design = scene.design
+    problem = Problem(T, eps, float(true_lambda(scene)), design.amplifier, design.biased)
+    guess = solve(problem).v
+    assert guess is not None
+    found = exact_solution(problem, guess)
+    assert found is not None
+    return [float(v) for v in found[1]], found[0]
+
+
+def _rightmost(poles: list[acb] | tuple[acb, ...]) -> complex:
+    return max(map(complex, poles), key=lambda p: (p.real, p.imag))
+
+
+def _apart(a: list[dict[str, float]], b: list[dict[str, float]]) -> float:
+    """Return the largest difference of two sets of readings: relative, or of A."""
+    worst = EXACT
+    for one, other in zip(a, b, strict=True):
+        assert one.keys() == other.keys(), "the integrators disagree on what there is"
+        for name, x in one.items():
+            size = max(x, 1e-300) if "time" in name else 1.0
+            worst = max(worst, abs(x - other[name]) / size)
+    return worst
+
+
+def _values(
+    amplitude: arb,
+    steps: list[tuple[arb, arb]],
+    final: Sequence[arb],
+    rightmost: complex,
+    channels: Sequence[dict[str, float]],
+    error: float = EXACT,
+    **states: bool,
+) -> TrueValues:
+    """Return the values of channels that end at `final`; without readings for no `channels`."""
+    ends = [float(end) for end in final]
+    off = max(abs(end - float(target)) for end, (_, target) in zip(ends, steps, strict=True))
+    step = float(amplitude)
+    return TrueValues(
+        amplitude=step,
+        rightmost=(rightmost.real, rightmost.imag),
+        steady_state=off / step if step else 0.0,
+        channels=tuple(
+            {**readings, "final": end}
+            for readings, end in zip(channels or [{}] * len(ends), ends, strict=True)
+        ),
+        error=error,
+        by="",
+        **states,
+    )
+
+
+def _channels(
+    scene: Scene,
+    steps: list[tuple[arb, arb]],
+    amplitude: arb,
+    signals: Sequence[AnySignal | None],
+) -> list[dict[str, float]]:
+    """Read every channel, which steps from its start to its target; none without `signals`."""
+    band = amplitude * arb(scene.checks.settling_time.band)
+    return [
+        _read(signal, target - start, amplitude, band)
+        for (start, target), signal in zip(steps, signals, strict=bool(signals))
+        if signal is not None
+    ]
+
+
+def _read(signal: AnySignal, step: arb, amplitude: arb, band: arb) -> dict[str, float]:
+    """Read one channel; a small step overshoots on either side of start and target.
+
+    The sign of a step of at most `STILL` decides nothing.
+    """
+    sign, small = (-1 if bool(step < 0) else 1), bool(abs(step) < SMALL_STEP * amplitude)
+    beyond = arb(signal.highest(sign)) / amplitude
+    behind = (arb(signal.highest(-sign)) - abs(step)) / amplitude
+    over = max(0.0, float(beyond), float(behind) if small else 0.0)
+    under = over if bool(abs(step) <= STILL * amplitude) else max(0.0, float(behind))
+    settled = signal.last_outside(band)
+    rise = None
+    if not small:
+        low, high = (signal.first_above(sign, (arb(k) / 10 - 1) * abs(step)) for k in (1, 9))
+        rise = None if low is None or high is None else high - low
+    found = {"settling_time": settled, "rise_time": rise, "overshoot": over, "undershoot": under}
+    return {name: float(value) for name, value in found.items() if value is not None}
