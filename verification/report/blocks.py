@@ -156,6 +156,20 @@ class Bars:
     rows: tuple[Bar, ...]
     note: str = ""
 
+    @property
+    def table(self) -> Table:
+        """The values as a table, without the reasons, which are long."""
+        columns: dict[str, Callable[[Bar], Shown]] = {
+            "": lambda bar: bar.name,
+            "outcome": lambda bar: Cell(bar.outcome, None, bar.outcome),
+            "value": lambda bar: bar.value,
+            "limit": lambda bar: bar.limit,
+            "used": lambda bar: "" if bar.share is None else bar.used.replace(" of the limit", ""),
+        }
+        if not any(bar.outcome for bar in self.rows):
+            del columns["outcome"]
+        return Table.of(self.title, self.rows, columns, self.note)
+
 
 @dataclass(frozen=True, slots=True)
 class Range:
@@ -178,6 +192,16 @@ class Ranges:
     title: str
     rows: tuple[Range, ...]
     note: str = ""
+
+    @property
+    def table(self) -> Table:
+        """The ranges as a table."""
+        columns: dict[str, Callable[[Range], Shown]] = {
+            "quantity": lambda each: each.name,
+            "outcome": lambda each: Cell(each.outcome, None, each.outcome),
+            "range": lambda each: ", ".join(each.texts),
+        }
+        return Table.of(self.title, self.rows, columns, self.note)
 
 
 @dataclass(frozen=True, slots=True)

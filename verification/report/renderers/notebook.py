@@ -91,10 +91,6 @@ def _shares(block: Shares) -> str:
     return f'<div style="{style}" aria-hidden="true">{"".join(parts)}</div><div>{words}</div>'
 
 
-def _facts(block: Facts) -> str:
-    return facts_table(block.rows)
-
-
 def _table(block: Table) -> str:
     if not block.rows:
         return ""
@@ -105,37 +101,8 @@ def _table(block: Table) -> str:
 
 
 def _bars(block: Bars) -> str:
-    rows: list[tuple[Cell, ...]] = [
-        (Cell(bar.name), Cell(bar.outcome, None, bar.outcome), Cell(bar.value), Cell(bar.limit))
-        for bar in block.rows
-    ]
-    table = Table(block.title, ("check", "outcome", "value", "limit"), tuple(rows))
     reasons = [f"{bar.name}: {bar.reason}" for bar in block.rows if bar.outcome != "pass"]
-    return _table(table) + "".join(map(_note, _first(reasons, MOST_NOTES)))
-
-
-def _ranges(block: Ranges) -> str:
-    rows = [
-        (Cell(each.name), Cell(each.outcome, None, each.outcome), Cell(", ".join(each.texts)))
-        for each in block.rows
-    ]
-    return _table(Table(block.title, ("quantity", "outcome", "range"), tuple(rows)))
-
-
-def _notes(block: Notes) -> str:
-    return "".join(map(_note, _first(block.lines, MOST_NOTES)))
-
-
-def _chart(block: Chart) -> str:
-    return _note(block.heading)
-
-
-def _drawing(block: Drawing) -> str:
-    return _note(block.summary)
-
-
-def _code(block: Code) -> str:
-    return f"<pre>{escaped(block.text)}</pre>"
+    return _table(block.table) + "".join(map(_note, _first(reasons, MOST_NOTES)))
 
 
 def _titles(titles: Iterable[str]) -> str:
@@ -154,12 +121,12 @@ def _note(text: str) -> str:
 
 SHOWN: dict[type, Callable[[Any], str]] = {
     Bars: _bars,
-    Chart: _chart,
-    Code: _code,
-    Drawing: _drawing,
-    Facts: _facts,
-    Notes: _notes,
-    Ranges: _ranges,
+    Chart: lambda block: _note(block.heading),
+    Code: lambda block: f"<pre>{escaped(block.text)}</pre>",
+    Drawing: lambda block: _note(block.summary),
+    Facts: lambda block: facts_table(block.rows),
+    Notes: lambda block: "".join(map(_note, _first(block.lines, MOST_NOTES))),
+    Ranges: lambda block: _table(block.table),
     Shares: _shares,
     Table: _table,
 }

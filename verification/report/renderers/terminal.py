@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import errno
 import io
-import itertools
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from textwrap import TextWrapper
 from typing import IO, Any, NoReturn
 
 from rich.box import SIMPLE_HEAD
@@ -22,6 +23,7 @@ from taction.verification.report.blocks import TERMINAL, Bars, Block, Page
 from taction.verification.report.charts import OUTCOMES, Chart
 
 WIDTH = 160  # columns of a page in a file or a pipe, unless the variable COLUMNS says otherwise
+SHORT = 20  # letters of a cell that stays in one line wherever the page is wide enough
 MOST_LINES = 8  # of a cell; a table of narrow columns is harder to read than a list
 GLUE = "\ue000"  # stands between a number and its unit while lines are broken
 NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
@@ -105,58 +107,10 @@ def outcome_text(text: str, outcome: str) -> Text:
     return Text(text, style=OUTCOMES[outcome].colour if outcome else "")
 
 
-def _table(block: blocks.Table) -> FittedTable:
-    rows = [[outcome_text(plain(cell.text), cell.outcome) for cell in row] for row in block.rows]
-    numbers = [
-        all(cell.number is not None or len(cell.text) <= SHORT for cell in column)
-        for column in zip(*block.rows, strict=True)
-    ]
-    columns = [
-        Column(plain(title), no_wrap=bool(numbers) and numbers[place])
-        for place, title in enumerate(block.columns)
-    ]
-    return FittedTable(columns, rows, plain(block.title), plain(block.note))
-
-
-SHORT = 20  # letters of a cell that stays in one line wherever the page is wide enough
-
-
 def _bars(block: Bars) -> Group:
     """Return the values beside their limits as a table, and the reasons below: they are long."""
-    rows = [
-        [
-            Text(plain(bar.name)),
-            outcome_text(bar.outcome, bar.outcome),
-            *(Text(plain(text)) for text in (bar.value, bar.limit, _used(bar))),
-        ]
-        for bar in block.rows
-    ]
-    columns = [Column(title, no_wrap=True) for title in ("", "outcome", "value", "limit", "used")]
-    if not any(bar.outcome for bar in block.rows):
-        columns, rows = _without(columns, 1), [_without(row, 1) for row in rows]
     reasons = (Text(f" {plain(bar.name)}: {plain(bar.reason)}") for bar in block.rows if bar.reason)
-    return Group(FittedTable(columns, rows, plain(block.title)), *reasons)
-
-
-def _used(bar: blocks.Bar) -> str:
-    return "" if bar.share is None else bar.used.replace(" of the limit", "")
-
-
-def _without(row: Sequence[Any], place: int) -> list[Any]:
-    return [*row[:place], *row[place + 1 :]]
-
-
-def _ranges(block: blocks.Ranges) -> FittedTable:
-    rows = [
-        [
-            Text(plain(each.name)),
-            outcome_text(each.outcome, each.outcome),
-            Text(plain(", ".join(each.texts))),
-        ]
-        for each in block.rows
-    ]
-    columns = [Column("quantity", no_wrap=True), Column("outcome", no_wrap=True), Column("range")]
-    return FittedTable(columns, rows, plain(block.title), plain(block.note))
+    return Group(FittedTable(replace(block.table, note="")), *reasons)
 
 
 def _shares(block: blocks.Shares) -> Text:
@@ -166,44 +120,18 @@ def _shares(block: blocks.Shares) -> Text:
     return text
 
 
+def _lines(title: str, lines: Iterable[Text]) -> Group:
+    return Group(*((Text(plain(title), style="italic"),) if title else ()), *lines)
+
+
 def _facts(block: blocks.Facts) -> Group:
     longest = max((len(name) for name, _ in block.rows), default=0)
     rows = (Text(f"{plain(name).ljust(longest)}  {plain(value)}") for name, value in block.rows)
-    return Group(*_title(block.title), *rows)
+    return _lines(block.title, rows)
 
 
 def _notes(block: blocks.Notes) -> Group:
-    lines = (outcome_text(plain(line), block.outcome) for line in block.lines)
-    return Group(*_title(block.title), *lines)
-
-
-def _title(text: str) -> Iterable[Text]:
-    return (Text(plain(text), style="italic"),) if text else ()
-
-
-def _code(block: blocks.Code) -> Group:
-    return Group(*_title(block.title), Text(block.text))
-
-
-def _chart(block: Chart) -> Text:
-    return Text(plain(block.heading))
-
-
-def _drawing(block: blocks.Drawing) -> Text:
-    return Text(plain(block.summary))
-
-
-SHOWN: dict[type, Callable[[Any], RenderableType]] = {
-    blocks.Table: _table,
-    Bars: _bars,
-    blocks.Ranges: _ranges,
-    blocks.Shares: _shares,
-    blocks.Facts: _facts,
-    blocks.Notes: _notes,
-    blocks.Code: _code,
-    Chart: _chart,
-    blocks.Drawing: _drawing,
-}
+    return _lines(block.title, (outcome_text(plain(line), block.outcome) for line in block.lines))
 
 
 class FittedTable:
@@ -211,93 +139,75 @@ class FittedTable:
 
     A cell is broken between words, never inside a word, and never between a number and its unit.
     Where even that does not fit, every row becomes a list of titles and values, one below the
-    other. A cell of a column with `no_wrap` is broken only where the table does not fit otherwise.
-
-    Parameters
-    ----------
-    columns : sequence of rich.table.Column
-        The titles.
-    rows : sequence of sequence of rich.text.Text
-        The cells.
-    title, note : str
-        Above and below the table.
-    style : dict
-        For `rich.table.Table`.
+    other.
     """
 
-    def __init__(
-        self,
-        columns: Sequence[Column],
-        rows: Sequence[Sequence[Text]],
-        title: str = "",
-        note: str = "",
-        **style: Any,
-    ) -> None:
-        self.columns, self.rows, self.title, self.note = columns, rows, title, note
-        self.style = style
+    def __init__(self, block: blocks.Table) -> None:
+        self.title, self.note = plain(block.title), plain(block.note)
+        self.titles = [_glued(plain(title)) for title in block.columns]
+        self.rows = [
+            [outcome_text(_glued(plain(cell.text)), cell.outcome) for cell in row]
+            for row in block.rows
+        ]
+        self.short = [
+            all(cell.number is not None or len(cell.text) <= SHORT for cell in column)
+            for column in zip(*block.rows, strict=True)
+        ] or [False] * len(self.titles)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the widest layout that fits."""
-        for wrapped, style in itertools.product((False, True), (self.style, {"padding": 0})):
-            frame = (style.get("padding", 1) * 2 + 1) * (len(self.columns) - 1) + 2
-            widths = self._widths(options.max_width - frame, wrapped=wrapped)
-            if widths is None:
-                continue
-            lines = console.render_lines(self._table(style, widths), options, pad=False)
-            if len(lines) > MOST_LINES * (len(self.rows) + 2):
-                break
-            if self.title:
-                yield Text(f"\n{self.title}", style="italic")
-            for line in lines:
-                text = "".join(segment.text for segment in line)
-                yield from (_unglued(segment) for segment in _trimmed(line, text))
-                yield Segment.line()
-            if self.note:
-                yield Text(f"{self.note}\n", style="dim")
-            return
-        yield from self._records(options.max_width)
+        """Yield the table, or the list where the table would be too wide or too long."""
+        if self.title:
+            yield Text(f"\n{self.title}", style="italic")
+        room = options.max_width - 3 * len(self.titles) + 1
+        widths = self._widths(room, self.short) or self._widths(room, [False] * len(self.titles))
+        lines = None if widths is None else console.render_lines(self._table(widths), options)
+        if lines is None or len(lines) > MOST_LINES * (len(self.rows) + 2):
+            yield from self._records(options.max_width)
+            lines = []
+        for line in lines:
+            left = len("".join(segment.text for segment in line).rstrip())
+            for text, style, control in line:
+                yield Segment(text[: max(left, 0)].replace(GLUE, " "), style, control)
+                left -= len(text)
+            yield Segment.line()
+        if self.note:
+            yield Text(f"{self.note}\n", style="dim")
 
-    def _widths(self, width: int, *, wrapped: bool) -> list[int] | None:
+    def _widths(self, width: int, whole: Sequence[bool]) -> list[int] | None:
         """Return the width of each column; None if they do not fit into `width`.
 
-        Rich alone would break words; here the widest columns give way, down to their longest word.
+        Rich alone would break words; here the widest columns give way, down to their longest word,
+        or to their longest line where they are `whole`.
         """
         natural, least = [], []
-        for place, column in enumerate(self.columns):
-            texts = [_glued(row[place]).plain for row in self.rows]
-            title = str(column.header)
-            lines = [line for text in (title, *texts) for line in text.split("\n")]
-            kept = lines if column.no_wrap and not wrapped else []
-            words = [word for line in lines for word in line.split()]
+        for place, title in enumerate(self.titles):
+            lines = [
+                line
+                for text in (title, *(row[place].plain for row in self.rows))
+                for line in text.split("\n")
+            ]
+            words = lines if whole[place] else [word for line in lines for word in line.split()]
             natural.append(max(map(cell_len, lines), default=0))
-            least.append(max(map(cell_len, (*words, *kept)), default=0))
+            least.append(max(map(cell_len, words), default=0))
         if sum(least) > width:
             return None
         while sum(natural) > width:
-            place = max(
-                (k for k, low in enumerate(least) if natural[k] > low), key=natural.__getitem__
-            )
-            natural[place] -= 1
+            wide = (place for place, low in enumerate(least) if natural[place] > low)
+            natural[max(wide, key=natural.__getitem__)] -= 1
         return natural
 
-    def _table(self, style: dict[str, Any], widths: Sequence[int]) -> Table:
-        table = Table(
-            *(
-                Column(_glued(Text(str(each.header))), justify=each.justify, width=width)
-                for each, width in zip(self.columns, widths, strict=True)
-            ),
-            box=SIMPLE_HEAD, pad_edge=False, **style,
-        )  # fmt: skip
+    def _table(self, widths: Sequence[int]) -> Table:
+        pairs = zip(self.titles, widths, strict=True)
+        columns = (Column(Text(title), width=width) for title, width in pairs)
+        table = Table(*columns, box=SIMPLE_HEAD, pad_edge=False)
         for row in self.rows:
-            table.add_row(*map(_glued, row))
+            table.add_row(*row)
         return table
 
     def _records(self, width: int) -> Iterator[Text]:
         """Yield each row as lines of a title and a value."""
-        titles = [str(column.header).replace("\n", " ") for column in self.columns]
+        titles = [title.replace("\n", " ").replace(GLUE, " ") for title in self.titles]
         indent = max(map(len, titles)) + 2
-        if self.title:
-            yield Text(f"\n{self.title}", style="italic")
         if not self.rows:
             yield Text("\n " + "\n ".join(titles))
         head = Text("")
@@ -305,44 +215,28 @@ class FittedTable:
             head = row[0] if row[0].plain else head  # an empty first cell means the one above
             yield Text("")
             for name, cell in zip(titles, (head, *row[1:]), strict=True):
-                lines = _broken(_glued(cell), max(width - indent - 1, 1)) or [Text("")]
-                for place, line in enumerate(lines):
+                room = max(width - indent - 1, 1)
+                wrapper = TextWrapper(room, break_long_words=False, break_on_hyphens=False)
+                lines = [part for line in cell.plain.split("\n") for part in wrapper.wrap(line)]
+                for place, line in enumerate(lines or [""]):
                     start = f" {name.ljust(indent)}" if place == 0 else " " * (indent + 1)
-                    yield Text(start, no_wrap=True, overflow="ignore").append_text(line)
-        yield Text(f"\n{self.note}\n" if self.note else "", style="dim")
+                    text = Text(start, no_wrap=True, overflow="ignore")
+                    yield text.append(line.replace(GLUE, " "), cell.style)
 
 
-def _glued(cell: Text) -> Text:
-    """Return a cell with its numbers bound to their units."""
-    text = UNIT.sub(rf"\1{GLUE}", cell.plain)
-    return cell if text == cell.plain else Text(text, style=cell.style, spans=cell.spans)
+def _glued(text: str) -> str:
+    """Return a text with its numbers bound to their units."""
+    return UNIT.sub(rf"\1{GLUE}", text)
 
 
-def _unglued(segment: Segment) -> Segment:
-    return Segment(segment.text.replace(GLUE, " "), segment.style, segment.control)
-
-
-def _trimmed(line: Sequence[Segment], text: str) -> Iterator[Segment]:
-    """Yield the segments of a line without the blanks at its end."""
-    left = len(text.rstrip())
-    for segment in line:
-        if left <= 0:
-            return
-        yield Segment(segment.text[:left], segment.style, segment.control)
-        left -= len(segment.text)
-
-
-def _broken(cell: Text, width: int) -> list[Text]:
-    """Return the lines of a cell of at most `width` columns, if no word is longer."""
-    lines: list[Text] = []
-    for line in cell.split("\n", allow_blank=True):
-        start, end = 0, 0
-        for word in re.finditer(r"\S+", line.plain):
-            if end > start and word.end() - start > width:
-                lines.append(line[start:end])
-                start = word.start()
-            end = word.end()
-        lines.append(line[start:end])
-    return [
-        Text(each.plain.replace(GLUE, " "), style=each.style, spans=each.spans) for each in lines
-    ]
+SHOWN: dict[type, Callable[[Any], RenderableType]] = {
+    blocks.Table: FittedTable,
+    Bars: _bars,
+    blocks.Ranges: lambda block: FittedTable(block.table),
+    blocks.Shares: _shares,
+    blocks.Facts: _facts,
+    blocks.Notes: _notes,
+    blocks.Code: lambda block: _lines(block.title, [Text(block.text)]),
+    Chart: lambda block: Text(plain(block.heading)),
+    blocks.Drawing: lambda block: Text(plain(block.summary)),
+}
