@@ -138,9 +138,8 @@ def models_document(models: dict[str, OpAmp]) -> object:
 def print_models(models: dict[str, OpAmp], console: Console) -> None:
     """Print the figures that most boards depend on."""
     from taction.system.quantities import show as shown
-    from taction.verification.report.blocks import Table
+    from taction.verification.report.blocks import Table, cell
     from taction.verification.report.renderers.terminal import shown as block
-    from taction.verification.report.texts import text_cells
 
     rows = []
     for name, model in models.items():
@@ -149,7 +148,7 @@ def print_models(models: dict[str, OpAmp], console: Console) -> None:
         ends = f"\N{PLUS-MINUS SIGN}{model.least_supply:g} to {model.most_supply:g} V"
         rows.append((name, *known, ends if math.isfinite(model.most_supply) else "-"))
     titles = ("", *(title for _, _, title in COLUMNS), "supply")
-    console.print(block(Table("", titles, tuple(map(text_cells, rows)))))
+    console.print(block(Table("", titles, tuple(tuple(map(cell, row)) for row in rows))))
     console.print(
         "all figures with their sources, and what the model does: taction models show NAME"
     )

@@ -151,7 +151,9 @@ def _sweep(*over: str) -> Page:
     with result.store:
         found = sweep_report(result)
         made = tuple(replace(each, blocks=each.made(PAGE)) for each in found.sections)
-        return replace(found, sections=made)
+        assert found.sheet is not None
+        sheet = found.sheet()
+        return replace(found, sections=made, sheet=lambda: sheet)
 
 
 def swept(*over: str) -> SweepResult:
@@ -262,6 +264,7 @@ STUDIES: dict[str, Callable[[], Page]] = {
     "sweep, three axes": lambda: _sweep(
         "C=10pF:100pF:3", "gain=10k:100k:2", "stray_capacitance=1pF:9pF:2"
     ),
+    "sweep, only op-amps": lambda: _sweep("opamp.base=ua741,op27,tl084"),
     "sweep, op-amps": lambda: _sweep("opamp.base=ua741,op27", "C=10pF:100pF:3"),
     "accuracy": _accuracy,
     "regress": _regression,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from decimal import Decimal
 
 from taction.spice_models.presets import opamp_name as opamp_name
@@ -79,11 +78,6 @@ def number_cell(value: float | None, unit: str, digits: int = 4) -> Cell:
     """Return a cell that shows a value as `figure` and sorts by it."""
     known = value is not None and math.isfinite(value)
     return Cell(figure(value, unit, digits), value if known else None)
-
-
-def text_cells(texts: Iterable[object]) -> tuple[Cell, ...]:
-    """Return cells that sort by their texts."""
-    return tuple(Cell(str(text)) for text in texts)
 
 
 def outcome_cell(text: str, outcome: Outcome | None = None) -> Cell:

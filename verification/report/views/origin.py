@@ -15,43 +15,25 @@ Rows = tuple[tuple[str, str], ...]
 SHOWN = ("date", "taction", "python", "numpy", "scipy", "ngspice", "system", "processor", "cores")
 
 
-def _machine_rows() -> Rows:
-    """Return the versions and the machine."""
+def origin_section(scene: Scene | None, more: Rows = ()) -> Section:
+    """Return the versions and hashes behind a page, after the rows `more`; None: many scenes."""
+    return Section("Versions and hashes", lambda: (Facts("", tuple(_rows(scene, more))),))
+
+
+def _rows(scene: Scene | None, more: Rows) -> Iterator[tuple[str, str]]:
+    """Yield versions, machine, and the SHA-256 of every file that the scene was read from."""
+    if scene is not None:
+        yield "scene file", str(scene.file)
+    yield from more
     machine = describe_machine()
-    return tuple((name, "none" if machine[name] is None else str(machine[name])) for name in SHOWN)
-
-
-def _origin_rows(scene: Scene) -> Rows:
-    """Return versions, machine, and the SHA-256 of every file that the scene was read from."""
-    rows = [*_machine_rows()]
-    rows.append(("SHA-256 of taction's source", own_code().hex()))
-    rows += [(f"SHA-256 of {name}", text) for name, text in _hashes(scene)]
-    return tuple(rows)
-
-
-def _hashes(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Yield the hashes of the files of a scene that still exist, and of its arrays in memory."""
-    yield from _file_hash(str(scene.file), Path(scene.file))
-    for key, value in files_of(scene).items():
+    yield from ((name, "none" if machine[name] is None else str(machine[name])) for name in SHOWN)
+    if scene is None:
+        return
+    yield "SHA-256 of taction's source", own_code().hex()
+    for key, value in {"": str(scene.file), **files_of(scene)}.items():
         if isinstance(value, str | Path):
-            yield from _file_hash(str(value), scene.folder / value)
+            file = scene.folder / value if key else Path(value)
+            if file.is_file():  # it may be gone since the run
+                yield f"SHA-256 of {value}", hashlib.sha256(file.read_bytes()).hexdigest()
         elif value is not None:
-            yield f"{key}, an array", digest(value).hex()
-
-
-def _file_hash(name: str, file: Path) -> Iterator[tuple[str, str]]:
-    if file.is_file():
-        yield name, hashlib.sha256(file.read_bytes()).hexdigest()
-
-
-def origin_section(scene: Scene, more: Rows = ()) -> Section:
-    """Return the versions and hashes behind a page, after the rows `more`."""
-    return Section(
-        "Versions and hashes",
-        lambda: (Facts("", (("scene file", str(scene.file)), *more, *_origin_rows(scene))),),
-    )
-
-
-def plain_origin(more: Rows = ()) -> Section:
-    """Return the versions behind a page on many scenes."""
-    return Section("Versions and hashes", lambda: (Facts("", (*more, *_machine_rows())),))
+            yield f"SHA-256 of {key}, an array", digest(value).hex()

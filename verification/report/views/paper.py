@@ -40,7 +40,7 @@ from taction.verification.report.renderers.markdown import line, markdown
 from taction.verification.report.renderers.page import PACKAGES, write_page
 from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.texts import outcome_cell
-from taction.verification.report.views.origin import plain_origin
+from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.running.versions import describe_machine
 
 TITLE = "The paper, claim by claim"
@@ -92,7 +92,7 @@ def view(result: Reproduction) -> Page:
             *chapters,
             Section("Left out of a quick run", (left_out,), media=BOTH),
             Section("Unexpected", (_unexpected(result),), media=BOTH),
-            plain_origin(()),
+            origin_section(None),
         ),
     )
 

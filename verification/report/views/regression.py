@@ -20,7 +20,7 @@ from taction.verification.report.blocks import (
 from taction.verification.report.charts import Outcome
 from taction.verification.report.texts import outcome_cell, readable, spaced
 from taction.verification.report.texts import value_text as written_value
-from taction.verification.report.views.origin import plain_origin
+from taction.verification.report.views.origin import origin_section
 from taction.verification.report.views.verdict import check_bar
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.verdict.compare import Difference
@@ -55,7 +55,7 @@ def view(report: RegressionReport) -> Page:
             Section("Scenes", (_scenes(report.results),), media=BOTH),
             Section("Changes", changes, media=(TERMINAL,)),
             *scenes,
-            plain_origin(revision),
+            origin_section(None, revision),
         ),
     )
 
