@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -42,15 +41,6 @@ TITLES = {
 MARKS = ("circle", "square", "diamond", "triangle-down", "triangle-up", "star", "cross", "hexagon")
 LINES: tuple[Line, ...] = ("solid", "dash", "dot", "dashdot")
 LOWEST = 1e-15  # place of an error of exactly 0
-
-
-@dataclass(frozen=True, slots=True)
-class MethodLook:
-    """How the runs of one method are drawn."""
-
-    colour: str
-    mark: str
-    line: Line
 
 
 def view(study: WorkPrecisionStudy) -> Page:
@@ -92,12 +82,14 @@ def _summary(study: WorkPrecisionStudy) -> str:
     return f"{text} in {quantity(point.seconds, 's', 3)}."
 
 
-def _methods(study: WorkPrecisionStudy, problem: str) -> dict[Method, MethodLook]:
+def _methods(study: WorkPrecisionStudy, problem: str) -> dict[Method, tuple[str, str, Line]]:
     """Return the methods of a problem with their colour, mark and line."""
     methods = dict.fromkeys(p.method for p in study.points if p.method.problem == problem)
     return {
-        method: MethodLook(
-            SERIES[k % len(SERIES)], MARKS[k % len(MARKS)], LINES[k // len(SERIES) % len(LINES)]
+        method: (
+            SERIES[k % len(SERIES)],
+            MARKS[k % len(MARKS)],
+            LINES[k // len(SERIES) % len(LINES)],
         )
         for k, method in enumerate(methods)
     }
@@ -137,14 +129,14 @@ def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
     if floor := study.problems[problem].floor["maximum"]:
         marks.append(Limit(floor, "y", "error of the reference", "muted"))
     top = max((float(_errors(_known(study, m)).max(initial=1.0)) for m in methods), default=1.0)
-    for method, look in methods.items():
+    for method, (colour, mark, line) in methods.items():
         points = _known(study, method)
         times = np.array([(p.seconds, p.fastest, p.slowest) for p in points], dtype=np.float64)
         middle, *ends = times.reshape(-1, 3).T
         texts = tuple(f"{method.name} {p.name}: {_error_text(p)}" for p in points)
         marks.append(
             Curve(
-                middle, _errors(points), method.name, look.colour, look.line, look.mark,
+                middle, _errors(points), method.name, colour, line, mark,
                 width=1.2, hover=texts, spread=np.array(ends),
             )
         )  # fmt: skip
@@ -154,7 +146,7 @@ def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
                 text = f"timed out at {point.name}"
                 late.append(
                     Curve(
-                        np.array([point.seconds]), np.array([top]), text, look.colour, "", "x",
+                        np.array([point.seconds]), np.array([top]), text, colour, "", "x",
                         size=9.0, label="", hover=(text,), written=(text,),
                     )
                 )  # fmt: skip
@@ -196,7 +188,7 @@ def _steps(study: WorkPrecisionStudy, problem: str) -> Chart:
     periods = problem == "board"
     unit = study.extent.period if periods else 1.0
     marks: list[Mark] = []
-    for method, look in _methods(study, problem).items():
+    for method, (colour, shape, _) in _methods(study, problem).items():
         points, order = study.of(method), study.orders[method.name]
         for fitted in (True, False):
             shown = [
@@ -207,11 +199,11 @@ def _steps(study: WorkPrecisionStudy, problem: str) -> Chart:
                 and p.mean_step is not None
             ]
             steps = np.array([p.mean_step for p in shown], dtype=np.float64) / unit
-            mark = look.mark if fitted else _open(look.mark)
+            mark = shape if fitted else _open(shape)
             texts = tuple(f"{method.name} {p.name}: {p.errors['maximum']:.2e}" for p in shown)
             marks.append(
                 Curve(
-                    steps, _errors(shown), method.name, look.colour, "", mark, size=5.0,
+                    steps, _errors(shown), method.name, colour, "", mark, size=5.0,
                     label="", hover=texts,
                 )
             )  # fmt: skip
@@ -220,7 +212,7 @@ def _steps(study: WorkPrecisionStudy, problem: str) -> Chart:
             name = f"{method.name}: order {order.value:.2f}"
             name += f" (theory {method.order:g})" if method.order is not None else " (varies)"
             fit = order.constant * ends**order.value
-            marks.append(Curve(ends / unit, fit, name, look.colour, "dot", width=1.4))
+            marks.append(Curve(ends / unit, fit, name, colour, "dot", width=1.4))
     return Chart(
         f"Error against the mean step, {PROBLEMS[problem]}",
         Axis("mean step (periods of the fastest ringing)", "", "log")
