@@ -14,8 +14,7 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import TIMES
 from taction.system.waveforms import Waveforms
-from taction.verification.readings.measurements import ChannelMeasure, summary
-from taction.verification.verdict.bounded_measures import BoundedMeasures
+from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
 
 CircuitChange = Callable[[Circuit], Circuit]
 ProblemChange = Callable[[InverseProblem], InverseProblem]
@@ -163,7 +162,7 @@ def stale_column(factor: float) -> WaveformsChange:
     return change
 
 
-def without_uncertainties(found: BoundedMeasures) -> BoundedMeasures:
+def without_uncertainties(measured: Measurements) -> Measurements:
     """Drop the uncertainties of all times."""
 
     def certain(channel: ChannelMeasure) -> ChannelMeasure:
@@ -171,11 +170,8 @@ def without_uncertainties(found: BoundedMeasures) -> BoundedMeasures:
         times = {name: found and replace(found, uncertainty=0.0) for name, found in known.items()}
         return replace(channel, readings={**channel.readings, **times})
 
-    measured = found.measurements
     channels = [certain(channel) for channel in measured.channels]
-    return replace(
-        found, measurements=summary(measured.amplitude, measured.band, measured.modes, channels)
-    )
+    return summary(measured.amplitude, measured.band, measured.modes, channels)
 
 
 def without_strongest(shares: Complexes) -> Complexes:

@@ -22,12 +22,13 @@ from taction.netlist_gen.topologies.frame.topology import Topology
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.readings.measurements import Measurements
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.regression.baseline import observe
 from taction.verification.studies.regression.compare import compare_entry
 from taction.verification.verdict import recording, simulation
-from taction.verification.verdict.bounded_measures import BoundedMeasures, measure_with_bounds
+from taction.verification.verdict.bounded_measures import measure_with_bounds
 from taction.verification.verdict.checks import Check, Outcome, overall
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.verify import Verdict, verify
@@ -181,12 +182,13 @@ def in_a_method(owner: type, name: str, change: Callable[[Any], Any]) -> Plant:
     return plant
 
 
-def in_the_measures(change: Callable[[BoundedMeasures], BoundedMeasures]) -> Plant:
+def in_the_measures(change: Callable[[Measurements], Measurements]) -> Plant:
     """The measurements of the record are changed, with their uncertainties."""
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        def measured(*given: Any, **options: Any) -> BoundedMeasures:
-            return change(measure_with_bounds(*given, **options))
+        def measured(*given: Any, **options: Any) -> tuple[Measurements, bool]:
+            measurements, forever = measure_with_bounds(*given, **options)
+            return change(measurements), forever
 
         patch.setattr(recording, "measure_with_bounds", measured)
         return verify(scene)

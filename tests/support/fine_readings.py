@@ -40,7 +40,7 @@ def fine_readings(scene: Scene) -> TrueValues:
     design = replace(design, plan=replace(design.plan, transient=transient))
     times = StepModel.of(board, stop, transient.initial, stable=True).instants(SPACING)
     wave = amplified.simulate(board, transient, times=times, tolerance=TOLERANCE)
-    measured, _ = measure_outputs(design, ideal, wave)
+    measured = measure_outputs(design, ideal, wave)
     finals = SteadyState.of(board, design.scales).values
     channels = []
     for channel, final in zip(measured.channels, finals.tolist(), strict=True):

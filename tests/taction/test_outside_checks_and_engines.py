@@ -151,16 +151,11 @@ def test_a_fault_in_what_the_check_judges_is_caught(
     scene: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     true = found(taction.verify(scene), "swing").value
-    measured = recording.measure_with_bounds
-
-    def doubled(*given: Any) -> Any:
-        known = measured(*given)
-        return replace(known, u=2.0 * known.u)
-
+    outputs = recording.outputs
     limit = {"checks.swing.max": 1.5 * true}
     limited = with_values(load_scene(scene), limit)
     assert taction.verify(limited).outcome is Outcome.PASS
-    monkeypatch.setattr(recording, "measure_with_bounds", doubled)
+    monkeypatch.setattr(recording, "outputs", lambda *given: 2.0 * outputs(*given))
     assert found(taction.verify(limited), "swing").outcome is Outcome.FAIL
 
 

@@ -95,36 +95,14 @@ def step_error(measured: Measurements, end_error: float) -> StepError:
 LATE = 0.9  # of a record: after it the largest distance from the equilibrium will not be exceeded
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BoundedMeasures:
-    """Measurements of a record.
-
-    Attributes
-    ----------
-    measurements : Measurements
-        Readings, whose uncertainties are bounds.
-    u : ndarray (P, N)
-        Outputs of the record, V.
-    end_error : float
-        Bound of the error of the record's end, V.
-    forever : bool
-        Whether the measurements are those of the exact solution, which has no end.
-    """
-
-    measurements: Measurements
-    u: Floats
-    end_error: float
-    forever: bool
-
-
 def measure_with_bounds(
     design: PlannedBoard,
     ideal: IdealAnswer,
     wave: Waveforms,
     own: StateSpaceError | None,
     companion: Companion | None,
-) -> BoundedMeasures:
-    """Measure a record.
+) -> tuple[Measurements, bool]:
+    """Measure a record; the uncertainties of the readings are bounds.
 
     Parameters
     ----------
@@ -132,56 +110,40 @@ def measure_with_bounds(
         The error of a record of the state-space engine.
     companion : Companion or None
         A second solution beside a record of ngspice.
+
+    Returns
+    -------
+    Measurements, bool
+        And whether they are those of the exact solution, which has no end.
     """
     solution = None
     if design.poles.known_stable and is_exact(design.board) and (companion or own):
         solution = _on_the_solution(design, ideal)
     if companion is not None:
-        measured, u = _measures_beside(design, ideal, wave, companion, solution)
-        return BoundedMeasures(measured, u, companion.end_error, forever=False)
-    end_error = own.volts if own is not None and math.isfinite(own.volts) else math.inf
+        if companion.error is None:
+            return measure_outputs(design, ideal, wave, error=companion.difference), False
+        other = solution or _own_measures(design, ideal, companion.solution, companion.error)
+        return bounded(measure_outputs(design, ideal, wave), other), False
     if solution is None:
-        measured, u = _own_measures(design, ideal, wave, own)
-        return BoundedMeasures(measured, u, end_error, forever=False)
-    u = outputs(design.circuit, wave)
+        return _own_measures(design, ideal, wave, own), False
     # As for every engine, `final` is the end of the record.
-    ends = zip(solution.channels, u[-1].tolist(), strict=True)
+    ends = zip(solution.channels, outputs(design.circuit, wave)[-1].tolist(), strict=True)
     channels = tuple(replace(channel, final=end) for channel, end in ends)
-    return BoundedMeasures(replace(solution, channels=channels), u, end_error, forever=True)
+    return replace(solution, channels=channels), True
 
 
 def _own_measures(
-    design: PlannedBoard,
-    ideal: IdealAnswer,
-    wave: Waveforms,
-    own: StateSpaceError | None,
-) -> tuple[Measurements, Floats]:
+    design: PlannedBoard, ideal: IdealAnswer, wave: Waveforms, own: StateSpaceError | None
+) -> Measurements:
     """Measure a record by its own error, or beside the second run that errs less."""
     error = own.rounding if own is not None and math.isfinite(own.rounding) else 0.0
-    measured, u = measure_outputs(design, ideal, wave, error=error)
+    measured = measure_outputs(design, ideal, wave, error=error)
     if own is None or not math.isfinite(own.volts):
-        return bounded(measured, None), u
+        return bounded(measured, None)
     if own.second is None:
-        return measured, u
-    second, _ = measure_outputs(design, ideal, own.second, error=own.second_error)
-    return bounded(measured, second), u
-
-
-def _measures_beside(
-    design: PlannedBoard,
-    ideal: IdealAnswer,
-    wave: Waveforms,
-    companion: Companion,
-    solution: Measurements | None,
-) -> tuple[Measurements, Floats]:
-    """Measure a record of ngspice beside a second solution."""
-    if companion.error is None:
-        return measure_outputs(design, ideal, wave, error=companion.difference)
-    measured, u = measure_outputs(design, ideal, wave)
-    if solution is None:
-        other = companion.solution
-        solution, _ = _own_measures(design, ideal, other, companion.error)
-    return bounded(measured, solution), u
+        return measured
+    second = measure_outputs(design, ideal, own.second, error=own.second_error)
+    return bounded(measured, second)
 
 
 def _target_error(ideal: IdealAnswer) -> float:
@@ -211,18 +173,11 @@ def _on_the_solution(design: PlannedBoard, ideal: IdealAnswer) -> Measurements |
 
 
 def measure_outputs(
-    design: PlannedBoard,
-    ideal: IdealAnswer,
-    waveforms: Waveforms,
-    *,
-    error: float = 0.0,
-) -> tuple[Measurements, Floats]:
-    """Measure `waveforms` against the reference; return the measurements and u (P, N), V.
-
-    `error` bounds the error of the waveforms, V.
-    """
+    design: PlannedBoard, ideal: IdealAnswer, waveforms: Waveforms, *, error: float = 0.0
+) -> Measurements:
+    """Measure `waveforms`, whose error, V, `error` bounds, against the reference."""
     u, time = outputs(design.circuit, waveforms), waveforms.time
-    measured = measure(
+    return measure(
         time,
         u,
         ideal.target,
@@ -234,7 +189,6 @@ def measure_outputs(
         rest=_rest(design, time, u),
         curve=_curve(design, waveforms),
     )
-    return measured, u
 
 
 def _curve(design: PlannedBoard, waveforms: Waveforms) -> Curve | None:

@@ -97,7 +97,7 @@ def find_companion(design: PlannedBoard, record: Waveforms) -> Companion:
     except EngineError as error:
         reason = f"no state-space solution: {error}"
     plan = replace(design.plan, transient=coarser(design.transient, COARSER))
-    second = begin(replace(design, plan=plan)).result().waveforms
+    second = begin(replace(design, plan=plan)).result()
     inside = (second.time >= record.time[0]) & (second.time <= record.time[-1])
     instants = np.array(second.time[inside])
     u = lagrange(record.time, outputs(design.circuit, record), instants, CUBIC)

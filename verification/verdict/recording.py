@@ -34,7 +34,6 @@ from taction.verification.verdict.progress import Clock, Progress
 from taction.verification.verdict.simulation import (
     ENGINES,
     Pending,
-    Simulation,
     StateSpaceError,
     begin,
     engine_of,
@@ -211,8 +210,10 @@ class Recording:
 
     Attributes
     ----------
-    simulation : Simulation
-        The waveforms.
+    design : PlannedBoard
+        The board, with the plan of this record.
+    waveforms : Waveforms
+        The record, with the remarks of the engine.
     measurements : Measurements
         Measurements on the record.
     u : ndarray (P, N)
@@ -230,7 +231,8 @@ class Recording:
         itself; None without a second solution.
     """
 
-    simulation: Simulation
+    design: PlannedBoard
+    waveforms: Waveforms
     measurements: Measurements
     u: Floats
     error: StepError
@@ -260,20 +262,19 @@ def record_transient(
     clock.begin("simulation")
     pending = begin(design)
     ideal = ideal_answer(design.network, design.scene)
-    waveforms = pending.result().waveforms
+    waveforms = pending.result()
     clock.begin("measures")
-    measurements, _ = measure_outputs(design, ideal, waveforms)
+    measurements = measure_outputs(design, ideal, waveforms)
     return MeasuredTransient(design.circuit, design.transient, waveforms, measurements)
 
 
 def record_and_measure(
     design: PlannedBoard, ideal: IdealAnswer, pending: Pending, clock: Clock
-) -> tuple[PlannedBoard, Recording]:
+) -> Recording:
     """Wait for a simulation and measure the record; repeat a run that does not suffice.
 
     A run that missed the wanted error is repeated with smaller steps, a record that is too short
-    for a reading is repeated with a longer stop time. The returned design has the plan of the
-    returned recording.
+    for a reading is repeated with a longer stop time.
 
     Raises
     ------
@@ -290,33 +291,36 @@ def record_and_measure(
         pending = begin(design)
         repeated = _record(design, ideal, pending, clock)
         recording = replace(repeated, accuracy=repeated.accuracy.after(recording.accuracy))
-    return design, recording
+    return recording
 
 
 def _record(design: PlannedBoard, ideal: IdealAnswer, pending: Pending, clock: Clock) -> Recording:
     clock.begin("simulation", remark=design.plan.remark)
-    simulation = pending.result()
-    wave = simulation.waveforms
+    wave = pending.result()
+    u = outputs(design.circuit, wave)
     clock.begin("comparison")
     companion, own = None, own_error(design, wave)
     if own is None and design.poles.known_stable:
         companion = find_companion(design, wave)
     clock.begin("measures")
-    found = measure_with_bounds(design, ideal, wave, own, companion)
-    amplitude, agreement = found.measurements.amplitude, None
+    measured, forever = measure_with_bounds(design, ideal, wave, own, companion)
+    amplitude, agreement = measured.amplitude, None
+    end_error = own.volts if own is not None and math.isfinite(own.volts) else math.inf
     if companion is not None:
+        end_error = companion.end_error
         steps = design.plan.forecast.error * amplitude
         unit = design.circuit.value("U0")
         agreement = compare_engines(companion, steps, design.scene.agreement_limit, unit)
     return Recording(
-        simulation=simulation,
-        measurements=found.measurements,
-        u=found.u,
-        error=step_error(found.measurements, found.end_error),
+        design=design,
+        waveforms=wave,
+        measurements=measured,
+        u=u,
+        error=step_error(measured, end_error),
         agreement=agreement,
         accuracy=attained(design, wave, own, companion, amplitude),
-        forever=found.forever,
-        exact_end=_exact_end(design, found.u[-1], own, companion),
+        forever=forever,
+        exact_end=_exact_end(design, u[-1], own, companion),
     )
 
 

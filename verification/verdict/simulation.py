@@ -129,22 +129,6 @@ STEP_SHARE = 0.2  # of a wanted error: the tolerance of the state-space engine
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # limits set by rounding and by convergence
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Simulation:
-    """A simulated transient.
-
-    Attributes
-    ----------
-    waveforms : Waveforms
-        The record.
-    notes : tuple of str
-        Remarks of the engine.
-    """
-
-    waveforms: Waveforms
-    notes: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True, slots=True)
 class Pending:
     """A simulation whose process may still run; `result` waits for the end.
@@ -160,26 +144,25 @@ class Pending:
     wait: Callable[[], Waveforms]
     instead: Callable[[], Waveforms] | None = None
 
-    def result(self) -> Simulation:
-        """Wait and return the simulation, or raise the error of the failed run.
+    def result(self) -> Waveforms:
+        """Wait and return the waveforms with the remarks of the engine, or raise its error.
 
         For an unstable board the result may be a partial record: up to the instant at which the
         voltages left every bound or the step fell below its limit. A run without any record has
         the one of `instead`.
         """
         try:
-            waveforms = self.wait()
-            return Simulation(waveforms, waveforms.flags)
+            return self.wait()
         except NoVerdictError as error:
             if self.instead is None:
                 raise
             reason = str(error).splitlines()[0]
             found = error.partial if isinstance(error, StepTooSmall | BadEvidence) else None
             if isinstance(found, Waveforms) and len(found.time) > 1:
-                return Simulation(found, (f"the record ends early: {reason}",))
+                return replace(found, flags=(f"the record ends early: {reason}",))
             waveforms = self.instead()
             note = f"this record is from the state-space engine: {reason}"
-            return Simulation(waveforms, (note, *waveforms.flags))
+            return replace(waveforms, flags=(note, *waveforms.flags))
 
 
 @dataclass(frozen=True, slots=True)

@@ -125,75 +125,66 @@ def verify(
     pending = begin(design)
     clock.begin("reference", beside="simulation", remark=design.plan.remark)
     ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
-    known = _Known.of(design, effort)
-    design, recording = record_and_measure(design, ideal, pending, clock)
-    return _verdict(design, ideal, recording, known, effort, clock)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Known:
-    """What the equations of a board say about it, computed while its simulation runs."""
-
-    steady: SteadyState
-    margin: Margin | None
-    parts: PartLoads
-    noise: OutputNoise | None
-    constraint: ConstraintPlane | None
-
-    @classmethod
-    def of(cls, design: PlannedBoard, effort: Effort) -> _Known:
-        required = design.scene.checks.stability.margin
-        reach = max(required, REACH) if effort.full_margin else required
-        constraint = constraint_plane(design.circuit) if effort.details else None
-        asked = required > 1.0
-        margin = stability_margin(design.board, reach, design.poles) if asked else None
-        steady = SteadyState.of(design.board, design.scales)
-        return cls(steady, margin, design.loads(), OutputNoise.of(design), constraint)
-
-
-def _evidence(
-    design: PlannedBoard, ideal: IdealAnswer, recording: Recording, known: _Known
-) -> Evidence:
-    """Return what the checks judge."""
-    return Evidence(
-        checks=design.scene.checks,
+    steady = SteadyState.of(design.board, design.scales)
+    margin = _margin(design, effort)
+    parts, noise = design.loads(), OutputNoise.of(design)
+    constraint = constraint_plane(design.circuit) if effort.details else None
+    recording = record_and_measure(design, ideal, pending, clock)
+    evidence = Evidence(
+        checks=scene.checks,
         measurements=recording.measurements,
         error=recording.error,
-        steady=known.steady,
-        end=float(recording.simulation.waveforms.time[-1]),
+        steady=steady,
+        end=float(recording.waveforms.time[-1]),
         forever=recording.forever,
-        wanted=design.plan.wanted,
+        wanted=recording.design.plan.wanted,
         agreement=recording.agreement,
         poles=design.poles,
-        margin=known.margin,
+        margin=margin,
         reference_error=ideal.error,
         reference_problem=ideal.problem,
         contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
-        parts=known.parts,
-        noise=known.noise,
+        parts=parts,
+        noise=noise,
         unwitnessed=missing_witness(design.circuit, design.engine),
-        design=design,
+        design=recording.design,
         recording=recording,
     )
+    return _verdict(evidence, recording, ideal, constraint, effort, clock)
+
+
+def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
+    """Return the stability margin, if the scene asks for one."""
+    required = design.scene.checks.stability.margin
+    if required <= 1.0:
+        return None
+    reach = max(required, REACH) if effort.full_margin else required
+    return stability_margin(design.board, reach, design.poles)
 
 
 def _verdict(
-    design: PlannedBoard,
-    ideal: IdealAnswer,
+    evidence: Evidence,
     recording: Recording,
-    known: _Known,
+    ideal: IdealAnswer,
+    constraint: ConstraintPlane | None,
     effort: Effort,
     clock: Clock,
 ) -> Verdict:
     """Judge a recording, and add the details that `effort` asks for."""
-    evidence, wave = _evidence(design, ideal, recording, known), recording.simulation.waveforms
-    checks = run_checks(evidence)
+    checks, design, wave = run_checks(evidence), recording.design, recording.waveforms
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
     clock.begin("error budget")
     budget = ErrorBudget()
     if effort.details:
-        budget = error_budget(design, ideal, recording, known.noise)
+        budget = error_budget(design, ideal, recording, evidence.noise)
     clock.end()
+    remarks = (
+        *questions(design.scene),
+        *wave.flags,
+        *design.plan.notes,
+        *part_warnings(design.circuit),
+        *notes(design.circuit),
+    )
     return Verdict(
         scene=design.scene,
         problem=design.problem,
@@ -201,9 +192,9 @@ def _verdict(
         transient=design.transient,
         ideal=ideal,
         poles=design.poles,
-        steady=known.steady,
-        margin=known.margin,
-        constraint=known.constraint,
+        steady=evidence.steady,
+        margin=evidence.margin,
+        constraint=constraint,
         waveforms=wave,
         u=recording.u,
         measurements=recording.measurements,
@@ -212,22 +203,10 @@ def _verdict(
         agreement=recording.agreement,
         energy=energy,
         budget=budget,
-        parts=known.parts,
-        noise=known.noise,
+        parts=evidence.parts,
+        noise=evidence.noise,
         checks=checks,
-        warnings=_warnings(design, recording, evidence),
+        warnings=find_warnings(evidence, remarks),
         outcome=overall(checks),
         timing=clock.seconds,
     )
-
-
-def _warnings(design: PlannedBoard, recording: Recording, evidence: Evidence) -> tuple[str, ...]:
-    """Return the warnings of the scene, the parts, the plan, the engine and the readings."""
-    known = (
-        *questions(design.scene),
-        *recording.simulation.notes,
-        *design.plan.notes,
-        *part_warnings(design.circuit),
-        *notes(design.circuit),
-    )
-    return find_warnings(evidence, known)

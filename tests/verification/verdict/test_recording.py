@@ -78,7 +78,7 @@ def recorded(
     monkeypatch.setattr(recording, "better_plan", lambda *_: None)
     clock = Clock(lambda stage: None)
     pending = Pending(lambda: replace(fine, engine="ngspice"))
-    return record_and_measure(design, ideal, pending, clock)[1]
+    return record_and_measure(design, ideal, pending, clock)
 
 
 def test_all_errors_follow_from_the_other_record(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -51,7 +51,7 @@ def test_the_record_of_a_diverging_transient_is_kept(
             begin(made)
     else:
         pending = begin(made)
-        assert pending.result().waveforms is RECORD
+        assert pending.result() is RECORD
 
 
 TIGHT = 5.0  # times the true error: largest stated error
