@@ -22,7 +22,7 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.ngspice import ending
+from taction.verification.engines.ngspice import evidence
 from taction.verification.engines.ngspice.process import simulate
 from tests.faulty_simulators.installed import installed
 from tests.faulty_simulators.program import RUNS
@@ -171,7 +171,7 @@ def test_a_slow_run_brings_its_first_points(tmp_path: Path) -> None:
 def test_a_flood_ends_long_before_the_timeout(
     way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ending, "LONGEST_RESULT", 100_000_000)
+    monkeypatch.setattr(evidence, "LONGEST_RESULT", 100_000_000)
     began = time.monotonic()
     with pytest.raises(BadEvidence, match=f"wrote over 100 MB into {FLOODS[way]} and was ended"):
         simulate(DECK, installed(tmp_path, way), timeout=600.0, folder=tmp_path / "run")

@@ -22,13 +22,13 @@ from taction.verification.reference.doubledouble import (
 from taction.verification.reference.newton import (
     Iterate,
     NewtonResult,
+    Scaled,
     divergence,
     error_bound,
     homotopy,
     largest_ratio,
 )
 from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
-from taction.verification.reference.scaled_problem import Scaled
 from taction.verification.reference.stacked_least_squares import Factor
 
 NEWTON_ERROR = 1e-10

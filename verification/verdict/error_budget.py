@@ -6,34 +6,207 @@
 Each part is the signed difference of two solutions that follow each other, for every channel, so
 the parts add up to the difference of the record's end and the true stress. Noise has no sign: it
 stands beside the sum.
+
+The first board between the ideal network and the board as built has ideal op-amps, so that only its
+resistors are as built. Each link gives the op-amps some more figures, and the last board is the one
+that is simulated.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
+from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.reference.ideal_answer import IdealAnswer
-from taction.verification.verdict.error_links import (
-    opamp_stages,
-    outputs_at_rest,
-    predicted_change,
-    stage_deviation,
-    with_ideal_opamps,
-)
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.pruning import PruningEffect, pruning_effect
+from taction.verification.verdict.pruning import pruning_effect
 from taction.verification.verdict.recording import Recording
+
+
+def stage_deviation(board: LinearBoard) -> str:
+    """Say how far the antilog stages of a board are from ``U0 exp(v / Ve)``, and at which u.
+
+    They are measured at both ends of their working range: at rest, with and without strain.
+
+    Raises
+    ------
+    EngineError
+        The board has no equilibrium.
+    """
+    circuit, points = board.circuit, (board.rest, board.equilibrium)
+    u = np.array([[out.sign * point[out.node] for out in circuit.outputs] for point in points])
+    v = np.array([[point[node] for node in circuit.signal_nodes] for point in points])
+    wanted = circuit.value("U0") * np.exp(v / circuit.value("Ve"))
+    return (
+        f"up to {100.0 * float(np.abs(u / wanted - 1.0).max()):.2g} % from U0 exp(v/Ve), measured"
+        f" at u from {show(float(u.min()), 'V', 3)} to {show(float(u.max()), 'V', 3)}"
+    )
+
+
+IDEAL_GAIN = 1e15  # the gain error of a whole board is then at the rounding of its equilibrium
+
+
+@dataclass(frozen=True, slots=True)
+class OpAmpLink:
+    """Figures of an op-amp that make one part of the error budget.
+
+    Attributes
+    ----------
+    name : str
+        Of the part.
+    figures : tuple of str
+        Fields of `OpAmp`; without these a field has its default, the gain `IDEAL_GAIN`.
+    how : str
+        The comparison that gives the part.
+    switch : str
+        Field that has to be true for these figures to be in the macromodel, or empty.
+    """
+
+    name: str
+    figures: tuple[str, ...]
+    how: str
+    switch: str = ""
+
+    @property
+    def fields(self) -> set[str]:
+        """All fields that the link sets."""
+        return {*self.figures, *filter(None, [self.switch])}
+
+    def acts_on(self, model: OpAmp) -> bool:
+        """Whether the macromodel of `model` has any of the figures."""
+        on = not self.switch or getattr(model, self.switch)
+        return on and any(getattr(model, name) != _NEUTRAL[name] for name in self.figures)
+
+
+LINKS = (
+    OpAmpLink(
+        "opamps",
+        ("dc_gain", "gbw", "second_pole", "input_resistance", "output_resistance", "imported"),
+        "finite gain and impedances of the op-amps: equilibrium with against without",
+    ),
+    OpAmpLink(
+        "offset_voltage",
+        ("offset_voltage",),
+        "offset voltage of the op-amps: equilibrium with against without",
+        switch="input_errors",
+    ),
+    OpAmpLink(
+        "input_currents",
+        ("bias_current", "offset_current"),
+        "bias and offset current of the op-amps: equilibrium with against without",
+        switch="input_errors",
+    ),
+    OpAmpLink(
+        "common_mode",
+        ("common_mode_rejection",),
+        "common-mode rejection of the op-amps: equilibrium with against without",
+        switch="input_errors",
+    ),
+    OpAmpLink(
+        "limits",
+        ("slew_rate", "saturation", "output_current", "limits_current"),
+        "limits of the op-amps: equilibrium with against without",
+        switch="large_signal",
+    ),
+)
+_NEUTRAL: dict[str, Any] = {f.name: f.default for f in fields(OpAmp)} | {"dc_gain": IDEAL_GAIN}
+
+
+def with_ideal_opamps(circuit: Circuit) -> Circuit:
+    """Return `circuit` with op-amps that add no error at rest."""
+    return _with_links(circuit, [])
+
+
+def opamp_stages(board: LinearBoard) -> Iterator[tuple[OpAmpLink, LinearBoard]]:
+    """Yield each link that `board` has, and the board with the figures up to this link.
+
+    The last one is `board` itself. There is none for op-amps without any such figure.
+    """
+    models = board.circuit.models.values()
+    links = [link for link in LINKS if any(map(link.acts_on, models))]
+    for count, link in enumerate(links[:-1], 1):
+        yield link, LinearBoard(_with_links(board.circuit, links[:count]))
+    if links:
+        yield links[-1], board
+
+
+def outputs_at_rest(board: LinearBoard) -> Floats:
+    """Return u of every channel at the equilibrium, V, (N,).
+
+    Raises
+    ------
+    EngineError
+        The board has no equilibrium.
+    """
+    rest = board.equilibrium
+    return np.array([output.sign * rest[output.node] for output in board.circuit.outputs])
+
+
+def _with_links(circuit: Circuit, links: list[OpAmpLink]) -> Circuit:
+    """Return `circuit` with the figures of `links` only."""
+    kept = set[str]().union(*(link.fields for link in links))
+    every = set[str]().union(*(link.fields for link in LINKS))
+    absent = {name: _NEUTRAL[name] for name in every - kept}
+    models = {name: replace(model, **absent) for name, model in circuit.models.items()}
+    return replace(circuit, models=models)
+
+
+def predicted_change(design: PlannedBoard) -> Floats | None:
+    """Return how far the resistors of a board move the optimum, to first order, V, (N,).
+
+    The board with the exact resistors that the scene asks for, and with ideal op-amps, rests at the
+    optimum. Its sensitivities, with the conductances' deviations, predict the outputs of the board
+    as built: rounded to a series, or varied.
+
+    Returns
+    -------
+    ndarray (N,) or None
+        None where no resistor deviates, and for a board with other resistors than the scene's.
+
+    Raises
+    ------
+    InputError
+        The board with exact resistors cannot be built.
+    EngineError
+        It has no equilibrium.
+    """
+    chosen = design.scene.design.model_copy(update={"resistor_series": "exact"})
+    scene = design.scene.model_copy(update={"design": chosen})
+    exact = with_ideal_stages(synthesise(scene, design.problem))
+    wanted, built = resistances(exact), resistances(with_ideal_stages(design.circuit))
+    if wanted.keys() != built.keys():
+        return None
+    deviations = {name: 1.0 - ohms / built[name] for name, ohms in wanted.items()}
+    if not any(deviations.values()):
+        return None
+    slopes = RestSensitivity.of(LinearBoard(with_ideal_opamps(exact))).resistors()
+    moves = [deviation * slopes[name] for name, deviation in deviations.items()]
+    return np.asarray(np.sum(moves, axis=0))
+
+
+def resistances(circuit: Circuit) -> dict[str, float]:
+    """Return the resistance of every resistor by its name in the deck, ohm."""
+    found = {f"R{part.name}": part.ohms for part in circuit.resistors}
+    for matrix in circuit.matrices:
+        for k, n, *_, ohms in matrix.elements():
+            found[f"{matrix.name}_{k + 1}_{n + 1}"] = ohms
+    return found
+
 
 Predict = Callable[[], Floats | None]
 
@@ -172,7 +345,14 @@ def error_budget(
     chain.link("ill_posedness", how, ideal.target)
     pruning = pruning_effect(network, design.scene.design.prune, ideal.solution)
     if pruning is not None:
-        _pruned(chain, pruning)
+        bound = pruning.bound if math.isfinite(pruning.bound) else None
+        proven = "no proven bound" if bound is None else f"proven bound {show(bound, 'V', 3)}"
+        how = (
+            f"optimum without {pruning.entries} entries of T against the requested optimum;"
+            f" {proven}"
+        )
+        chain.link("pruning", how, pruning.target, bound=bound)
+        chain.solves += 1
     stages = with_ideal_stages(design.circuit)
     plain = design.board if stages is design.circuit else LinearBoard(stages)
     chain.solve(
@@ -188,10 +368,15 @@ def error_budget(
         else:
             chain.solve(link.name, link.how, find)
     if plain is not design.board:
-        _antilog(chain, design.board)
+        how = (
+            "equilibrium with transistors against that with ideal antilog stages; the stages are"
+            f" {stage_deviation(design.board)}"
+        )
+        chain.link("antilog", how, outputs_at_rest(design.board))
     _transient(chain, recording)
     if noise is not None:
-        chain.parts.append(_noise(noise))
+        how = "rms at rest over all frequencies: resistors, op-amps and sensors; not in the sum"
+        chain.parts.append(ErrorPart("noise", noise.known, how))
     whole = None
     if chain.first is not None:
         start = "optimum" if stress is None else "true stress"
@@ -199,22 +384,6 @@ def error_budget(
             "total", f"end of the record against the {start}", chain.first, recording.u[-1]
         )
     return ErrorBudget(tuple(chain.parts), whole, chain.solves)
-
-
-def _pruned(chain: ErrorChain, effect: PruningEffect) -> None:
-    bound = effect.bound if math.isfinite(effect.bound) else None
-    proven = "no proven bound" if bound is None else f"proven bound {show(bound, 'V', 3)}"
-    how = f"optimum without {effect.entries} entries of T against the requested optimum; {proven}"
-    chain.link("pruning", how, effect.target, bound=bound)
-    chain.solves += 1
-
-
-def _antilog(chain: ErrorChain, board: LinearBoard) -> None:
-    how = (
-        "equilibrium with transistors against that with ideal antilog stages; the stages are"
-        f" {stage_deviation(board)}"
-    )
-    chain.link("antilog", how, outputs_at_rest(board))
 
 
 def _transient(chain: ErrorChain, recording: Recording) -> None:
@@ -233,8 +402,3 @@ def _transient(chain: ErrorChain, recording: Recording) -> None:
         small = bound <= LEAST_BOUND * amplitude
         how += f"; error at most {'1 ppb of the step' if small else show(bound, 'V', 3)}"
     chain.link("simulator", how, recording.u[-1], bound=bound)
-
-
-def _noise(noise: OutputNoise) -> ErrorPart:
-    how = "rms at rest over all frequencies: resistors, op-amps and sensors; not in the sum"
-    return ErrorPart("noise", noise.known, how)

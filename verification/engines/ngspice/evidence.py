@@ -3,7 +3,7 @@
 An exit status of 0 is not enough. A result is accepted when
 
 1. the process ended by itself, with exit status 0 and in time;
-2. its error stream has no line that matches `ending.FAILURES` (a singular matrix, or a failed
+2. its error stream has no line that matches `FAILURES` (a singular matrix, or a failed
    search for the operating point, from which ngspice recovered is a flag);
 3. the raw file holds exactly one plot, that of the requested analysis;
 4. the plot has points, and as many bytes as points x vectors x 8;
@@ -26,22 +26,152 @@ that a underflows and the resonance has no noise.
 from __future__ import annotations
 
 import math
+import re
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Band, Noise, OperatingPoint, SmallSignal, Transient
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import BadEvidence, SimulationError
-from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.ngspice.ending import (
-    Ending,
-    check_end,
-    check_log,
-    doubts,
-    important_lines,
+from taction.system.errors import (
+    BadEvidence,
+    DidNotLoad,
+    Killed,
+    OutOfDisk,
+    SimulationError,
+    SimulatorNotFound,
+    SingularCircuit,
+    StepTooSmall,
+    TimedOut,
 )
+from taction.system.foreign_files import MEGABYTE
+from taction.system.waveforms import Cost, Waveforms
+from taction.verification.engines.ngspice.executable import REMEDY
 from taction.verification.engines.ngspice.raw_file import Plot, read_complex, read_plots, read_raw
 from taction.verification.engines.ngspice.screening import Deck
+
+Result = TypeVar("Result")
+
+LONGEST_STREAM = 100 * MEGABYTE  # of stdout or stderr; a run that writes more is ended
+LONGEST_RESULT = 8000 * MEGABYTE  # of the raw file, likewise
+LONGEST_LINE = 300  # characters of a line of the error stream in a message
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a process ended: exit status (negative: a signal), wall time in s, and error stream."""
+
+    status: int
+    timed_out: bool
+    timeout: float
+    seconds: float
+    errors: str
+    folder: Path
+    flooded: str = ""  # the file that became longer than `longest` allows
+
+    @property
+    def raw(self) -> Path:
+        """The result file."""
+        return self.folder / "out.raw"
+
+
+FAILURES: tuple[tuple[str, type[SimulationError], str], ...] = (
+    # The first pattern that matches names the failure, so causes precede their consequences.
+    (
+        r"write error|no space left|adjusting rawfile",
+        OutOfDisk,
+        "the result could not be written. Free space where runs are kept (TMPDIR)",
+    ),
+    (
+        r"(?s)singular matrix.*(operating point could not|initial timepoint)",
+        SingularCircuit,
+        "the circuit's matrix is singular: the circuit has a loop of voltage sources, or a node"
+        " whose voltage no element determines",
+    ),
+    (
+        r"time ?step too small",
+        StepTooSmall,
+        "the time step fell below the simulator's limit: the circuit has no solution there, or"
+        " its tolerances are below rounding noise",
+    ),
+    (
+        r"error on line|unable to find|unknown subckt|could not find|not parsed|no circuits? loaded"
+        r"|circuits loaded|ignored|unusual leading|can't find|netlist line|set to 1|empty netlist",
+        DidNotLoad,
+        "ngspice did not read the deck as it is written",
+    ),
+    (r"error|fatal|aborted|interrupted|to low|too small", BadEvidence, "ngspice reported an error"),
+)
+_SIGNALS = {number.value: number.name for number in signal.Signals}
+_SHELL = 128  # a shell adds this to the number of the signal that ended its program
+_NOT_STARTED = (126, 127)  # of a shell, or of the program that guards ngspice
+_DOUBT = re.compile(r"singular matrix|gmin stepping|source stepping|transient op", re.IGNORECASE)
+# The option `noopiter` asks for these two.
+_EXPECTED = ("Note: Starting dynamic gmin stepping", "Note: Dynamic gmin stepping completed")
+
+
+def longest(file: str) -> int:
+    """Return the most bytes that ngspice may write into a file of the run folder."""
+    return LONGEST_RESULT if file == "out.raw" else LONGEST_STREAM
+
+
+def check_end(ending: Ending) -> None:
+    """Check point 1 for time and signals; the log explains other exit statuses."""
+    if ending.flooded:
+        most = longest(ending.flooded) / MEGABYTE
+        raise BadEvidence(f"ngspice wrote over {most:g} MB into {ending.flooded} and was ended")
+    if ending.timed_out:
+        raise TimedOut(
+            f"ngspice did not finish within {ending.timeout:g} s. Allow more time, a shorter record"
+            " or a larger step"
+        )
+    if ending.status == -signal.SIGXFSZ:
+        raise OutOfDisk("ngspice reached the limit on the size of a file (ulimit -f)")
+    number = _signal_of(ending.status)
+    if number:
+        hint = " (is memory short?)" if number == signal.SIGKILL else ""
+        name = _SIGNALS.get(number, str(number))
+        raise Killed(f"signal {name} ended ngspice after {ending.seconds:.3g} s{hint}")
+    if ending.status in _NOT_STARTED:
+        raise SimulatorNotFound(f"ngspice did not start (exit status {ending.status}). {REMEDY}")
+
+
+def _signal_of(status: int) -> int:
+    """Return the number of the signal that ended a process, or the program of a shell; else 0."""
+    number = -status if status < 0 else status - _SHELL
+    return number if 0 < number < signal.NSIG else 0
+
+
+def check_log(ending: Ending) -> None:
+    """Check point 2, and the rest of point 1."""
+    for pattern, failure, meaning in FAILURES:
+        if re.search(pattern, ending.errors, re.IGNORECASE):
+            raise failure(meaning)
+    if ending.status != 0:
+        raise BadEvidence(f"ngspice ended with exit status {ending.status} and gave no reason")
+
+
+def important_lines(errors: str, limit: int = 12) -> str:
+    """Return the lines of an error stream, notes last of all, each once and at most `limit`."""
+    shortened = (line.rstrip()[:LONGEST_LINE] for line in errors.splitlines() if line.strip())
+    lines = list(dict.fromkeys(shortened))
+    important = [line for line in lines if not line.lower().startswith("note:")] or lines
+    if len(important) > limit:
+        half = limit // 2
+        omitted = f"... {len(important) - limit} lines"
+        important = [*important[:half], omitted, *important[-half:]]
+    return "\n".join(important)
+
+
+def doubts(errors: str) -> tuple[str, ...]:
+    """Return the log's warnings that are not fatal, each once."""
+    doubts = (line.strip() for line in errors.splitlines() if _DOUBT.search(line))
+    return tuple(dict.fromkeys(line for line in doubts if not line.startswith(_EXPECTED)))
+
 
 STOP_TOLERANCE = 1e-9
 _PLOT_NAMES = {Transient: "Transient Analysis", OperatingPoint: "Operating Point"}
@@ -61,29 +191,31 @@ def accepted_waveforms(
         One of its kinds, for the first piece of evidence that is missing, with the important
         lines of the log and the run folder.
     """
-    try:
-        check_ending(ending)
+
+    def judge() -> Waveforms:
         plot = read_raw(ending.raw)
         _check_plot(deck, plot)
         waveforms = _waveforms(deck, plot, ending, engine, solver)
         _check_time(deck, waveforms.time)
         _check_values(waveforms, bound)
+        return waveforms
+
+    try:
+        return _accepted(ending, judge)
     except SimulationError as error:
-        explained = documented(error, ending)
-        explained.partial = _partial_waveforms(deck, ending, engine, solver)
-        raise explained from None
-    return waveforms
+        error.partial = _partial_waveforms(deck, ending, engine, solver)
+        raise
 
 
-def check_ending(ending: Ending) -> None:
-    """Check points 1 and 2."""
-    check_end(ending)
-    check_log(ending)
-
-
-def documented(error: SimulationError, ending: Ending) -> SimulationError:
-    """Return an error with the important lines of the log and the run folder."""
-    return type(error)(str(error), log=important_lines(ending.errors), folder=ending.folder)
+def _accepted(ending: Ending, judge: Callable[[], Result]) -> Result:
+    """Check points 1 and 2, and return what `judge` accepts; errors have the log and the folder."""
+    try:
+        check_end(ending)
+        check_log(ending)
+        return judge()
+    except SimulationError as error:
+        log = important_lines(ending.errors)
+        raise type(error)(str(error), log=log, folder=ending.folder) from None
 
 
 def _partial_waveforms(deck: Deck, ending: Ending, engine: str, solver: str) -> Waveforms | None:
@@ -182,11 +314,7 @@ def integrated_noise(deck: Deck, ending: Ending) -> float:
         One of its kinds; `BadEvidence` where a plot is missing, is another one than asked for, or
         has other frequencies.
     """
-    try:
-        check_ending(ending)
-        return _total(deck, read_plots(ending.raw))
-    except SimulationError as error:
-        raise documented(error, ending) from None
+    return _accepted(ending, lambda: _total(deck, read_plots(ending.raw)))
 
 
 def _total(deck: Deck, plots: list[Plot]) -> float:
@@ -251,11 +379,7 @@ def small_signal_response(deck: Deck, ending: Ending) -> tuple[Floats, Complexes
         One of its kinds; `BadEvidence` where the plot, its vectors or frequencies are others than
         those asked for, or a value is not finite.
     """
-    try:
-        check_ending(ending)
-        return _checked(deck, *read_complex(ending.raw))
-    except SimulationError as error:
-        raise documented(error, ending) from None
+    return _accepted(ending, lambda: _checked(deck, *read_complex(ending.raw)))
 
 
 def _checked(

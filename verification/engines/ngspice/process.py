@@ -38,10 +38,11 @@ from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
 from taction.system.own_folders import keep_folder, make_own_folder, remove_own_folder
 from taction.system.processes import end_orphans
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.ngspice.ending import Ending, longest
 from taction.verification.engines.ngspice.evidence import (
+    Ending,
     accepted_waveforms,
     integrated_noise,
+    longest,
     small_signal_response,
 )
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator

@@ -21,8 +21,13 @@ from taction.system.errors import (
     StepTooSmall,
 )
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.ngspice.ending import LONGEST_LINE, Ending, important_lines
-from taction.verification.engines.ngspice.evidence import accepted_waveforms, integrated_noise
+from taction.verification.engines.ngspice.evidence import (
+    LONGEST_LINE,
+    Ending,
+    accepted_waveforms,
+    important_lines,
+    integrated_noise,
+)
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.ngspice.raw_file import write_raw

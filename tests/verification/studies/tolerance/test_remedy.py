@@ -34,7 +34,7 @@ from taction.verification.studies.tolerance.varied_board import (
 )
 from taction.verification.studies.tolerance.yield_forecast import YieldForecast
 from taction.verification.studies.tolerance.yield_report import draw, interval, summarise_samples
-from taction.verification.verdict.error_links import outputs_at_rest
+from taction.verification.verdict.error_budget import outputs_at_rest
 from tests.support.studying import QUIET, one_thread, small_scene
 from tests.support.sweeping import make_sample
 
