@@ -48,15 +48,6 @@ def test_csv_and_json_agree_in_base_units(tmp_path: Path) -> None:
     assert found["power"]["quiescent"] == pytest.approx(19 * 30 * 1.4e-3)
 
 
-def test_a_file_that_cannot_be_written_is_refused() -> None:
-    result = taction("bom", CUSTOM, "-o", "/nowhere/parts.csv")
-    assert result.exit_code == 2
-    assert "its folder does not exist" in result.stderr
-    same = taction("bom", CUSTOM, "-o", CUSTOM)
-    assert same.exit_code == 2
-    assert "expected another file" in same.stderr
-
-
 def test_netlist_and_verify_warn_about_the_same_parts() -> None:
     board = str(SCENES / "paper-breadboard.toml")
     says = "60 of 74 matrix resistors are above 50 Mohm, up to 247.3 Mohm (Rf_1_7)"
@@ -99,7 +90,6 @@ def test_new_does_not_overwrite(tmp_path: Path) -> None:
     assert again.exit_code == 2
     assert "--force" in again.stderr
     assert taction("new", str(file), "--force").exit_code == 0
-    assert taction("new", str(tmp_path / "no" / "x.toml")).exit_code == 2
 
 
 def test_a_new_scene_verifies(tmp_path: Path) -> None:
@@ -188,13 +178,10 @@ def test_the_picture_has_both_witnesses_and_the_crossing(tmp_path: Path) -> None
         assert f"<!-- {text}" in drawn or text in drawn
 
 
-def test_mistakes_are_named(tmp_path: Path) -> None:
+def test_mistakes_are_named() -> None:
     unknown = taction("models", "show", "ua714")
     assert unknown.exit_code == 2
     assert "did you mean 'ua741'?" in unknown.stderr
-    wrong = taction("models", "show", "ua741", "--plot", str(tmp_path / "x.gif"))
-    assert wrong.exit_code == 2
-    assert "--plot" in wrong.stderr
 
 
 def test_without_ngspice_our_equations_remain(monkeypatch: pytest.MonkeyPatch) -> None:

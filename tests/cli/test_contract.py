@@ -14,7 +14,6 @@ from taction.cli import running
 from taction.cli.command import Command, Job, Parameter, load, sentences, signature
 from taction.cli.main import COMMANDS
 from taction.system.errors import Complaint
-from tests.support.entries import write_fast
 from tests.support.running import document
 from tests.support.running import taction as run
 
@@ -78,12 +77,9 @@ def jobs() -> Iterator[tuple[str, Job]]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
-    (tmp_path / "b.json").write_text('{"taction_baseline": 1, "scenes": {}}')
-    (tmp_path / "a.cir").write_text("* no netlist\n")
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+def folder(boards: Path) -> Path:
+    (boards / "a.cir").write_text("* no netlist\n")
+    return boards
 
 
 def test_every_command_is_called() -> None:

@@ -25,7 +25,6 @@ from tests.support.running import document, taction
 
 FOLDER = ROOT / "docs" / "schemas"
 VENDOR = ROOT / "tests" / "data" / "fet100.cir"
-MATRIX = "2.0,0.5\n0.5,1.0\n"
 ONE = """
 [problem]
 kind = "matrix"
@@ -120,34 +119,23 @@ SCHEMAS = {"help.schemas", "help.scene_schema"}  # schemas in a document: any fi
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
-    write_fast(tmp_path / "slow.toml", limit="1us", capacitance="20pF")
-    (tmp_path / "ringing.toml").write_text(
-        ONE.replace("1nF", "10pF").replace('gain = "10kohm"', "")
-    )
-    other = write_fast(tmp_path / "other.toml").read_text()
-    (tmp_path / "ngspice.toml").write_text(
+def folder(boards: Path) -> Path:
+    (boards / "ringing.toml").write_text(ONE.replace("1nF", "10pF").replace('gain = "10kohm"', ""))
+    other = write_fast(boards / "other.toml").read_text()
+    (boards / "ngspice.toml").write_text(
         other.replace('"statespace"', '"ngspice"').replace("[checks]", '[checks]\nnoise = "1V"')
     )
     exponential = other.replace("[design]", '[design]\namplifier = "exponential"')
-    (tmp_path / "exponential.toml").write_text(exponential)
+    (boards / "exponential.toml").write_text(exponential)
     devices = exponential.replace("[design]", '[design]\nantilog = "device"')
-    (tmp_path / "devices.toml").write_text(
-        devices.replace("[checks]", 'initial = "rest"\n[checks]')
-    )
+    (boards / "devices.toml").write_text(devices.replace("[checks]", 'initial = "rest"\n[checks]'))
     short = other.replace('"statespace"', '"ngspice"\nstop = "10ns"')
-    (tmp_path / "short.toml").write_text(short)
-    (tmp_path / "one.toml").write_text(ONE)
-    (tmp_path / "pruned.toml").write_text(other.replace("[design]", "[design]\nprune = 0.5"))
+    (boards / "short.toml").write_text(short)
+    (boards / "one.toml").write_text(ONE)
+    (boards / "pruned.toml").write_text(other.replace("[design]", "[design]\nprune = 0.5"))
     worn = "[tolerances]\nresistor = 0.02\n"
-    write_fast(tmp_path / "worn.toml", more=worn)
-    (tmp_path / "T.csv").write_text(MATRIX)
-    (tmp_path / "eps.csv").write_text("1.0\n0.5\n")
-    (tmp_path / "bad.toml").write_text("[problem]\nkind = 'tactil'\n")
-    (tmp_path / "b.json").write_text('{"taction_baseline": 2, "scenes": {}}')
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+    write_fast(boards / "worn.toml", more=worn)
+    return boards
 
 
 def mistakes(found: Any, name: str) -> list[str]:

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taction.cli.main import COMMANDS
 from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
@@ -133,23 +132,6 @@ def test_a_bug_is_not_taken_for_a_failed_check(monkeypatch: pytest.MonkeyPatch) 
     assert "out of memory" in document(result)["error"]["message"]
 
 
-def test_a_picture(tmp_path: Path) -> None:
-    file = tmp_path / "board.svg"
-    result = taction("verify", TUNED, *FAST, "--plot", str(file), "--json")
-    assert result.exit_code == 0
-    assert document(result)["outcome"] == "pass"
-    assert f"drew {file}" in result.stderr
-    assert file.read_bytes().startswith(b"<?xml")
-
-
-@pytest.mark.parametrize("file", ["board.gif", "board", "nowhere/board.png"])
-def test_a_picture_that_cannot_be_drawn_is_refused_before_any_work(file: str) -> None:
-    result = taction("verify", TUNED, "--plot", file)
-    assert result.exit_code == 2
-    assert "--plot" in result.stderr
-    assert result.stdout == ""
-
-
 def test_solve_json_has_the_promised_keys() -> None:
     result = taction("solve", TUNED, "--json")
     assert result.exit_code == 0
@@ -229,15 +211,6 @@ def test_simulate_writes_what_it_measured(tmp_path: Path) -> None:
     assert taction("simulate", TUNED, "-o", "waves.txt").exit_code == 2
 
 
-def test_every_command_takes_json_and_help() -> None:
-    for name in COMMANDS:
-        result = taction(name, "--help")
-        assert result.exit_code == 0
-        assert "--json" in result.stdout, name
-    listed = taction("--help").stdout
-    assert all(name in listed for name in COMMANDS)
-
-
 def test_an_unknown_command_names_the_nearest() -> None:
     result = taction("verfy")
     assert result.exit_code == 2
@@ -268,26 +241,3 @@ def test_as_a_process(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert json.loads(done.stdout)["error"]["file"] == "missing.toml"
     assert done.stderr.startswith("taction: missing.toml: file: No such file")
-
-
-def test_an_output_does_not_overwrite_an_input(tmp_path: Path) -> None:
-    scene = write_matrix_scene(tmp_path, [[1.0, 0.2], [0.2, 1.0]], [1.0, 0.5])
-    baseline = tmp_path / "baseline.json"
-    baseline.write_text("{}")
-    (tmp_path / "link.toml").symlink_to(scene)
-    before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
-    regress = ("regress", str(tmp_path), "--baseline", str(baseline))
-    for words in (
-        ("netlist", str(scene), "-o", str(scene)),
-        ("netlist", str(scene), "-o", str(tmp_path / "T.csv")),
-        ("netlist", str(scene), "-o", str(tmp_path / "link.toml")),
-        (*regress, "--junit", str(baseline)),
-        (*regress, "--junit", str(scene)),
-        (*regress, "--junit", str(tmp_path / "a"), "--markdown", str(tmp_path / "a")),
-    ):
-        refused = taction(*words)
-        assert refused.exit_code == 2
-        assert "of the same command; expected another file" in refused.stderr or (
-            "the file of --junit" in refused.stderr
-        )
-        assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == before

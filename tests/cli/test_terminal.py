@@ -68,7 +68,6 @@ def test_a_short_command_says_nothing(tmp_path: Path) -> None:
 
 
 WIDTHS = (40, 80, 100)
-TOLERANCES = "[tolerances]\nresistor = 0.01\ncapacitor = 0.05\n"
 
 COMMAND_LINES: dict[str, tuple[str, ...]] = {
     "verify": ("a.toml", "--margins", "-v"),
@@ -101,16 +100,6 @@ WITHOUT_TABLES = {
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    write_fast(tmp_path / "a.toml", more=TOLERANCES)
-    write_fast(tmp_path / "slow.toml", limit="1us", capacitance="20pF")
-    (tmp_path / "bad.toml").write_text("[problem]\nkind = 'tactil'\n")
-    (tmp_path / "b.json").write_text('{"taction_baseline": 2, "scenes": {}}')
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
 def quick_paper(monkeypatch: pytest.MonkeyPatch) -> None:
     """The chapters of the paper with results that cost nothing."""
 
@@ -127,7 +116,7 @@ def test_every_command_is_named_here() -> None:
     assert {name.split()[0] for name in COMMAND_LINES} | set(WITHOUT_TABLES) == set(COMMANDS)
 
 
-@pytest.mark.usefixtures("folder", "quick_paper")
+@pytest.mark.usefixtures("boards", "quick_paper")
 @pytest.mark.parametrize("name", COMMAND_LINES)
 def test_a_narrow_page_loses_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = printed_objects(monkeypatch, name.split()[0], *COMMAND_LINES[name])
@@ -140,7 +129,7 @@ def test_a_narrow_page_loses_nothing(name: str, monkeypatch: pytest.MonkeyPatch)
         assert "…" not in narrow
 
 
-@pytest.mark.usefixtures("folder")
+@pytest.mark.usefixtures("boards")
 def test_a_table_of_a_terminal_is_never_wider_than_the_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

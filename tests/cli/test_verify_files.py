@@ -112,10 +112,3 @@ def test_options_that_cannot_be_used_are_refused(
     result = taction("verify", str(folder), *words)
     assert result.exit_code == 2
     assert text in result.stderr
-
-
-def test_an_output_never_overwrites_a_scene(folder: Path) -> None:
-    slow = str(folder / "slow.toml")
-    result = taction("verify", str(folder / "good.toml"), slow, "--junit", slow)
-    assert result.exit_code == 2
-    assert "an input of the same command" in result.stderr

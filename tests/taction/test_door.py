@@ -98,22 +98,6 @@ def test_a_verdict_is_one_type_frozen_and_short(tmp_path: Path) -> None:
     assert again.measurements.settling_time == verdict.measurements.settling_time
 
 
-def test_results_have_a_short_repr(tmp_path: Path) -> None:
-    file = write_fast(tmp_path / "a.toml")
-    results = (
-        taction.load_scene(file),
-        taction.netlist(file),
-        taction.solve(file),
-        taction.simulate(file),
-        taction.onset(file, over={"C": ("8pF", "12pF", 3)}, transients=False),
-        taction.montecarlo(scene_file(tmp_path), samples=2, jobs=1),
-        taction.synthesise(taction.load_scene(file)),
-    )
-    for result in results:
-        assert len(repr(result)) < 200
-        assert len(repr(result).splitlines()) <= 3
-
-
 def test_an_unknown_engine_names_the_known_ones() -> None:
     with pytest.raises(taction.InputError, match=r"analysis\.engine = 'spice': expected one of"):
         taction.verify(SCENES / "paper-breadboard.toml", engine="spice")

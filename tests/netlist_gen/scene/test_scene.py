@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import jsonschema
 import pytest
 from click.testing import CliRunner
 from pydantic import ValidationError
@@ -19,56 +20,12 @@ from tests.support.making import make_scene
 from tests.support.paths import ROOT, SCENES
 
 SCHEMA = json.loads((ROOT / "docs" / "scene.schema.json").read_text(encoding="utf-8"))
-TYPES: dict[str, Any] = {
-    "object": dict,
-    "array": list,
-    "string": str,
-    "boolean": bool,
-    "integer": int,
-    "number": (int, float),
-    "null": type(None),
-}
 
 
-def mistakes(value: Any, schema: dict[str, Any], where: str = "") -> list[str]:
-    """Say where `value` breaks `schema`; knows the words that the scene's schema uses."""
-    found: list[str] = []
-    for word, wanted in schema.items():
-        if word == "$ref":
-            found += mistakes(value, SCHEMA["$defs"][wanted.rpartition("/")[2]], where)
-        elif word in ("anyOf", "oneOf"):
-            fits = sum(not mistakes(value, option, where) for option in wanted)
-            if fits == 0 or (word == "oneOf" and fits > 1):
-                found.append(f"{where}: fits {fits} of {word}")
-        elif word == "type":
-            right = isinstance(value, TYPES[wanted])
-            if not right or (isinstance(value, bool) and wanted != "boolean"):
-                found.append(f"{where}: no {wanted}")
-        elif word == "enum" and value not in wanted:
-            found.append(f"{where}: not in {wanted}")
-        elif word == "const" and value != wanted:
-            found.append(f"{where}: not {wanted}")
-        elif word == "pattern" and not re.search(wanted, value):
-            found.append(f"{where}: not like {wanted}")
-        elif word in LIMITS and isinstance(value, int | float) and not LIMITS[word](value, wanted):
-            found.append(f"{where}: {word} {wanted}")
-        elif word == "properties" and isinstance(value, dict):
-            for key, item in value.items():
-                if key in wanted:
-                    found += mistakes(item, wanted[key], f"{where}.{key}")
-                elif schema.get("additionalProperties") is False:
-                    found.append(f"{where}.{key}: unknown")
-        elif word == "required" and isinstance(value, dict):
-            found += [f"{where}.{key}: missing" for key in wanted if key not in value]
-    return found
-
-
-LIMITS: dict[str, Any] = {
-    "minimum": lambda value, limit: value >= limit,
-    "maximum": lambda value, limit: value <= limit,
-    "exclusiveMinimum": lambda value, limit: value > limit,
-    "exclusiveMaximum": lambda value, limit: value < limit,
-}
+def mistakes(value: Any) -> list[str]:
+    """Return the places at which `value` breaks the schema, with what breaks it."""
+    validator = jsonschema.Draft202012Validator(SCHEMA)
+    return [f"{each.json_path}: {each.validator}" for each in validator.iter_errors(value)]
 
 
 def test_the_published_schema_is_current() -> None:
@@ -80,23 +37,23 @@ def test_the_published_schema_is_current() -> None:
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
 def test_the_schema_accepts_every_shipped_scene(path: Path) -> None:
-    assert mistakes(tomllib.loads(path.read_text(encoding="utf-8")), SCHEMA) == []
+    assert mistakes(tomllib.loads(path.read_text(encoding="utf-8"))) == []
 
 
 @pytest.mark.parametrize(
     ("scene", "where"),
     [
-        ({}, ".problem: missing"),
-        ({"problem": {"kind": "tactil"}}, ".problem: fits 0"),
-        ({"problem": {"kind": "matrix"}}, ".problem: fits 0"),
-        ({"problem": {"kind": "tactile", "channels": 0}}, ".problem: fits 0"),
-        ({"problem": {"kind": "tactile"}, "design": {"lam": 1}}, ".design.lam: unknown"),
-        ({"problem": {"kind": "tactile"}, "design": {"opamp": "x"}}, ".design.opamp: fits 0"),
-        ({"problem": {"kind": "tactile"}, "name": "a b"}, ".name: not like"),
+        ({}, "$: required"),
+        ({"problem": {"kind": "tactil"}}, "$.problem: oneOf"),
+        ({"problem": {"kind": "matrix"}}, "$.problem: oneOf"),
+        ({"problem": {"kind": "tactile", "channels": 0}}, "$.problem: oneOf"),
+        ({"problem": {"kind": "tactile"}, "design": {"lam": 1}}, "$.design: additionalProperties"),
+        ({"problem": {"kind": "tactile"}, "design": {"opamp": "x"}}, "$.design.opamp: anyOf"),
+        ({"problem": {"kind": "tactile"}, "name": "a b"}, "$.name: pattern"),
     ],
 )
 def test_the_schema_refuses(scene: dict[str, Any], where: str) -> None:
-    assert where in " ".join(mistakes(scene, SCHEMA))
+    assert where in " ".join(mistakes(scene))
 
 
 @pytest.mark.parametrize(
@@ -108,7 +65,7 @@ def test_the_schema_refuses(scene: dict[str, Any], where: str) -> None:
     ],
 )
 def test_schema_and_program_accept_the_same(scene: dict[str, Any]) -> None:
-    assert mistakes(scene, SCHEMA) == []
+    assert mistakes(scene) == []
     Scene.model_validate(scene)
 
 
