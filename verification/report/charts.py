@@ -129,7 +129,7 @@ def spread_colours(count: int) -> list[str]:
 
 
 Limits = tuple[float, float]
-Scale = Literal["linear", "log", "signed", "names"]
+Scale = Literal["linear", "log", "names"]
 Line = Literal["solid", "dash", "dot", "dashdot", ""]
 """How a line is drawn; empty: not at all."""
 
@@ -145,12 +145,9 @@ class Axis:
     unit : str
         SI unit of the values; ``"step"``: parts of the step, shown in per cent; empty: numbers.
     scale : str
-        ``"signed"`` is a logarithmic scale of both signs that is linear up to `linear`;
         ``"names"`` has `names` at the places 0, 1, 2 ...
     limits : (float, float) or None
         The ends; None: what the marks need.
-    linear : float
-        Of a ``"signed"`` scale.
     whole : bool
         Whether labels stand at whole numbers only.
     reverse : bool
@@ -164,7 +161,6 @@ class Axis:
     scale: Scale = "linear"
     limits: Limits | None = None
     names: tuple[str, ...] = ()
-    linear: float = 0.0
     whole: bool = False
     reverse: bool = False
     ticks: tuple[float, ...] = ()

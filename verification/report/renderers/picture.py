@@ -103,7 +103,9 @@ def draw_block(axes: Axes, block: Block) -> None:
 
 def draw_chart(axes: Axes, chart: Chart) -> None:
     """Draw `chart` into `axes`."""
-    _scales(axes, chart)
+    for name in ("x", "y"):
+        if getattr(chart, name).scale == "log":
+            getattr(axes, f"set_{name}scale")("log")
     for mark in chart.marks:
         DRAWERS[type(mark)](axes, mark, chart)
     first = chart.views[0] if chart.views else None
@@ -178,16 +180,6 @@ def _values(values: ArrayLike, axis: Axis) -> Floats:
     return np.asarray(np.asarray(values, dtype=np.float64) * _factor(axis))
 
 
-def _scales(axes: Axes, chart: Chart) -> None:
-    for name in ("x", "y"):
-        axis: Axis = getattr(chart, name)
-        set_scale = getattr(axes, f"set_{name}scale")
-        if axis.scale == "log":
-            set_scale("log")
-        elif axis.scale == "signed":
-            set_scale("symlog", linthresh=axis.linear or 1.0)
-
-
 def _label(axes: Axes, chart: Chart, name: str) -> None:
     """Write the title, the unit and the ticks of an axis."""
     from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
@@ -210,8 +202,6 @@ def _label(axes: Axes, chart: Chart, name: str) -> None:
         short = high < (300.0 if name == "y" else 60.0) * low
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(NullFormatter())
-    elif axis.scale == "signed":
-        ruler.set_major_formatter(EngFormatter(unit if unit != "%" else ""))
     elif unit and unit != "%":
         size, prefix = _prefix(max(abs(low), abs(high)))
         ruler.set_major_formatter(lambda value, _: f"{value / size:.6g}".replace("-", "−"))
