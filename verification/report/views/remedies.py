@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from taction.netlist_gen.scene.keys import SYMBOLS, Value, find_key
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import show
 from taction.verification.design.remedies import Change, Remedies
 from taction.verification.design.stable_ranges import StableRange
+from taction.verification.report.texts import spaced
 
 NAMES = {path: symbol for symbol, path in SYMBOLS.items()} | {"design.gain": "gain"}
 
@@ -33,7 +34,7 @@ def remedies_text(scene: Scene, remedies: Remedies) -> str:
 def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
     yield "what to change (by the state-space engine; lambda stays unless it is named):"
     if remedies.unmendable:
-        names = ", ".join(_words(remedies.unmendable))
+        names = ", ".join(map(spaced, remedies.unmendable))
         yield f"  no change of the design mends: {names}"
         return
     stable = _stability(remedies)
@@ -92,8 +93,8 @@ def _change(scene: Scene, change: Change) -> str:
     if change.resistance is not None:
         text += f" with R = {show(change.resistance, 'ohm')}"
     if change.left:
-        mended = ", ".join(_words(change.mends))
-        return f"{text}: mends {mended}, but not {', '.join(_words(change.left))}"
+        mended = ", ".join(map(spaced, change.mends))
+        return f"{text}: mends {mended}, but not {', '.join(map(spaced, change.left))}"
     return f"{text} (verified)"
 
 
@@ -107,7 +108,3 @@ def value_text(scene: Scene, path: str, value: Value) -> str:
 def name_of(path: str) -> str:
     """Return the symbol of a key, or the last part of its path."""
     return NAMES.get(path, path.removeprefix("design.").removeprefix("opamp."))
-
-
-def _words(names: Sequence[str]) -> list[str]:
-    return [name.replace("_", " ") for name in names]

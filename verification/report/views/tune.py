@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -23,7 +22,6 @@ from taction.verification.report.blocks import (
     Page,
     Section,
     Sheet,
-    Shown,
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark
@@ -53,15 +51,17 @@ def view(tuning: Tuning, verdict: Verdict) -> Page:
 
 def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
     units, circuit = _units(tuning), verdict.circuit
-    columns: dict[str, Callable[[tuple[str, Trial]], Shown]] = {"design": lambda each: each[0]}
-    for path, unit in units.items():
-        columns[_key_name(path)] = partial(_value, path, unit)
-    columns |= {
-        "settling time": lambda each: number_cell(each[1].settling_time, "s"),
-        "overshoot": lambda each: number_cell(each[1].overshoot, "step", 3),
-    }
-    designs = (("before", tuning.before), ("after", tuning.after))
-    yield Table.of("Before and after", designs, columns)
+    rows = tuple(
+        (
+            Cell(name),
+            *(number_cell(value, units[path], 5) for path, value in trial.values.items()),
+            number_cell(trial.settling_time, "s"),
+            number_cell(trial.overshoot, "step", 3),
+        )
+        for name, trial in (("before", tuning.before), ("after", tuning.after))
+    )
+    titles = ("design", *map(_key_name, units), "settling time", "overshoot")
+    yield Table("Before and after", titles, rows)
     facts = (
         ("designs tried", str(tuning.tried)),
         ("designs on the trade-off curve", str(len(tuning.frontier))),
@@ -83,10 +83,6 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
         if (name := path.removeprefix("design."))
     )
     yield Notes("", edges)
-
-
-def _value(path: str, unit: str, design: tuple[str, Trial]) -> Cell:
-    return number_cell(design[1].values[path], unit, 5)
 
 
 def _units(tuning: Tuning) -> dict[str, str]:
