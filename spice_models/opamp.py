@@ -38,6 +38,23 @@ ZERO_OR_MORE = (
 
 
 @dataclass(frozen=True, slots=True)
+class Spread:
+    """One input error over all op-amps of a type, a normal distribution.
+
+    Attributes
+    ----------
+    mean, sigma : float
+        V or A; of the common-mode error the voltage at the input over the common-mode voltage.
+    assumed : bool
+        Whether the sheet has no largest size.
+    """
+
+    mean: float
+    sigma: float
+    assumed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class OpAmp:
     """Figures of one op-amp type, SI base units.
 
@@ -90,6 +107,10 @@ class OpAmp:
     large_signal: bool = False  # whether the macromodel has slew rate and swing
     limits_current: bool = False  # whether it has the largest output current, too, if there is one
     input_errors: bool = False  # whether the macromodel has offset, bias and common-mode error
+    rejection_sign: float = 1.0  # of the common-mode error
+    guaranteed: tuple[tuple[str, float], ...] = ()  # limits of figures by the sheet, 25 degrees C
+    varying: tuple[tuple[str, Spread], ...] = ()  # distributions of the input errors
+    not_known: tuple[str, ...] = ()  # input errors that should be there, and no sheet has
     imported: ImportedOpAmp | None = None  # a vendor's macromodel in the place of ours
 
     def __post_init__(self) -> None:
@@ -141,7 +162,8 @@ class OpAmp:
     @property
     def rejection_error(self) -> float:
         """Gain of the common-mode voltage over that of the difference, in the macromodel."""
-        return 10.0 ** (-self.common_mode_rejection / 20.0) if self.input_errors else 0.0
+        size = 10.0 ** (-self.common_mode_rejection / 20.0)
+        return self.rejection_sign * size if self.input_errors else 0.0
 
     @property
     def small_signal(self) -> OpAmp:

@@ -39,14 +39,6 @@ FIGURES = (
 )
 """The figures that `derive` can change; SI base units, phase margin in degrees, rejection in dB."""
 
-INPUT_ERRORS = {
-    "offset_voltage": 0.0,
-    "bias_current": 0.0,
-    "offset_current": 0.0,
-    "common_mode_rejection": math.inf,
-}
-"""The figures of the DC errors of the inputs, and their values without an error."""
-
 
 @cache
 def _text() -> str:
@@ -76,6 +68,7 @@ def opamp_of(name: str, figures: Mapping[str, Any]) -> OpAmp:
     """
     table = dict(figures)
     f_u = table.pop("unity_gain_bandwidth")
+    table["guaranteed"] = tuple(table.get("guaranteed", {}).items())
     if "phase_margin" in table:
         poles = poles_from_phase_margin(table["dc_gain"], f_u, table.pop("phase_margin"))
         table["gbw"], table["second_pole"] = poles

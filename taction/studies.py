@@ -405,7 +405,7 @@ def verify_sample(
 
     study = prepare(read_scene(scene, engine))
     tolerances = study.scene.tolerances
-    z = draw(tolerances, len(study.varied), seed, sample)
+    z = draw(tolerances, study.varied, seed, sample)
     board = vary(study.nominal, tolerances, z)
     verdict = verify(study.scene, problem=study.problem, circuit=board, ideal=study.ideal)
     deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}

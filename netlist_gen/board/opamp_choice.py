@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
 
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.imported import ImportedOpAmp, from_document
+from taction.spice_models.input_errors import NONE as INPUT_ERRORS
+from taction.spice_models.input_errors import with_input_errors
 from taction.spice_models.opamp import OpAmp, poles_from_phase_margin
-from taction.spice_models.presets import FIGURES, INPUT_ERRORS, derive
+from taction.spice_models.presets import FIGURES, derive
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 
@@ -21,8 +20,8 @@ ACCEPTED = "a file that `taction models import` writes"
 def choose_opamp(scene: Scene) -> OpAmp:
     """Return the op-amp of `scene`: a preset with the scene's changed figures.
 
-    Offset, input currents and common-mode error are in its macromodel if the scene asks for them:
-    all with ``input_errors``, else those that the scene gives.
+    Offset, input currents and common-mode error are in its macromodel as ``input_errors`` says; at
+    ``"none"`` those that the scene gives.
 
     Raises
     ------
@@ -36,7 +35,8 @@ def choose_opamp(scene: Scene) -> OpAmp:
     figures = {name: value for name, value in choice if name in FIGURES and value is not None}
     try:
         opamp = derive(opamp, f"{opamp.name}_changed", **figures) if figures else opamp
-        opamp = _with_errors(opamp, choice.input_errors, figures)
+        given = {name: value for name, value in figures.items() if name in INPUT_ERRORS}
+        opamp = with_input_errors(opamp, choice.input_errors, given)
     except ValueError as error:
         raise InputError(scene.file, Complaint("design.opamp", repr(figures), str(error))) from None
     if not opamp.least_supply <= supply <= opamp.most_supply:
@@ -49,15 +49,6 @@ def choose_opamp(scene: Scene) -> OpAmp:
         found, text = f"{opamp.saturation:g} V", f"must be below the supply of ±{supply:g} V"
         raise InputError(scene.file, Complaint("design.opamp.saturation", found, text))
     return opamp
-
-
-def _with_errors(opamp: OpAmp, every: bool, given: Mapping[str, float]) -> OpAmp:
-    """Return the op-amp with `every` input error of its figures, or with those that are `given`."""
-    if not every and not INPUT_ERRORS.keys() & given.keys():
-        return opamp
-    kept = {name: every or name in given for name in INPUT_ERRORS}
-    absent: dict[str, Any] = {name: INPUT_ERRORS[name] for name in kept if not kept[name]}
-    return replace(opamp, input_errors=True, **absent)
 
 
 def imported_opamp(scene: Scene, file: str) -> OpAmp:

@@ -8,27 +8,29 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix, Role
+from taction.netlist_gen.board.circuit import Circuit, OpAmpCell, ResistorMatrix, Role
 from taction.netlist_gen.scene.checks import Tolerances
+from taction.spice_models.input_errors import MOST, drawn
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 
 TEMPERATURE = "temperature"  # name and kind
+INPUT_ERROR = "input_error"  # kind
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """A value that varies: of an element of the deck, an op-amp's figure, or the temperature."""
 
-    name: str  # "Rf_3_5", "Rr_1", "Cc_1", "v_1.gbw", "temperature"
-    kind: str  # key of `Tolerances`
-    tolerance: float  # fraction; of the temperature K
+    name: str  # "Rf_3_5", "Rr_1", "Cc_1", "v_1.gbw", "v_1.offset_voltage", "temperature"
+    kind: str  # key of `Tolerances`, or `INPUT_ERROR`
+    tolerance: float  # fraction; of the temperature K; of an input error V, A or a ratio
 
 
 def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...]:
@@ -48,7 +50,8 @@ def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...
         Parameter(name, kind, own.get(name, getattr(tolerances, kind)))
         for name, kind in pairs.items()
     )
-    return tuple(parameter for parameter in every if parameter.tolerance > 0)
+    tolerated = (parameter for parameter in every if parameter.tolerance > 0)
+    return (*tolerated, *_input_errors(circuit))
 
 
 def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
@@ -69,23 +72,35 @@ def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
     yield TEMPERATURE, TEMPERATURE
 
 
-def draw(tolerances: Tolerances, count: int, seed: int, sample: int) -> Floats:
-    """Return the z of one sample, shape (count,).
+def _input_errors(circuit: Circuit) -> Iterator[Parameter]:
+    """Yield the input errors of every op-amp that are not given by the scene."""
+    for cell in circuit.opamps:
+        for figure, spread in circuit.models[cell.model].varying:
+            yield Parameter(f"{cell.name}.{figure}", INPUT_ERROR, MOST * spread.sigma)
+
+
+def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample: int) -> Floats:
+    """Return the z of one sample, one of each of the parameters `varied`.
 
     Each sample has its own random stream, so a single sample can be drawn again, bit for bit
-    (versions of NumPy may differ in their normal distributions).
+    (versions of NumPy may differ in their normal distributions). Input errors are normal whatever
+    the distribution of the parts is.
     """
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
+    errors = [parameter.kind == INPUT_ERROR for parameter in varied]
     if tolerances.distribution == "uniform":
-        return random.uniform(-1.0, 1.0, count)
-    return random.standard_normal(count) / 3.0
+        z = random.uniform(-1.0, 1.0, len(varied))
+        z[errors] = random.standard_normal(sum(errors)) / MOST
+        return z
+    return random.standard_normal(len(varied)) / MOST
 
 
 def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     """Return `circuit` with every part varied by its `z`, one value per item of `parameters`.
 
     An op-amp's gain-bandwidth product and second pole have the same factor, independent of its DC
-    gain. The temperature changes all parts of a kind by ``exp(drift z temperature)``.
+    gain. Each of its input errors has the mean of its distribution and z times the tolerance. The
+    temperature changes all parts of a kind by ``exp(drift z temperature)``.
 
     Raises
     ------
@@ -94,26 +109,24 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     """
     varied = parameters(circuit, tolerances)
     shift = {p.name: float(value) for p, value in zip(varied, z, strict=True)}
-    scale = {p.name: math.exp(shift[p.name] * math.log1p(p.tolerance)) for p in varied}
+    scale = {
+        p.name: math.exp(shift[p.name] * math.log1p(p.tolerance))
+        for p in varied
+        if p.kind != INPUT_ERROR
+    }
     kelvin = shift.get(TEMPERATURE, 0.0) * tolerances.temperature
     hot_r = math.exp(kelvin * tolerances.resistor_drift)
     hot_c = math.exp(kelvin * tolerances.capacitor_drift)
     hot_gbw = math.exp(kelvin * tolerances.opamp_drift)
-    models, cells = {}, []
-    for cell in circuit.opamps:
-        model = circuit.models[cell.model]
-        if model.imported is not None:
-            models[model.name] = model
-            cells.append(cell)
-            continue
+
+    def varied_opamp(cell: OpAmpCell, model: OpAmp) -> OpAmp:
+        errors = {figure: MOST * shift[f"{cell.name}.{figure}"] for figure, _ in model.varying}
         faster = scale.get(f"{cell.name}.gbw", 1.0) * hot_gbw
-        varied_model = _opamp(model, cell.name, faster, scale.get(f"{cell.name}.dc_gain", 1.0))
-        models[varied_model.name] = varied_model
-        cells.append(replace(cell, model=varied_model.name))
+        gain = scale.get(f"{cell.name}.dc_gain", 1.0)
+        return _opamp(drawn(model, errors), cell.name, faster, gain)
+
     return replace(
-        circuit,
-        models=models,
-        opamps=tuple(cells),
+        _with_own_models(circuit, varied_opamp),
         temperature=circuit.temperature + kelvin,
         matrices=tuple(_matrix(matrix, scale, hot_r) for matrix in circuit.matrices),
         resistors=tuple(
@@ -125,6 +138,35 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
             for part in circuit.capacitors
         ),
     )
+
+
+def with_input_errors_at(circuit: Circuit, deviations: Mapping[str, float]) -> Circuit:
+    """Return `circuit` with op-amps whose input errors are `deviations` from their means.
+
+    Parameters
+    ----------
+    deviations : mapping of str to float
+        In standard deviations, by the names of `parameters`; an error that is missing has its mean.
+    """
+
+    def own(cell: OpAmpCell, model: OpAmp) -> OpAmp:
+        errors = {
+            figure: deviations.get(f"{cell.name}.{figure}", 0.0) for figure, _ in model.varying
+        }
+        return replace(drawn(model, errors), name=f"{model.name}_{cell.name}")
+
+    return _with_own_models(circuit, own)
+
+
+def _with_own_models(circuit: Circuit, make: Callable[[OpAmpCell, OpAmp], OpAmp]) -> Circuit:
+    """Return `circuit` with a model of its own for each op-amp but the imported ones."""
+    models, cells = {}, []
+    for cell in circuit.opamps:
+        model = circuit.models[cell.model]
+        model = make(cell, model) if model.imported is None else model
+        models[model.name] = model
+        cells.append(replace(cell, model=model.name))
+    return replace(circuit, models=models, opamps=tuple(cells))
 
 
 def _opamp(model: OpAmp, name: str, faster: float, gain: float) -> OpAmp:

@@ -211,13 +211,18 @@ def with_value(scene: Scene, path: str, value: Value) -> Scene:
 def with_values(scene: Scene, changes: Point) -> Scene:
     """Return `scene` with other values at dotted paths, validated like a scene from a file.
 
-    A resistance replaces a lambda and the reverse, likewise second pole and phase margin.
+    A resistance replaces a lambda and the reverse, likewise second pole and phase margin. A whole
+    table (``design.opamp = "tl084"``) is replaced before keys in it.
 
     Raises
     ------
     InputError
         An unknown key, or a value that its key does not accept.
     """
+    tables = {path for path in changes if any(other.startswith(f"{path}.") for other in changes)}
+    if tables:
+        scene = with_values(scene, {path: changes[path] for path in tables})
+        changes = {path: value for path, value in changes.items() if path not in tables}
     data: dict[str, Any] = scene.model_dump(by_alias=True, exclude_unset=True)
     for path, value in changes.items():
         if path in REPLACES and REPLACES[path] not in changes:

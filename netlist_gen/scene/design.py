@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, GetJsonSchemaHandler, StrictBool, WithJsonSchema, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    GetJsonSchemaHandler,
+    StrictBool,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic_core import CoreSchema
 
 from taction.netlist_gen import topologies
@@ -78,6 +85,14 @@ class AntilogChoice(Model):
         return {"anyOf": [{"type": "string", "enum": list(STAGES)}, table]}
 
 
+def _level(value: object) -> object:
+    """Return a level of the input errors; true and false stand for the first and the last."""
+    return {True: "typical", False: "none"}[value] if isinstance(value, bool) else value
+
+
+InputErrors = Annotated[Literal["typical", "max", "none"], BeforeValidator(_level)]
+
+
 class OpAmpChoice(Model):
     """A preset, or a preset with some figures changed."""
 
@@ -111,10 +126,10 @@ class OpAmpChoice(Model):
     current_noise: CurrentDensityOrZero | None = Field(None, description="of each input, white")
     supply_current: AmpsOrZero | None = Field(None, description="of one op-amp without load")
     channels_per_package: Count | None = Field(None, description="op-amps in one package")
-    input_errors: StrictBool = Field(
-        False,
-        description="every op-amp has the offset voltage, input currents and common-mode error of"
-        " its figures; without it only those that are given here",
+    input_errors: InputErrors = Field(
+        "typical",
+        description="offset voltage, input currents and common-mode error of every op-amp: the"
+        " typical or the largest size of its sheet, or none but those that are given here",
     )
     offset_voltage: SignedVolts | None = Field(None, description="at the non-inverting input")
     bias_current: SignedAmps | None = Field(

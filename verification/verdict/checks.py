@@ -23,6 +23,7 @@ from taction.verification.stability.poles import Poles
 from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.companion import Agreement
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
+from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.recording import Recording
@@ -104,6 +105,8 @@ class Evidence:
         What the op-amps have to do, beside their limits.
     noise : OutputNoise or None
         Noise of the outputs; None if the scene has no limit for it.
+    spread : InputSpread or None
+        Where boards with other op-amps of the type rest; None if their input errors do not vary.
     unwitnessed : str
         Why the board has no state-space witness, or empty; then its values are estimates.
     contradiction : str
@@ -127,6 +130,7 @@ class Evidence:
     contradiction: str = ""
     parts: PartLoads = NOT_LIMITED
     noise: OutputNoise | None = None
+    spread: InputSpread | None = None
     unwitnessed: str = ""
     design: PlannedBoard | None = None
     recording: Recording | None = None
@@ -184,6 +188,26 @@ class Evidence:
     def static_error(self) -> float:
         """Bound on the error of `static`."""
         return self._share(self.steady.error) + self.reference_error
+
+    @property
+    def resting(self) -> tuple[float, float, str]:
+        """Largest distance from the reference at rest, its error, and which boards have it.
+
+        The larger one of the board as simulated, with all input errors of one sign, and of all but
+        5 % of the boards with op-amps of this type.
+        """
+        alike = self.static, self.static_error, ""
+        if self.spread is None:
+            return alike
+        targets = np.array([channel.target for channel in self.measurements.channels])
+        volts, error = map(self._share, self.spread.distance(targets))
+        if volts <= self.static:
+            return alike
+        text = (
+            "95 % of the boards are within, since the input errors of their op-amps differ (most:"
+            f" {self.spread.largest}); {percent(self.static)} with all of one sign"
+        )
+        return volts, error + self.static_error, text
 
     @property
     def at_end(self) -> float:

@@ -40,10 +40,11 @@ def settling_time(evidence: Evidence) -> Check:
         return failed("settling_time", f"it never settles: the board {evidence.growth}", maximum)
     if evidence.obstacle:
         return undecided("settling_time", "s", evidence.obstacle, maximum)
-    band, static = f"±{100 * limits.band:g} % of the step amplitude", percent(evidence.static)
-    if evidence.static - evidence.static_error > limits.band:
-        reason = f"the equilibrium is {static} off the reference, outside {band}"
-        return failed("settling_time", reason, maximum)
+    static, error, boards = evidence.resting
+    band = f"±{100 * limits.band:g} % of the step amplitude"
+    if static - error > limits.band:
+        reason = f"the equilibrium is {percent(static)} off the reference, outside {band}"
+        return failed("settling_time", joined(reason, boards), maximum)
     if reading is None:
         return _unsettled(evidence)
     if short := evidence.too_short(limits.band - evidence.static):
@@ -254,9 +255,12 @@ def _steady_state(evidence: Evidence) -> Check:
         return Check("steady_state", Outcome.FAIL, None, None, 0.0, limit, "step", reason)
     if evidence.obstacle:
         return undecided("steady_state", "step", evidence.obstacle, limit)
-    value, error = evidence.static, evidence.static_error
-    outcome = at_most(value, error, limit)
-    reason = f"largest |equilibrium - reference|; {percent(evidence.at_end)} at the record's end"
+    value, error, boards = evidence.resting
+    outcome, at_end = (
+        at_most(value, error, limit),
+        f"{percent(evidence.at_end)} at the record's end",
+    )
+    reason = joined("largest |equilibrium - reference|", boards, at_end)
     if evidence.unsteady and not evidence.steady.linear:
         outcome, reason = Outcome.FAIL, f"no steady state: {evidence.unsteady}"
     elif outcome is Outcome.PASS and (doubt := _unconfirmed(evidence)):

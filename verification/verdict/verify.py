@@ -10,6 +10,7 @@ from taction.netlist_gen.board.part_warnings import part_warnings
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.questions import questions
 from taction.netlist_gen.scene.scene import Scene, opamp_words
+from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats
 from taction.system.quantities import sizes
 from taction.system.waveforms import Waveforms
@@ -30,6 +31,7 @@ from taction.verification.verdict.companion import Agreement
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads
+from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.progress import FULL, Clock, Effort, Progress
@@ -128,6 +130,7 @@ def verify(
     steady = SteadyState.of(design.board, design.scales)
     margin = _margin(design, effort)
     parts, noise = design.loads(), OutputNoise.of(design)
+    spread = InputSpread.of(design.board) if design.poles.known_stable else None
     constraint = constraint_plane(design.circuit) if effort.details else None
     recording = record_and_measure(design, ideal, pending, clock)
     evidence = Evidence(
@@ -146,6 +149,7 @@ def verify(
         contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
         parts=parts,
         noise=noise,
+        spread=spread,
         unwitnessed=missing_witness(design.circuit, design.engine),
         design=recording.design,
         recording=recording,

@@ -122,7 +122,7 @@ def run_samples(
             else:
                 if store is not None and store.is_damaged(number):
                     collection.damaged.append(number)
-                yield number, draw(board.scene.tolerances, len(board.varied), seed, number)
+                yield number, draw(board.scene.tolerances, board.varied, seed, number)
 
     for sample in evaluate_all(board, missing(), workers, lambda: collection.enough):
         if store is not None:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import Parameter, vary
+from taction.netlist_gen.board.variation import INPUT_ERROR, Parameter, vary
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
@@ -32,10 +32,12 @@ def rest_slopes(board: VariedBoard) -> Floats:
     Costs one factorisation of all unknowns, and two sets of equations for each op-amp.
     """
     sensitivity = RestSensitivity.of(LinearBoard(board.nominal))
-    resistors, rows = sensitivity.resistors(), []
+    resistors, errors, rows = sensitivity.resistors(), sensitivity.input_errors(), []
     for place, parameter in enumerate(board.varied):
         if parameter.kind == "resistor":
             rows.append(resistors[parameter.name] * math.log1p(parameter.tolerance))
+        elif parameter.kind == INPUT_ERROR:
+            rows.append(errors[parameter.name] * parameter.tolerance)
         elif parameter.kind in DYNAMIC:
             rows.append(np.zeros(len(board.nominal.outputs)))
         else:

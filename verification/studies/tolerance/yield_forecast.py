@@ -64,8 +64,8 @@ class YieldForecast:
         EngineError
             The nominal board has no equilibrium.
         """
-        tolerances, count = board.scene.tolerances, len(board.varied)
-        z = np.array([draw(tolerances, count, seed, sample.number) for sample in samples])
+        tolerances = board.scene.tolerances
+        z = np.array([draw(tolerances, board.varied, seed, sample.number) for sample in samples])
         channels = len(board.nominal.outputs)
         nowhere = (math.nan,) * channels
         errors = np.array([sample.errors or nowhere for sample in samples])

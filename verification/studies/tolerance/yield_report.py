@@ -159,7 +159,7 @@ def _sensitivities(
     board: VariedBoard, reported: tuple[Quantity, ...], samples: list[BoardSample], seed: int
 ) -> list[Sensitivity]:
     """Return the correlations beyond `SIGNIFICANT` standard errors, the strongest first."""
-    tolerances, count = board.scene.tolerances, len(board.varied)
+    tolerances = board.scene.tolerances
     sensitivities = []
     for quantity in reported:
         if quantity.name == "margin":  # computed only up to the limit of the check
@@ -172,7 +172,7 @@ def _sensitivities(
         values = np.array([value for _, value in usable])
         if quantity.unit == "s":
             values = np.log(np.maximum(values, 1e-300))
-        z = np.array([draw(tolerances, count, seed, number) for number, _ in usable])
+        z = np.array([draw(tolerances, board.varied, seed, number) for number, _ in usable])
         error = 1.0 / math.sqrt(len(usable))
         sensitivities += [
             Sensitivity(parameter.name, parameter.kind, quantity.name, float(r), error, channel)

@@ -24,6 +24,7 @@ exponentials are devices with the outputs ``-U0 F / SCALE`` and ``-U0 R / SCALE`
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, OpAmpCell
 from taction.spice_models.imported import LinearModel
-from taction.spice_models.opamp import KNEE, OVERDRIVE
+from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from taction.spice_models.transistor import thermal_voltage
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
@@ -249,6 +250,13 @@ class _OpAmps:
             laws.add(drop, places, sign * ones)
         self.stamper.currents.add(out, drop, -1.0 / ohms)
         return limiters
+
+
+def gain_stage(model: OpAmp, cell: OpAmpCell, descriptor: Descriptor) -> tuple[int, float]:
+    """Return the row that the input voltage of an op-amp drives, and its gain there."""
+    if math.isfinite(model.gbw):
+        return descriptor.place(f"x{cell.name}.p1"), 2.0 * math.pi * model.gbw
+    return descriptor.place(cell.output), model.dc_gain / (model.output_resistance or 1.0)
 
 
 def stamp_imported(stamper: Stamper, cells: Sequence[OpAmpCell], pins: Ints) -> None:

@@ -18,19 +18,20 @@ base current, and the thermal noise of its bulk resistance.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell
-from taction.spice_models.opamp import OpAmp
+from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.spice_models.thermal_noise import THERMAL
 from taction.spice_models.transistor import ELECTRON, NOMINAL
 from taction.system.array_types import EPS, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.cell_stamps import transistor_currents
+from taction.verification.engines.statespace.equations.cell_stamps import (
+    gain_stage,
+    transistor_currents,
+)
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import driven
@@ -65,7 +66,7 @@ def noise_intensities(
     density[taken] = 0.0
     density[:, taken] = 0.0
     for cell in circuit.opamps:
-        row, gain = _gain_stage(circuit.models[cell.model], cell, descriptor)
+        row, gain = gain_stage(circuit.models[cell.model], cell, descriptor)
         density[row, row] += (gain * circuit.models[cell.model].voltage_noise) ** 2
     return 0.5 * density[:size, :size]
 
@@ -104,13 +105,6 @@ def _between(density: Floats, a: Ints, b: Ints, current: Floats) -> None:
 def _places(descriptor: Descriptor, names: Iterable[str]) -> Ints:
     places = [descriptor.size if name == GROUND else descriptor.place(name) for name in names]
     return np.array(places, dtype=np.int64)
-
-
-def _gain_stage(model: OpAmp, cell: OpAmpCell, descriptor: Descriptor) -> tuple[int, float]:
-    """Return the row that the input voltage of an op-amp drives, and its gain there."""
-    if math.isfinite(model.gbw):
-        return descriptor.place(f"x{cell.name}.p1"), 2.0 * math.pi * model.gbw
-    return descriptor.place(cell.output), model.dc_gain / (model.output_resistance or 1.0)
 
 
 HIDDEN = "rounding hides the noise: the poles of the board are too far apart"

@@ -17,6 +17,7 @@ import numpy as np
 from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.cell_stamps import gain_stage
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import balance
@@ -84,6 +85,38 @@ class RestSensitivity:
         parts = self.board.circuit.resistors
         ends, ohms = [(part.a, part.b) for part in parts], [part.ohms for part in parts]
         return found | self._branches([f"R{part.name}" for part in parts], ends, ohms)
+
+    def input_errors(self) -> dict[str, Floats]:
+        """Return ``dy / dp`` (N,) of every input error p of an op-amp that varies.
+
+        By the names of `variation.parameters`; V over V or A, of the common-mode error V. A current
+        into an input leaves that node; an offset adds to the input of the gain stage, and so does
+        the common-mode error times the voltage of the inputs.
+        """
+        board, found = self.board, dict[str, Floats]()
+        descriptor, z = board.descriptor, board.equilibrium
+        zero = np.zeros(len(self.adjoint))
+        for cell in board.circuit.opamps:
+            model = board.circuit.models[cell.model]
+            if not model.varying:
+                continue
+            row, gain = gain_stage(model, cell, descriptor)
+            into, volts = {}, {}
+            for pin in (cell.noninverting, cell.inverting):
+                place = None if pin == GROUND else descriptor.place(pin)
+                taken = place is None or descriptor.determined[place]
+                into[pin] = zero if taken else self.adjoint[:, place]
+                volts[pin] = 0.0 if place is None else z[pin]
+            plus, minus = into[cell.noninverting], into[cell.inverting]
+            offset = -gain * self.adjoint[:, row]
+            slopes = {
+                "offset_voltage": offset,
+                "bias_current": plus + minus,
+                "offset_current": 0.5 * (plus - minus),
+                "common_mode_rejection": offset * 0.5 * sum(volts.values()),
+            }
+            found |= {f"{cell.name}.{name}": slopes[name] for name, _ in model.varying}
+        return found
 
     def _branches(
         self, names: list[str], ends: list[tuple[str, str]], ohms: list[float]

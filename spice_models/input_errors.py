@@ -1,0 +1,151 @@
+"""DC errors of an op-amp's inputs: offset voltage, input currents, common-mode rejection.
+
+A data sheet prints a typical and a largest size. Over the op-amps of a type each error is normal:
+the largest size is three standard deviations from the mean, and without one the typical size is
+0.67 of them, which half of the parts keep. The mean is zero, but that of a bias current with a
+known largest size is its typical value, since the currents of one type have one sign.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from typing import Any, Literal
+
+from taction.spice_models.opamp import OpAmp, Spread
+from taction.spice_models.presets import opamp_name
+
+NONE = {
+    "offset_voltage": 0.0,
+    "bias_current": 0.0,
+    "offset_current": 0.0,
+    "common_mode_rejection": math.inf,
+}
+"""The figures of the input errors, and their values without an error."""
+
+MOST = 3.0  # standard deviations: the largest size of a sheet
+TYPICAL = 0.67  # standard deviations: the size that half of the parts keep
+Level = Literal["typical", "max", "none"]
+
+
+def spread(figure: str, typical: float, most: float | None) -> Spread:
+    """Return the distribution of one figure of `NONE`.
+
+    Parameters
+    ----------
+    typical : float
+        As in the data file; dB of a common-mode rejection.
+    most : float or None
+        The largest size that the sheet guarantees, of a rejection the least.
+
+    Examples
+    --------
+    >>> spread("offset_voltage", 1e-3, 6e-3)
+    Spread(mean=0.0, sigma=0.002, assumed=False)
+    >>> spread("bias_current", 80e-9, 500e-9).mean
+    8e-08
+    """
+    if figure == "common_mode_rejection":
+        typical = 10.0 ** (-typical / 20.0)
+        most = None if most is None else 10.0 ** (-most / 20.0)
+    if most is None:
+        return Spread(0.0, abs(typical) / TYPICAL, assumed=True)
+    if figure == "bias_current":
+        return Spread(typical, abs(abs(most) - abs(typical)) / MOST)
+    return Spread(0.0, abs(most) / MOST)
+
+
+def spreads(opamp: OpAmp) -> dict[str, Spread]:
+    """Return the distributions of the input errors that an op-amp has, by figure."""
+    most = dict(opamp.guaranteed)
+    return {
+        name: spread(name, getattr(opamp, name), most.get(name))
+        for name, none in NONE.items()
+        if getattr(opamp, name) != none
+    }
+
+
+def with_input_errors(opamp: OpAmp, level: Level, given: Mapping[str, float]) -> OpAmp:
+    """Return the op-amp with its input errors at a `level`.
+
+    Parameters
+    ----------
+    level : str
+        ``"typical"`` and ``"max"``: the sizes of its sheet; ``"none"``: none.
+    given : mapping of str to float
+        Figures of `NONE` that a scene gives: they replace those of the sheet at every level, and
+        they do not vary.
+
+    Returns
+    -------
+    OpAmp
+        Its `varying` are the distributions of the errors that are not given, its `not_known` the
+        figures that the sheet lacks.
+    """
+    found = {} if level == "none" else spreads(opamp)
+    kept = {name: each for name, each in found.items() if name not in given}
+    values: dict[str, Any] = dict(NONE)
+    for name, each in kept.items():
+        values[name] = _most(name, each) if level == "max" else getattr(opamp, name)
+    values |= given
+    missing = () if level == "none" else tuple(n for n in NONE if n not in found and n not in given)
+    return replace(
+        opamp,
+        input_errors=values != NONE,
+        varying=tuple(kept.items()),
+        not_known=missing,
+        **values,
+    )
+
+
+def _most(figure: str, found: Spread) -> float:
+    """Return the size of a figure three standard deviations away."""
+    size = abs(found.mean) + MOST * found.sigma
+    if figure == "common_mode_rejection":
+        return -20.0 * math.log10(size)
+    return math.copysign(size, found.mean or 1.0)
+
+
+def drawn(opamp: OpAmp, deviations: Mapping[str, float]) -> OpAmp:
+    """Return one op-amp of the type, its errors `deviations` standard deviations from the mean.
+
+    An error without a deviation has its mean. The op-amp that is returned does not vary any more.
+
+    Examples
+    --------
+    >>> from taction.spice_models.presets import load_presets
+    >>> typical = with_input_errors(load_presets()["ua741"], "typical", {})
+    >>> one = drawn(typical, {"common_mode_rejection": -1.0})
+    >>> one.offset_voltage, one.rejection_error < 0.0
+    (0.0, True)
+    """
+    values: dict[str, Any] = {}
+    for name, each in opamp.varying:
+        values[name] = each.mean + each.sigma * deviations.get(name, 0.0)
+    error = values.pop("common_mode_rejection", None)
+    if error is not None:
+        values["rejection_sign"] = math.copysign(1.0, error)
+        values["common_mode_rejection"] = -20.0 * math.log10(abs(error)) if error else math.inf
+    return replace(opamp, varying=(), **values)
+
+
+def not_known(models: Collection[OpAmp]) -> tuple[str, ...]:
+    """Return a sentence for each op-amp whose sheet lacks figures of its input errors.
+
+    Examples
+    --------
+    >>> from taction.spice_models.presets import load_presets
+    >>> not_known([with_input_errors(load_presets()["ideal"], "typical", {})])
+    ('op-amp ideal: input errors not known, so offset, bias current and CMRR are left out',)
+    """
+    found = {}
+    for model in models:
+        name = opamp_name(model.name)
+        if len(model.not_known) == len(NONE):
+            text = "input errors not known, so offset, bias current and CMRR are left out"
+            found[model.name] = f"op-amp {name}: {text}"
+        elif model.not_known:
+            listed = ", ".join(name.replace("_", " ") for name in model.not_known)
+            found[model.name] = f"op-amp {name}: {listed} not known, so left out"
+    return tuple(found.values())
