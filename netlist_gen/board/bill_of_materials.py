@@ -190,7 +190,7 @@ def packages(circuit: Circuit) -> Iterator[Package]:
 
 def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
     choice = scene.design.opamp
-    changed = sorted(choice.model_fields_set - {"base", "file"})
+    changed = sorted(choice.model_fields_set - {"base", "file", "level", "input_errors"})
     if changed:
         yield f"op-amps with the scene's {', '.join(changed)}, which {choice.base} does not have"
     if not any(model.supply_current for model in circuit.models.values()):

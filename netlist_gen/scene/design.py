@@ -90,7 +90,11 @@ def _level(value: object) -> object:
     return {True: "typical", False: "none"}[value] if isinstance(value, bool) else value
 
 
-InputErrors = Annotated[Literal["typical", "max", "none"], BeforeValidator(_level)]
+InputErrors = Annotated[
+    Literal["typical", "max", "none"],
+    BeforeValidator(_level),
+    WithJsonSchema({"enum": ["typical", "max", "none", True, False]}),
+]
 
 
 class OpAmpChoice(Model):

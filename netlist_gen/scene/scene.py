@@ -319,7 +319,7 @@ def size_words(problem: TactileProblem | MatrixProblem) -> str:
 
 def opamp_words(choice: OpAmpChoice) -> str:
     """Return the op-amp's name, and whether its figures are those of the preset."""
-    changed = choice.model_fields_set - {"base", "file", "level"}
+    changed = choice.model_fields_set - {"base", "file", "level", "input_errors"}
     return f"{choice.file or choice.base}{' (changed)' if changed else ''}"
 
 

@@ -15,8 +15,20 @@ NEAR_IDEAL = {"base": "ideal", "dc_gain": 1e12}
 
 
 def make_scene(problem: dict[str, Any] | None = None, **tables: Any) -> Scene:
-    """A tactile scene with the defaults but for `problem` and the tables given by name."""
-    return parse_scene({"problem": {"kind": "tactile", **(problem or {})}, **tables}, "scene.toml")
+    """A tactile scene with the defaults but for `problem` and the tables given by name.
+
+    Its op-amps have no input errors unless the table of the op-amp names a level.
+    """
+    design = dict(tables.pop("design", {}))
+    design["opamp"] = without_input_errors(design.get("opamp", "ua741"))
+    whole = {"problem": {"kind": "tactile", **(problem or {})}, "design": design, **tables}
+    return parse_scene(whole, "scene.toml")
+
+
+def without_input_errors(opamp: str | dict[str, Any]) -> dict[str, Any]:
+    """The table of an op-amp of which a scene judges other things than its DC errors."""
+    table = {"base": opamp} if isinstance(opamp, str) else opamp
+    return table if "file" in table else {"input_errors": "none", **table}
 
 
 def matrix_problem(T: ArrayLike, eps: ArrayLike) -> InverseProblem:

@@ -45,9 +45,6 @@ class Spectre(Dialect):
         if not circuit.is_small_signal:
             text = _NO_READER.format(what="the limits of op-amps", accepted="'small-signal'")
             yield Complaint("design.opamp.level", "'large-signal'", text)
-        if any(model.input_errors for model in circuit.models.values()):
-            text = _NO_READER.format(what="the sources behind input errors", accepted="false")
-            yield Complaint("design.opamp.input_errors", "true", text)
 
     def cards(self, text: str) -> str:
         """Return every card as an instance statement."""

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.variation import draw, parameters, vary
+from taction.netlist_gen.board.variation import INPUT_ERROR, Parameter, draw, parameters, vary
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
@@ -129,24 +129,30 @@ def test_ideal_op_amps_have_no_bandwidth_to_vary() -> None:
     assert all(math.isinf(model.gbw) for model in after.models.values())
 
 
+def varied(count: int, kind: str = "resistor") -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"{kind}_{k}", kind, 0.01) for k in range(count))
+
+
 def test_a_draw_is_its_sample_s_own_bit_for_bit() -> None:
-    tolerances = Tolerances()
-    late = draw(tolerances, 50, 7, 123)
-    many = [draw(tolerances, 50, 7, number) for number in (3, 123, 124)]
+    tolerances, parts = Tolerances(), varied(50)
+    late = draw(tolerances, parts, 7, 123)
+    many = [draw(tolerances, parts, 7, number) for number in (3, 123, 124)]
     assert np.array_equal(many[1], late)
     assert not np.array_equal(many[2], late)
-    assert not np.array_equal(draw(tolerances, 50, 8, 123), late)
+    assert not np.array_equal(draw(tolerances, parts, 8, 123), late)
 
 
 def test_the_distributions() -> None:
-    normal = np.concatenate([draw(Tolerances(), 1000, 1, k) for k in range(40)])
+    normal = np.concatenate([draw(Tolerances(), varied(1000), 1, k) for k in range(40)])
     assert normal.std() == pytest.approx(1.0 / 3.0, rel=0.02)
     assert np.mean(np.abs(normal) < 1.0) == pytest.approx(0.9973, abs=1e-3)
-    uniform = np.concatenate(
-        [draw(Tolerances(distribution="uniform"), 1000, 1, k) for k in range(40)]
-    )
+    parts = (*varied(1000), *varied(1000, INPUT_ERROR))
+    both = np.array([draw(Tolerances(distribution="uniform"), parts, 1, k) for k in range(40)])
+    uniform, errors = both[:, :1000], both[:, 1000:]
     assert np.abs(uniform).max() <= 1.0
     assert uniform.std() == pytest.approx(1.0 / math.sqrt(3.0), rel=0.02)
+    assert errors.std() == pytest.approx(1.0 / 3.0, rel=0.02)
+    assert np.abs(errors).max() > 1.0  # normal, whatever the distribution of the parts is
 
 
 def test_ngspice_and_the_state_space_agree_on_a_varied_board(ngspice: str) -> None:

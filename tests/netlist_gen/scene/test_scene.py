@@ -75,7 +75,7 @@ def test_the_template_is_the_defaults(tmp_path: Path) -> None:
     assert result.exit_code == 0
     scene = load_scene(path)
     assert scene.name == "my-board"
-    default = make_scene()
+    default = make_scene(design={"opamp": {"input_errors": "typical"}})
     assert scene.problem == default.problem
     assert scene.analysis == default.analysis
     limits = scene.checks.steady_state, scene.checks.settling_time

@@ -20,19 +20,22 @@ from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
 
+UA741 = {"base": "ua741", "input_errors": "typical"}
 DESIGN: dict[str, Any] = {
     "capacitance": "1nF",
     "lambda": 0.1,
     "gain": "100kohm",
     "unit_conductance": "10uS",
     "stray_capacitance": "5pF",
-    "opamp": {"base": "ua741", "slew_rate": "1kV/us"},
+    "opamp": UA741 | {"slew_rate": "1kV/us"},
 }
 KINDS = {
     "linear": {},
     "passive": {"topology": "passive", "lambda": 100.0},
     "exponential": {"amplifier": "exponential", "exponential_slope": "1V"},
-    "large-signal": {"opamp": {"base": "ua741", "level": "large-signal"}},
+    "large-signal": {
+        "opamp": {"base": "ua741", "input_errors": "typical", "level": "large-signal"}
+    },
 }
 PROBLEM = {"kind": "matrix", "matrix": [[1.0, 0.3], [-0.2, 0.8]], "strain": [0.6, -0.4]}
 
@@ -137,7 +140,10 @@ def test_the_verdict_takes_the_worse_of_one_sign_and_of_95_percent() -> None:
 
 
 def test_a_figure_that_no_sheet_has_is_named() -> None:
-    paper = {**DESIGN, "opamp": {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz"}}
+    paper = {
+        **DESIGN,
+        "opamp": {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "input_errors": "typical"},
+    }
     warnings = verify(make_scene(problem=PROBLEM, design=paper)).warnings
     assert any("input errors not known" in text for text in warnings)
     silent = {**DESIGN, "opamp": {**paper["opamp"], "input_errors": "none"}}
