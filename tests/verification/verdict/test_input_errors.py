@@ -14,6 +14,7 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell, Output
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.spice_models.opamp import OpAmp
@@ -115,25 +116,45 @@ def test_a_whole_model_rests_alike_in_both_engines(follower: bool, large_signal:
     assert by_equations(circuit) == pytest.approx(by_ngspice(circuit), rel=1e-6)
 
 
-def test_a_scene_has_the_errors_that_it_asks_for() -> None:
-    def chosen(**opamp: Any) -> OpAmp:
-        return choose_opamp(make_scene(design={"opamp": {"base": "ua741", **opamp}}))
+def chosen(**opamp: Any) -> OpAmp:
+    choice = {"base": "ua741", "input_errors": "typical", **opamp}
+    return choose_opamp(make_scene(design={"opamp": choice}))
 
-    assert not chosen().input_errors
-    assert chosen(input_errors=True).input_currents == (90e-9, 70e-9)
-    assert chosen(input_errors=True).input_offset == 1e-3
-    assert chosen(input_errors=True).rejection_error == pytest.approx(10.0**-4.5)
-    one = chosen(offset_voltage="-2mV")
-    assert (one.input_offset, one.input_currents, one.rejection_error) == (-2e-3, (0.0, 0.0), 0.0)
-    both = chosen(input_errors=True, bias_current="-1nA")
+
+@pytest.mark.parametrize("level", ["typical", True])
+def test_typical_errors_are_those_of_the_sheet_and_of_the_scene(level: str | bool) -> None:
+    assert OpAmpChoice().input_errors == "typical"
+    assert chosen(input_errors=level).input_currents == (90e-9, 70e-9)
+    assert chosen(input_errors=level).input_offset == 1e-3
+    assert chosen(input_errors=level).rejection_error == pytest.approx(10.0**-4.5)
+    both = chosen(input_errors=level, bias_current="-1nA")
     assert both.input_currents == pytest.approx((9e-9, -11e-9))
     assert both.input_offset == 1e-3
+    assert "bias_current" not in dict(both.varying)
+
+
+@pytest.mark.parametrize("level", ["none", False])
+def test_without_errors_only_those_of_the_scene_count(level: str | bool) -> None:
+    assert not chosen(input_errors=level).input_errors
+    one = chosen(input_errors=level, offset_voltage="-2mV")
+    assert (one.input_offset, one.input_currents, one.rejection_error) == (-2e-3, (0.0, 0.0), 0.0)
+    assert not one.varying
+
+
+def test_the_largest_errors_are_three_standard_deviations() -> None:
+    typical, most = chosen(), chosen(input_errors="max")
+    for name, each in typical.varying:
+        if name != "common_mode_rejection":
+            expected = abs(each.mean) + 3.0 * each.sigma
+            assert abs(getattr(most, name)) == pytest.approx(expected)
+    assert most.rejection_error > typical.rejection_error
 
 
 def test_a_scene_that_asks_for_none_has_no_card_of_them() -> None:
     scene = load_scene(SCENES / "custom-matrix.toml")
     circuit = synthesise(scene)
     (name,) = circuit.models
+    circuit = replace(circuit, models={name: replace(circuit.models[name], input_errors=False)})
     changed = {name: replace(circuit.models[name], offset_voltage=7.0, bias_current=3.0)}
     decks = [write_deck(c, OperatingPoint()) for c in (circuit, replace(circuit, models=changed))]
     assert decks[0] == decks[1]
@@ -176,7 +197,8 @@ def test_both_engines_agree_on_boards_with_errors(name: str) -> None:
     assert agree.outcome is Outcome.PASS
     assert agree.value is not None
     assert agree.value < 1e-4
-    clean = LinearBoard(synthesise(board(**SCENES_WITH_ERRORS[name], opamp="tl084")))
+    without = board(**SCENES_WITH_ERRORS[name], opamp={"base": "tl084", "input_errors": "none"})
+    clean = LinearBoard(synthesise(without))
     moved = LinearBoard(verdict.circuit)
     nodes = [output.node for output in verdict.circuit.outputs]
     apart = [moved.equilibrium[node] - clean.equilibrium[node] for node in nodes]
