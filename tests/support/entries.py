@@ -50,6 +50,7 @@ engine = "statespace"
 settling_time = {{ band = 0.01, max = "{limit}" }}
 [design]
 capacitance = "{capacitance}"
+opamp = {{ base = "ua741", input_errors = "none" }}
 """
 
 

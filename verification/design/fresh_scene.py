@@ -27,6 +27,7 @@ from taction.netlist_gen.topologies.frame.planes import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
 from taction.verification.design.scaling import SHARE, Scaling, scale
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference import Problem, solve
 from taction.verification.reference.changed_matrix import change_bound
 from taction.verification.reference.lambda_choice import RuleInputs, choose
@@ -39,6 +40,8 @@ BEYOND = 0.02  # share of the boards with a channel beyond the limit
 ROUND = (1.0, 2.0, 5.0, 10.0)
 LEAST = 1e-3  # the default limit
 BAND = 2.0  # the settling band over the limit
+WORST = 0.2  # of the step: a limit above says nothing of the answer
+OPAMP = "opa2134"  # where none is asked for: its input errors are small at any resistors
 
 FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)  # of the largest entry, the most pruning first
 NECESSARY = LEAST_OHMS / MOST_OHMS  # smaller entries have no resistor that can be bought
@@ -67,20 +70,33 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
         if share <= WANTED:
             break
     limit = max(LEAST, rounded_up(share))
+    if limit > WORST:
+        text = (
+            f"its input errors and resistors of {100 * grade:g} % move the outputs at rest by"
+            f" {100 * share:.2g} % of the step; expected an op-amp with smaller errors, such as"
+            " --opamp opa189, or a larger lambda"
+        )
+        raise InputError(scene.file, Complaint("design.opamp", scene.design.opamp.base, text))
     keys = {"checks.steady_state.tolerance": limit, "checks.settling_time.band": BAND * limit}
     note = (
-        f"resistors of {100 * grade:g} % move the outputs at rest by up to {100 * share:.2g} % of"
-        f" the step in 98 % of the boards: the limit is {100 * limit:g} %"
+        f"resistors of {100 * grade:g} % and the input errors of the op-amps move the outputs at"
+        f" rest by up to {100 * share:.2g} % of the step in 98 % of the boards: the limit is"
+        f" {100 * limit:g} %"
     )
     return with_values(changed, keys), note
 
 
 def exceeded(board: VariedBoard, beyond: float) -> float:
-    """Return the error at rest that a share of the boards exceeds in a channel, in steps."""
-    slopes = rest_slopes(board)
+    """Return the error at rest that a share of the boards exceeds in a channel, in steps.
+
+    The nominal board, with rounded resistors and input errors of one sign, is where they start.
+    """
+    slopes, rest = rest_slopes(board), LinearBoard(board.nominal).equilibrium
+    outputs = np.array([output.sign * rest[output.node] for output in board.nominal.outputs])
+    away = float(np.abs(outputs - board.ideal.target).max())
     sigma = np.sqrt((slopes**2).sum(axis=0)) / 3.0
     quantile = NormalDist().inv_cdf(1.0 - beyond / (2.0 * slopes.shape[1]))
-    share = quantile * float(sigma.max(initial=0.0)) / board.step_amplitude
+    share = (away + quantile * float(sigma.max(initial=0.0))) / board.step_amplitude
     return share if math.isfinite(share) else 0.0  # without a step nothing is judged
 
 
@@ -258,7 +274,7 @@ def fresh_scene(
     data = {
         "name": name[:64] or "scene",
         "problem": arrays,
-        "design": {"amplifier": "linear", **asked, "lambda": chosen},
+        "design": {"amplifier": "linear", "opamp": OPAMP, **asked, "lambda": chosen},
         "checks": LOOSE,
     }
     scaling = scale(parse_scene(data, output), share)

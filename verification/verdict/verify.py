@@ -188,6 +188,7 @@ def _verdict(
         *design.plan.notes,
         *part_warnings(design.circuit),
         *notes(design.circuit),
+        *not_known(design.circuit.models.values()),
     )
     return Verdict(
         scene=design.scene,

@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from pydantic import ValidationError
 
 from taction.cli.main import main
+from taction.netlist_gen.board.part_warnings import broken_limits
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene, load_scene
-from taction.netlist_gen.topologies.frame.table import topology_of
 from tests.support.making import make_scene
 from tests.support.paths import ROOT, SCENES
 
@@ -79,14 +81,26 @@ def test_the_template_is_the_defaults(tmp_path: Path) -> None:
     assert scene.problem == default.problem
     assert scene.analysis == default.analysis
     limits = scene.checks.steady_state, scene.checks.settling_time
-    assert [limits[0].tolerance, limits[1].band] == [0.01, 0.02]  # what 1 % resistors can keep
+    assert [limits[0].tolerance, limits[1].band] == [0.02, 0.04]  # what these parts can keep
     kept = {"steady_state": default.checks.steady_state}
     kept["settling_time"] = default.checks.settling_time
     assert scene.checks.model_copy(update=kept) == default.checks
     assert scene.tolerances == default.tolerances
-    assert topology_of(scene).facts(scene) == topology_of(default).facts(default)
-    spelled_out = scene.design.model_copy(update={"resistance": None})
-    assert spelled_out == default.design
+    parts = {"capacitance", "resistance", "gain", "unit_conductance", "unit_voltage"}
+    parts |= {"opamp", "resistor_series"}
+    left = (design.model_dump(exclude=parts) for design in (scene.design, default.design))
+    assert next(left) == next(left)
+    assert scene.design.opamp.input_errors == "typical"
+
+
+def test_the_parts_of_the_template_can_be_bought(tmp_path: Path) -> None:
+    path = tmp_path / "fresh.toml"
+    assert CliRunner().invoke(main, ["new", str(path)]).exit_code == 0
+    circuit = synthesise(load_scene(path))
+    ohms = np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices])
+    ohms = np.append(ohms[np.isfinite(ohms)], [part.ohms for part in circuit.resistors])
+    assert 10.0 < ohms.min() < ohms.max() <= 10e6
+    assert not broken_limits(circuit)
 
 
 def test_the_template_names_every_key(tmp_path: Path) -> None:

@@ -147,7 +147,7 @@ def scene(volts: float | None) -> Scene:
 
 def test_a_sample_has_the_noise_of_its_board() -> None:
     study = prepare(scene(1e-3))
-    z = draw(study.scene.tolerances, len(study.varied), 3, 4)
+    z = draw(study.scene.tolerances, study.varied, 3, 4)
     sample = evaluate(study, 4, z)
     rms, _ = output_noise(LinearBoard(vary(study.nominal, study.scene.tolerances, z)))
     assert sample.value("noise") == pytest.approx(rms.max(), rel=1e-9)
@@ -159,8 +159,8 @@ def test_the_spread_has_the_limit_and_a_remedy_counts_it() -> None:
     middle = evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("noise")
     assert middle is not None
     study = prepare(scene(middle))
-    tolerances, count = study.scene.tolerances, len(study.varied)
-    samples = [evaluate(study, k, draw(tolerances, count, 1, k)) for k in range(40)]
+    tolerances = study.scene.tolerances
+    samples = [evaluate(study, k, draw(tolerances, study.varied, 1, k)) for k in range(40)]
     failing = [sample for sample in samples if sample.failed == ("noise",)]
     assert 5 < len(failing) < 35
     report = summarise_samples(study, samples, 1)

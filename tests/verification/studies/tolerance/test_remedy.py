@@ -184,8 +184,7 @@ def fresh(tmp_path: Any) -> VariedBoard:
 def test_a_fresh_scene_yields_over_90_percent(tmp_path: Any) -> None:
     """600 boards of the steady state, which decides alone; some of them are verified in full."""
     board = fresh(tmp_path)
-    tolerances, count = board.scene.tolerances, len(board.varied)
-    z = np.array([draw(tolerances, count, 1, number) for number in range(600)])
+    z = np.array([draw(board.scene.tolerances, board.varied, 1, k) for k in range(600)])
     nominal = outputs_at_rest(LinearBoard(board.nominal)) - board.ideal.target
     errors: Floats = np.abs(nominal + z @ rest_slopes(board)) / board.step_amplitude
     limit = board.scene.checks.steady_state.tolerance

@@ -76,7 +76,7 @@ def test_a_sample_is_the_same_alone_in_a_batch_and_in_any_order() -> None:
         backwards = list(run_samples(asked, [5, 3, 4, 0, 2, 1], 5, workers, tally))
     assert [sample.number for sample in batch] == list(range(6))
     assert sorted(backwards, key=lambda sample: sample.number) == batch
-    z = draw(asked.scene.tolerances, len(asked.varied), 5, 4)
+    z = draw(asked.scene.tolerances, asked.varied, 5, 4)
     assert evaluate(asked, 4, z) == batch[4]
     assert len({sample.value("steady_state") for sample in batch}) == 6
 
