@@ -276,7 +276,7 @@ def new(
     strain: str | Path | None = None,
     noise: float | None = None,
     lam: float | None = None,
-    opamp: str = "tl084",
+    opamp: str = "opa2134",
     supply: str | None = None,
     prune: float | None = None,
     force: bool = False,

@@ -175,7 +175,9 @@ def test_a_matrix_of_zeros(tmp_path: Path) -> None:
 
 def test_a_strain_of_zeros_has_no_loads(tmp_path: Path) -> None:
     write(tmp_path, np.eye(2), np.zeros(2))
-    found = fresh_scene(tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml")
+    design = {"opamp": {"base": "tl084", "input_errors": "none"}}
+    arguments = tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml"
+    found = fresh_scene(*arguments, design=design)
     assert "nothing moves with this strain: U0 is that of the scene" in found.scaling.notes
 
 
@@ -223,7 +225,7 @@ def test_a_decaying_kernel_gives_a_board_that_passes(tmp_path: Path) -> None:
     """Its small entries have no resistors; what that changes is that of the normal equations."""
     T, eps = gaussian()
     file = tmp_path / "board.toml"
-    found = new(*write(tmp_path, T, eps), "--lambda", "90", str(file))
+    found = new(*write(tmp_path, T, eps), "--lambda", "90", "--opamp", "opa189", str(file))
     assert found.exit_code == 0, found.output
     scene = load_scene(file)
     assert scene.design.prune == 3e-4
@@ -238,7 +240,8 @@ def test_a_decaying_kernel_gives_a_board_that_passes(tmp_path: Path) -> None:
 def test_a_given_pruning_stays(tmp_path: Path) -> None:
     file = tmp_path / "board.toml"
     arguments = write(tmp_path, *gaussian())
-    assert new(*arguments, "--lambda", "90", "--prune", "0.01", str(file)).exit_code == 0
+    arguments += ["--lambda", "90", "--prune", "0.01", "--opamp", "opa189"]
+    assert new(*arguments, str(file)).exit_code == 0
     assert load_scene(file).design.prune == 0.01
 
 

@@ -97,6 +97,8 @@ def assert_budget_adds_up(verdict: Verdict) -> None:
     parts = {part.name: part.value for part in verdict.budget if part.name != "noise"}
     stages = {"antilog"} if verdict.circuit.transistors else set()
     expected = {"ill_posedness", "resistors", "opamps", "unsettled", "simulator"}
+    if any(model.input_errors for model in verdict.circuit.models.values()):
+        expected |= {"offset_voltage", "input_currents", "common_mode"}
     assert set(parts) == expected | stages
     stress = verdict.problem.stress
     assert stress is not None
@@ -116,6 +118,7 @@ def assert_tikhonov(verdict: Verdict) -> None:
     T, eps, lam = verdict.problem.matrix, verdict.problem.strain, verdict.circuit.value("lambda")
     stacked = np.vstack([T, math.sqrt(lam) * np.eye(T.shape[1])])
     wanted = np.linalg.lstsq(stacked, np.append(eps, np.zeros(T.shape[1])), rcond=None)[0]
+    wanted *= verdict.circuit.value("U0")
     assert verdict.ideal.target == pytest.approx(wanted, rel=1e-9, abs=1e-12)
     final = np.array([channel.final for channel in verdict.measurements.channels])
     assert np.max(np.abs(final - wanted)) < 1e-3 * np.max(np.abs(wanted))
