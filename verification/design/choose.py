@@ -39,6 +39,7 @@ from taction.verification.verdict.record import ERROR, Record, decisive_reason
 from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict, verify
 
+ERRORS = "design.opamp.input_errors"
 OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
 AROUND = 10.0  # C and gain go from the scene's value divided by it to the value times it
 POINTS = 9  # of C and of the gain
@@ -141,7 +142,15 @@ def choice_plan(scene: Scene, request: Request) -> Plan:
     names = request.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
     lam = ideal_network(make_problem(scene), scene).lam
     limits = {path: value for path, value in (request.limits or {}).items() if value is not None}
-    base = with_values(scene, {**limits, "design.lambda": lam, "design.opamp": names[0]})
+    base = with_values(
+        scene,
+        {
+            **limits,
+            "design.lambda": lam,
+            "design.opamp": names[0],
+            ERRORS: scene.design.opamp.input_errors,
+        },
+    )
     for name in names:
         with_values(base, {OPAMP: name})
     axes = [
@@ -255,10 +264,9 @@ def _shares(record: Record, checks: Checks) -> Iterator[tuple[str, float]]:
 def design_scene(plan: Plan, original: Scene, design: Design, rank: int) -> Scene:
     """Return the scene of a design, to be written: the op-amp's level is that of `original`."""
     scene = with_values(plan.scene, design.values)
-    level = original.design.opamp.level
-    opamp = OpAmpChoice.model_validate(
-        {"base": design.opamp} | ({"level": level} if level != "auto" else {})
-    )
+    chosen = original.design.opamp
+    kept = {"level", "input_errors"} & chosen.model_fields_set
+    opamp = OpAmpChoice.model_validate({"base": design.opamp, **chosen.model_dump(include=kept)})
     name = f"{original.name[:48]}-{rank}-{design.opamp}"[:64]
     table = scene.design.model_copy(update={"opamp": opamp})
     return scene.model_copy(update={"design": table, "name": name, "analysis": original.analysis})

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from scipy.stats import binomtest, norm
 
 from taction.cli.main import main
-from taction.netlist_gen.board.variation import draw, parameters, with_input_errors_at
+from taction.netlist_gen.board.variation import parameters, with_input_errors_at
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.netlist_gen.scene.scene import load_scene
 from taction.system.array_types import Floats
