@@ -1,56 +1,122 @@
 """The catalogue of planted faults: where each is planted, and the checks that fail.
 
 A verdict must not pass with any of them. `caught_by` names checks that fail in that verdict, or
-have another `outcome` that is no pass; other checks may fail, too.
+have another `outcome` that is no pass; other checks may fail, too. There is one function for each
+station of the pipeline.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.readings.readings import Step
+from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict.checks import Outcome
-from tests.mutation import faults, planting
-from tests.mutation.faults import (
+from tests.mutation import planting
+from tests.mutation.planting import (
+    CircuitChange,
+    Plant,
+    ProblemChange,
+    WaveformsChange,
     figures,
     scaled,
 )
-from tests.mutation.mutation import (
-    AGREE,
-    ELEVEN,
-    ENTROPY,
-    KNOWN,
-    MATRIX,
-    NGSPICE,
-    OVERSHOOTS,
-    PAPER,
-    RISES,
-    SAME,
-    SETTLES,
-    SKEW,
-    STABLE,
-    STATE_SPACE,
-    STEADY,
-    TUNED,
-    Mutation,
-    of_answer,
-    of_board,
-    of_deck,
-    of_equations,
-    of_facts,
-    of_problem,
-    of_readings,
-    of_record,
-    of_reference,
-    of_run,
-    of_text,
-)
+
+MATRIX, ELEVEN, TUNED = "custom-matrix", "eleven-channel", "tuned-breadboard"
+KNOWN = "known-readings"
+PAPER, ENTROPY, SKEW = "paper-breadboard", "paper-exponential", "tangential-exponential"
+STATE_SPACE, NGSPICE = "statespace", "ngspice"
+STEADY, SETTLES, RISES = "steady_state", "settling_time", "rise_time"
+OVERSHOOTS, STABLE, AGREE, SAME = "overshoot", "stability", "engines_agree", "same_problem"
+
+
+@dataclass(frozen=True)
+class Mutation:
+    """One planted fault."""
+
+    fault: str  # what is wrong, in words
+    where: str  # the station of the pipeline that hands on the wrong value
+    plant: Plant
+    scene: str  # shipped scene that is verified
+    engine: str
+    caught_by: tuple[str, ...]  # checks with this outcome
+    outcome: Outcome = Outcome.FAIL
+
+
+def of_problem(fault: str, change: ProblemChange, scene: str) -> Mutation:
+    """Build a board of another problem than the reference's."""
+    plant = planting.in_the_problem_of_the_board(change)
+    return Mutation(fault, "synthesis", plant, scene, STATE_SPACE, (STEADY,))
+
+
+def of_facts(fault: str, changes: Mapping[str, float], scene: str, *caught_by: str) -> Mutation:
+    """Give the synthesis other numbers of the design: factors of facts by name."""
+    plant = planting.in_the_facts(changes)
+    engine = NGSPICE if scene == ENTROPY else STATE_SPACE  # the faster one
+    return Mutation(fault, "facts of the synthesis", plant, scene, engine, caught_by)
+
+
+def of_board(fault: str, change: CircuitChange, scene: str, caught_by: str) -> Mutation:
+    """Give both engines another circuit."""
+    plant = planting.in_the_circuit(change)
+    return Mutation(fault, "circuit (both engines)", plant, scene, STATE_SPACE, (caught_by,))
+
+
+def of_deck(fault: str, change: CircuitChange, scene: str) -> Mutation:
+    """Give ngspice alone another circuit."""
+    return Mutation(fault, "deck", planting.in_the_deck(change), scene, NGSPICE, (AGREE,))
+
+
+def of_text(fault: str, old: str, new: str, *caught_by: str) -> Mutation:
+    """Replace a text in the deck."""
+    plant = planting.in_the_text_of_the_deck(lambda text: text.replace(old, new))
+    return Mutation(fault, "text of the deck", plant, MATRIX, NGSPICE, caught_by)
+
+
+def of_run(fault: str, changes: dict[str, float | str], scene: str, *caught_by: str) -> Mutation:
+    """Let ngspice run another transient."""
+    plant = planting.in_the_run(changes)
+    return Mutation(fault, "plan of ngspice", plant, scene, NGSPICE, caught_by)
+
+
+def of_record(fault: str, change: WaveformsChange) -> Mutation:
+    """Change what ngspice returns."""
+    plant = planting.in_the_record(change)
+    return Mutation(fault, "record of ngspice", plant, MATRIX, NGSPICE, (AGREE,))
+
+
+def of_reference(
+    fault: str, change: Callable[[IdealNetwork], IdealNetwork], scene: str, *caught_by: str
+) -> Mutation:
+    """Let the reference solve another problem."""
+    plant = planting.in_the_reference(change)
+    return Mutation(fault, "reference", plant, scene, STATE_SPACE, caught_by)
+
+
+def of_answer(
+    fault: str, change: Callable[[IdealAnswer, Scene], IdealAnswer], scene: str, caught_by: str
+) -> Mutation:
+    """Change the answer of the reference."""
+    plant = planting.in_the_answer(change)
+    return Mutation(fault, "answer of the reference", plant, scene, STATE_SPACE, (caught_by,))
+
+
+def of_equations(fault: str, change: CircuitChange, scene: str) -> Mutation:
+    """Give the state-space engine alone another circuit."""
+    plant = planting.in_the_equations(change)
+    return Mutation(fault, "equations of the state space", plant, scene, NGSPICE, (AGREE,))
+
+
+def of_readings(fault: str, plant: Plant) -> Mutation:
+    """Change what the measures read with."""
+    return Mutation(fault, "measures", plant, MATRIX, STATE_SPACE, (SETTLES,))
 
 
 def at_rest(board: LinearBoard) -> LinearBoard:
@@ -72,14 +138,14 @@ def other_start(answer: IdealAnswer, scene: Scene) -> IdealAnswer:
 HALF_R, HALF_LAMBDA = {"R": 0.5}, {"lambda": 0.5}
 CAPACITORS, STRAYS = ("capacitors", "c_"), ("capacitors", "stray_")
 NO_SECOND_POLE = figures(second_pole=math.inf)
-OTHER_OPAMP = faults.other_model("c_2", "op27")
+OTHER_OPAMP = planting.other_model("c_2", "op27")
 OTHER_STAGE = scaled("amplifiers", "a_", u_scale=1.01)
 
 SYNTHESIS = (
-    of_problem("sign of one entry of T", faults.matrix_entry(0, 0, -1.0), MATRIX),
-    of_problem("one entry of T off by 1 %", faults.matrix_entry(0, 0, 1.01), MATRIX),
-    of_problem("T taken for its transpose", faults.transposed, SKEW),
-    of_problem("one strain off by 0.2 %", faults.strain_entry(1, 1.002), ELEVEN),
+    of_problem("sign of one entry of T", planting.matrix_entry(0, 0, -1.0), MATRIX),
+    of_problem("one entry of T off by 1 %", planting.matrix_entry(0, 0, 1.01), MATRIX),
+    of_problem("T taken for its transpose", planting.transposed, SKEW),
+    of_problem("one strain off by 0.2 %", planting.strain_entry(1, 1.002), ELEVEN),
     of_facts("R for twice the lambda; linear, lambda given", HALF_R, MATRIX, STEADY),
     of_facts("R for twice the lambda; linear, R given", HALF_R, TUNED, STEADY),
     of_facts("R for twice the lambda; exponential", HALF_R, SKEW, STEADY),
@@ -104,31 +170,31 @@ CIRCUIT = (
     of_board("gain-bandwidth product off by -5 %", figures(gbw=0.95e6), KNOWN, SETTLES),
     of_board("dropped second pole", NO_SECOND_POLE, KNOWN, SETTLES),
     of_board("wrong op-amp model on one cell", OTHER_OPAMP, KNOWN, SETTLES),
-    of_board("swapped op-amp inputs", faults.swapped_inputs("c_1"), MATRIX, STABLE),
-    of_board("dropped inverters of w", faults.without_inverters, MATRIX, STEADY),
-    of_board("one feedback resistor missing", faults.without_feedback_resistor, MATRIX, STEADY),
-    of_board("missing bias", faults.without_bias, SKEW, STEADY),
+    of_board("swapped op-amp inputs", planting.swapped_inputs("c_1"), MATRIX, STABLE),
+    of_board("dropped inverters of w", planting.without_inverters, MATRIX, STEADY),
+    of_board("one feedback resistor missing", planting.without_feedback_resistor, MATRIX, STEADY),
+    of_board("missing bias", planting.without_bias, SKEW, STEADY),
     of_board("Ve of the stages off by 1 %", scaled("amplifiers", "a_", v_scale=1.01), SKEW, STEADY),
     of_board("U0 of the stages off by 1 %", OTHER_STAGE, SKEW, STEADY),
     of_board("sign of the strain currents", scaled("currents", "eps_", amps=-1.0), MATRIX, STEADY),
-    of_board("one strain current missing", faults.without_current, MATRIX, STEADY),
-    of_board("two outputs swapped", faults.swapped_outputs, MATRIX, STEADY),
-    of_board("sign of one output", faults.negated_output, MATRIX, STEADY),
+    of_board("one strain current missing", planting.without_current, MATRIX, STEADY),
+    of_board("two outputs swapped", planting.swapped_outputs, MATRIX, STEADY),
+    of_board("sign of one output", planting.negated_output, MATRIX, STEADY),
 )
 THIRD_WITNESS = (
     of_deck("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX),
     of_deck("stray capacitance off by 5 %", scaled(*STRAYS, farads=1.05), MATRIX),
     of_deck("dropped second pole", NO_SECOND_POLE, TUNED),
     of_deck("wrong op-amp model on one cell", OTHER_OPAMP, MATRIX),
-    of_deck("dropped inverters of w", faults.without_inverters, MATRIX),
+    of_deck("dropped inverters of w", planting.without_inverters, MATRIX),
     of_deck("U0 of the stages off by 1 %", OTHER_STAGE, SKEW),
     of_text("Gear's method for the trapezoidal rule", "method=trap", "method=gear", AGREE),
     of_text("start from the operating point in place of 0 V", " uic", "", AGREE, SAME),
     of_run("start from 0 V in place of rest", {"initial": "zero"}, SKEW, AGREE, SAME),
     of_run("step ten times too large", {"max_step": 10.0, "truncation": 1e3}, MATRIX, AGREE),
-    of_record("one stale waveform: of a strain larger by 1 %", faults.stale_column(1.01)),
-    of_record("two channels permuted", faults.columns([1, 0])),
-    of_record("time axis longer by 1 %", faults.stretched_time(1.01)),
+    of_record("one stale waveform: of a strain larger by 1 %", planting.stale_column(1.01)),
+    of_record("two channels permuted", planting.columns([1, 0])),
+    of_record("time axis longer by 1 %", planting.stretched_time(1.01)),
 )
 FIRST_WITNESS = (
     of_reference("wrong regulariser", lambda n: replace(n, amplifier="tanh"), MATRIX, STEADY),
@@ -144,7 +210,7 @@ SECOND_WITNESS = (
     Mutation(
         "the strongest mode left out of the exact solution",
         "modes of the state space",
-        planting.in_a_method(Modes, "amplitudes", faults.without_strongest),
+        planting.in_a_method(Modes, "amplitudes", planting.without_strongest),
         MATRIX,
         NGSPICE,
         (AGREE,),
@@ -172,7 +238,7 @@ CERTAINTY = (
     Mutation(
         "a dropped uncertainty: 0 for all times",
         "measures",
-        planting.in_the_measures(faults.without_uncertainties),
+        planting.in_the_measures(planting.without_uncertainties),
         MATRIX,
         STATE_SPACE,
         (SETTLES,),

@@ -7,8 +7,7 @@ import pytest
 from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
-from tests.mutation.catalogue import MUTATIONS
-from tests.mutation.mutation import KNOWN, MATRIX, STATE_SPACE, Mutation
+from tests.mutation.catalogue import KNOWN, MATRIX, MUTATIONS, STATE_SPACE, Mutation
 from tests.mutation.planting import in_the_baseline, nothing
 from tests.mutation.table import PAGE, page_with
 from tests.support.paths import SCENES

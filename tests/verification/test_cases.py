@@ -31,24 +31,6 @@ def named(verdict: Verdict, name: str) -> Check:
     return next(check for check in verdict.checks if check.name == name)
 
 
-@ENGINES
-@pytest.mark.usefixtures("ngspice")
-def test_an_unstable_window_below_c_fails_the_margin(engine: str) -> None:
-    verdict = verdict_of("margin-window", engine)
-    check = named(verdict, "stability")
-    assert (verdict.outcome, check.outcome) == (FAIL, FAIL)
-    assert check.value == pytest.approx(1.53e-9 / HIGH, rel=1e-4)
-    assert check.uncertainty == pytest.approx(1e-6 * 1.2194, rel=1e-4)
-
-
-@ENGINES
-@pytest.mark.usefixtures("ngspice")
-def test_a_board_inside_the_window_is_unstable(engine: str) -> None:
-    verdict = verdict_of("margin-window-inside", engine)
-    assert verdict.outcome is FAIL
-    assert named(verdict, "stability").value == pytest.approx(160.9, rel=1e-3)
-
-
 def test_a_sample_of_a_tolerance_study_finds_the_window() -> None:
     scene = case("margin-window").model_copy(update={"tolerances": Tolerances(resistor=0.01)})
     board = prepare(scene)
@@ -129,8 +111,6 @@ def test_an_automatic_record_is_long_enough(name: str, seconds: float, engine: s
     verdict = verdict_of(name, engine)
     settling = named(verdict, "settling_time")
     assert verdict.outcome is PASS
-    assert settling.value is not None
-    assert settling.uncertainty is not None
     assert abs(settling.value - seconds) <= settling.uncertainty + 0.005e-6  # digits of the truth
 
 
@@ -150,8 +130,6 @@ def test_a_reading_is_within_its_uncertainty_of_the_truth(
     name: str, check: str, value: float, digits: float, engine: str
 ) -> None:
     found = named(verdict_of(name, engine), check)
-    assert found.value is not None
-    assert found.uncertainty is not None
     assert abs(found.value - value) <= found.uncertainty + digits * value
     assert found.uncertainty < (0.02 if engine == "ngspice" else 1e-8) * value
     if found.expected is not None:
@@ -168,6 +146,5 @@ def test_a_channel_rises_long_after_the_board_has_settled(engine: str) -> None:
     """
     scene = with_values(case("rise-after-band"), {"design.opamp.level": "small-signal"})
     rise = verify(scene.with_engine(engine)).measurements.channels[0].rise_time
-    assert rise is not None
     assert abs(rise.value - 113.906e-6) <= rise.uncertainty + 1e-9
     assert rise.uncertainty < 2e-3 * rise.value

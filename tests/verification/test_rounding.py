@@ -90,8 +90,6 @@ def assert_within(wanted: Verdict, found: Verdict) -> None:
         return
     for check, other in zip(wanted.checks, found.checks, strict=True):
         if check.name in READINGS and check.value is not None and other.value is not None:
-            assert check.uncertainty is not None
-            assert other.uncertainty is not None
             both = check.uncertainty + other.uncertainty
             assert abs(check.value - other.value) <= both, (check, other)
     moved = abs(found.poles.rightmost.real - wanted.poles.rightmost.real)

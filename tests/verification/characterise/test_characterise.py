@@ -145,7 +145,6 @@ def test_the_figures_are_those_of_the_circuit(ngspice: str, tmp_path: Path) -> N
     assert figures.phase_margin == pytest.approx(margin, abs=0.05)
     assert figures.output_resistance == pytest.approx(75.0, rel=1e-6)
     assert figures.supply_current == pytest.approx(3e-3, rel=1e-3)
-    assert linear is not None
     assert linear.error < 1e-6
     assert sorted(pole.real for pole in linear.gain.poles) == pytest.approx([-P2, -P1], rel=1e-5)
     assert linear.conductance == pytest.approx(1 / 2e6, rel=1e-3)
@@ -265,7 +264,6 @@ def test_one_pole_and_an_ideal_output_have_a_linear_model(ngspice: str, tmp_path
         1e5 / (2e3 * np.pi * 16e-6), rel=1e-6
     )
     assert (opamp.figures.slew_rate, opamp.figures.swing) == (None, None)
-    assert opamp.linear is not None
     assert opamp.linear.gain.poles == pytest.approx((-62.5,), rel=1e-6)
     assert opamp.linear.impedance.constant == 1e-3
 

@@ -61,7 +61,6 @@ def test_one_channel_rises_as_its_closed_form() -> None:
     value = view.board.circuit.value
     tau = value("R") * value("C") / (1.0 + T**2 / 0.5)
     response = view_poles(view).response
-    assert response is not None
     curves = response.curves(response.rise)
     expected = u0 * (1.0 - np.exp(-curves.time / tau))
     assert curves.outputs[:, 0] == pytest.approx(expected, abs=5e-3 * abs(u0))
@@ -97,7 +96,6 @@ def test_an_unstable_board_says_so(start: Start) -> None:
     assert poles.state == "unstable"
     assert "unstable" in poles.doubts[0]
     assert view_limits(view, poles) == ()
-    assert poles.response is not None
     assert np.abs(poles.response.curves(poles.response.stop).outputs).max() > 1.0
 
 
@@ -201,10 +199,8 @@ def test_typed_values(start: Start) -> None:
 def test_a_verdict_is_that_of_verify(start: Start) -> None:
     scene = Settings.of(start, {CAPACITANCE: 1.5e-11}).scene(start)
     found, verdict = judge(scene, "statespace", 200), taction.verify(scene, engine="statespace")
-    assert verdict.measurements.settling_time is not None
     assert found.record.value("settling_time") == verdict.measurements.settling_time.value
     assert found.record.outcome == verdict.outcome.value
-    assert found.curves is not None
     for column, whole in zip(found.curves.outputs.T, verdict.u.T, strict=True):
         assert (column.min(), column.max()) == (whole.min(), whole.max())
 

@@ -109,8 +109,3 @@ def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:
     assert verify(load_scene(file).with_engine("statespace")).outcome.value == "pass"
     shown = CliRunner().invoke(main, arguments)
     assert "PASS (state-space engine)" in shown.stdout
-
-
-def test_an_opamp_that_does_not_exist() -> None:
-    arguments = ["scale", str(ROOT / "scenes" / "eleven-channel.toml"), "--opamp", "tl085"]
-    assert CliRunner().invoke(main, arguments).exit_code == 2

@@ -50,16 +50,12 @@ def trials(fails: Fails, **more: int | str) -> Trials:
 
 def test_the_nearest_value_of_three_digits() -> None:
     found = search_range(trials(lambda c, _: ["stable"] if c < 3.14159 else []), C)
-    assert found is not None
-    assert found.found is not None
     assert found.found.values == {C: 3.15e-11}
 
 
 def test_the_nearest_value_of_a_series_below() -> None:
     slow = trials(lambda c, _: ["fast"] if c > 0.31 else [], series="E12")
     found = search_range(slow, C)
-    assert found is not None
-    assert found.found is not None
     assert found.found.values == {C: 2.7e-12}
 
 
@@ -70,23 +66,18 @@ def test_a_window_between_two_failures_of_different_checks() -> None:
         return ["stable"] if c < 5.0 else ["fast"] if c > 5.1 else []
 
     found = search_range(trials(fails), C)
-    assert found is not None
-    assert found.found is not None
     assert 5.0 <= float(found.found.values[C]) / 1e-11 <= 5.1
 
 
 def test_the_walk_from_an_edge_goes_away_from_the_scene() -> None:
     made = MadeUp(lambda c, _: ["stable"] if c < 4.0 else [])
     found = search_range(cast("Trials", made), C, edge=4e-11)
-    assert found is not None
-    assert found.found is not None
     assert found.found.values == {C: 4e-11}
     assert made.count < 12
 
 
 def test_nothing_found_says_from_where_to_where() -> None:
     found = search_range(trials(lambda *_: ["fast"]), C)
-    assert found is not None
     assert found.found is None
     assert (found.least, found.most) == pytest.approx((1e-13, 1e-9))
     assert found.complete
@@ -94,7 +85,6 @@ def test_nothing_found_says_from_where_to_where() -> None:
 
 def test_time_that_ends_keeps_what_was_found() -> None:
     found = search_range(trials(lambda c, _: ["fast"] if c < 1.3 else [], most=3), C)
-    assert found is not None
     assert found.found is not None
     assert not found.complete
     assert not search_pair(trials(lambda *_: ["fast"], most=5), (C, GAIN)).complete
@@ -113,7 +103,6 @@ def test_two_keys_where_neither_alone_does() -> None:
         return [] if math.hypot(math.log10(c) - 1.0, math.log10(s) + 1.0) < 0.3 else ["fast"]
 
     found = search_pair(trials(fails), (C, GAIN)).found
-    assert found is not None
     distance = math.hypot(
         math.log10(float(found.values[C]) / 1e-11), math.log10(float(found.values[GAIN]) / 1e6)
     )
@@ -129,7 +118,6 @@ def test_a_narrow_valley_between_two_checks() -> None:
         return ["stable"] if c * s < 3.3 else ["fast"] if c * s > 3.36 else []
 
     found = search_pair(trials(fails), (C, GAIN)).found
-    assert found is not None
     product = float(found.values[C]) / 1e-11 * float(found.values[GAIN]) / 1e6
     assert 3.3 <= product <= 3.36
 

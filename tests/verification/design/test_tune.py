@@ -85,7 +85,6 @@ def test_ngspice_verifies_what_was_found(ngspice: str) -> None:
     assert checks["overshoot"].expected == 0.02
     assert checks["stability"].expected == 1.3
     settling = verdict.measurements.settling_time
-    assert settling is not None
     assert settling.value == pytest.approx(found.after.settling_time, rel=0.05)
 
 
@@ -171,11 +170,9 @@ def test_every_check_of_the_scene_counts(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(tune_module, "GRID", {1: 7})
     free = tune(scene(), overshoot=0.02)
     fastest = verify(free.scene.with_engine("statespace")).measurements.rise_time
-    assert fastest is not None
     asked = scene(checks={"rise_time": {"min": 2.0 * fastest.value}})
     slower = tune(asked, overshoot=0.02)
     rise = verify(slower.scene.with_engine("statespace")).measurements.rise_time
-    assert rise is not None
     assert rise.value >= 2.0 * fastest.value
     assert slower.after.settling_time > free.after.settling_time
 

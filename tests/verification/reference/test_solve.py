@@ -55,12 +55,10 @@ def test_thick_layers(regulariser: str, thickness: float, lam: float) -> None:
 def test_channels_whose_output_underflows_report_v() -> None:
     problem = Problem(np.eye(3), np.array([1.0, -1.0, -1e-3]), 1e-6, "exponential")
     solution = assert_right(problem)
-    assert solution.v is not None
     assert solution.u[1] == 0.0
     # u = 0 leaves mu v = eps, exactly.
     assert solution.v[1] == pytest.approx(-1.0 / 0.5e-6, rel=1e-14)
     found = exact_solution(problem, solution.v)
-    assert found is not None
     assert solution.v.tolist() == pytest.approx([float(x) for x in found[1]], rel=1e-13)
 
 
@@ -113,7 +111,6 @@ def test_gap_bounds_the_excess_of_the_objective() -> None:
     problem = replace(tactile(5, 1.0), regulariser="exponential", lam=1e-2)
     solution = solve(problem)
     found = exact_solution(problem, np.asarray(solution.v))
-    assert found is not None
     with mpmath.workdps(50):
         T, eps = mpmath.matrix(problem.T.tolist()), mpmath.matrix(problem.eps.tolist())
         values = []

@@ -175,7 +175,6 @@ def test_ngspice_has_the_same_noise(ngspice: str) -> None:
     checks = scene.checks.model_copy(update={"noise": {"max": 1e-3}})
     scene = scene.model_copy(update={"checks": checks})
     noise = OutputNoise.of(design_board(scene, Clock(lambda stage: None)))
-    assert noise is not None
     assert noise.simulated is not None
     assert noise.largest == pytest.approx(1.383e-4, rel=0.01)
     assert noise.difference < 1e-4 * noise.largest

@@ -38,7 +38,6 @@ def measured(name: str, **options: bool) -> Deck:
 
 
 def value(reading: Reading | None) -> float:
-    assert reading is not None
     return reading.value
 
 
@@ -109,7 +108,6 @@ def test_lambda_is_no_parameter_of_a_deck_that_measures() -> None:
 def test_a_record_that_ends_too_early_has_not_settled(ngspice: str, tmp_path: Path) -> None:
     deck = measured("known-readings")
     stop = re.search(r"(?m)^\.tran \S+ (\S+)", deck.text)
-    assert stop is not None
     text = deck.text.replace(stop[1], "5e-05").replace(repr(0.9 * float(stop[1])), "4.5e-05")
     assert results(replace(deck, text=text), tmp_path)["t_settle"] == 1e99
 

@@ -28,7 +28,7 @@ from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.output_noise import STEP, OutputNoise, noise_bands
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.verify import verify
-from tests.mutation.faults import CircuitChange, figures, scaled
+from tests.mutation.planting import CircuitChange, figures, scaled
 from tests.support.measured import evidence
 from tests.support.paths import SCENES
 
@@ -144,7 +144,6 @@ def test_the_check(
     rms: float, simulated: float | None, unstated: tuple[str, ...], outcome: Outcome, reason: str
 ) -> None:
     check = check_of(OutputNoise((1e-6, rms), (1e-9, 1e-9), "", simulated, unstated))
-    assert check is not None
     assert check.outcome is outcome
     assert reason in check.reason
     assert (check.value, check.unit, check.expected) == (rms, "V", 1e-3)
@@ -152,7 +151,6 @@ def test_the_check(
 
 def test_an_unknown_noise_decides_nothing() -> None:
     check = check_of(OutputNoise(unknown="the board is too large"))
-    assert check is not None
     assert check.outcome is Outcome.INCONCLUSIVE
     assert check.reason == "the board is too large"
 

@@ -37,7 +37,6 @@ def record(verdict: Verdict) -> Record:
 
 def test_a_record_states_what_the_verdict_states(verdict: Verdict, record: Record) -> None:
     settling = verdict.measurements.settling_time
-    assert settling is not None
     assert (record.outcome, record.reason, record.failed) == ("pass", "", ())
     assert record.figure("settling_time") == Figure(settling.value, "s", settling.uncertainty)
     assert record.figures.keys() == FIGURES.keys()

@@ -69,7 +69,6 @@ def check(record: Waveforms, stated: StateSpaceError, truth: Floats, between: Fl
     """Both runs err by less than is stated, also between the points, and not by much less."""
     error = np.abs(record.values - truth).max()
     assert error <= stated.volts <= TIGHT * error
-    assert stated.second is not None
     assert np.abs(stated.second.values - truth).max() <= stated.second_error
     assert record.curve is not None
     for column in range(truth.shape[1]):

@@ -76,7 +76,6 @@ def test_every_shipped_scene_passes_with_both_engines(name: str) -> None:
         assert found.outcome is Outcome.PASS
     assert_named(verdict, other)
     agree = named(verdict, "engines_agree").value
-    assert agree is not None
     assert agree < 1e-3
     assert_same_measures(verdict, other)
     assert_budget_adds_up(verdict)
@@ -101,7 +100,6 @@ def assert_budget_adds_up(verdict: Verdict) -> None:
         expected |= {"offset_voltage", "input_currents", "common_mode"}
     assert set(parts) == expected | stages
     stress = verdict.problem.stress
-    assert stress is not None
     final = np.array([channel.final for channel in verdict.measurements.channels])
     whole = final - stress * verdict.circuit.value("U0")
     assert verdict.budget.summed == pytest.approx(whole.tolist(), rel=0.01, abs=1e-9)

@@ -111,7 +111,6 @@ def _charts(name: str) -> list[Chart]:
 
 def ends(plane: Plane) -> list[tuple[float, float, float, float]]:
     """Return the lines of the boundary: x and y of one end, x and y of the other."""
-    assert plane.edge is not None
     x, y = (np.asarray(v).reshape(-1, 3)[:, :2] for v in (plane.edge.x, plane.edge.y))
     return [(*a, *b) for a, b in zip(x.tolist(), y.tolist(), strict=True)]
 
@@ -204,9 +203,7 @@ def test_bars_beyond_the_limit_are_failures_and_all_samples_are_shown() -> None:
 def test_a_limit_far_away_is_an_arrow() -> None:
     chart = histogram(replace(TIME, at_most=1.0))
     first, second = chart.views
-    assert first.x is not None
     assert first.x[1] < 3e-5
-    assert second.x is not None
     assert second.x[1] > 1.0
     assert [text.text for text in marks(chart, Text)] == ["limit →"]
 

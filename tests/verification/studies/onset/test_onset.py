@@ -75,11 +75,8 @@ def check_sides(trial: TransientTest, share: float = 0.03) -> None:
     """Both sides within `share` of the pole, and with opposite signs."""
     assert trial.confirmed is True, trial.reason
     for side in (trial.below, trial.above):
-        assert side is not None
         assert side.growth_rate == pytest.approx(side.predicted.real, rel=share)
         assert side.frequency == pytest.approx(abs(side.predicted.imag) / 2 / math.pi, rel=0.003)
-    assert trial.below is not None
-    assert trial.above is not None
     assert trial.below.predicted.real * trial.above.predicted.real < 0.0
 
 
@@ -108,7 +105,6 @@ def test_a_real_pole_that_crosses_at_zero_is_confirmed_too(ngspice: str) -> None
     assert (crossing.frequency, crossing.unstable_above) == (0.0, False)
     (finding,) = confirmations(boards, found)
     check_sides(finding.confirmation)
-    assert finding.confirmation.above is not None
     assert finding.confirmation.above.predicted.real == pytest.approx(
         (1 / 1.03 - 1) / 1e-6, rel=1e-4
     )
@@ -171,7 +167,6 @@ def test_an_integration_that_damps_is_reported_as_a_disagreement() -> None:
     trial = finding.confirmation
     assert (found.outcome, trial.confirmed) == ("inconclusive", False)
     assert "the transient grows with -" in trial.reason
-    assert trial.below is not None
     assert trial.below.predicted.real > 0.0 > trial.below.growth_rate
 
 

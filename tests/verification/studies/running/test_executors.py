@@ -265,7 +265,6 @@ def test_workers_do_not_outlive_a_killed_parent() -> None:
     parent = subprocess.Popen(
         [sys.executable, "-c", PARENT], cwd=ROOT, stdout=subprocess.PIPE, text=True
     )
-    assert parent.stdout is not None
     pids = [int(word) for word in parent.stdout.readline().split()]
     parent.stdout.close()
     parent.kill()

@@ -67,7 +67,6 @@ def test_the_summary_counts_and_names_the_largest_difference() -> None:
     with hybrid_store(plan) as store:
         found = result_of(plan, store).agreement
         rows = list(records(plan, store))
-    assert found is not None
     # The first point has the least and greatest pole figures, 5 those of the stable points.
     chosen = {0: "extreme", SAMPLE: "sample"} | dict.fromkeys((4, 5), "boundary")
     assert found.points == found.agree == len(chosen)

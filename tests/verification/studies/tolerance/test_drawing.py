@@ -157,7 +157,6 @@ def test_a_sample_has_the_noise_of_its_board() -> None:
 def test_the_spread_has_the_limit_and_a_remedy_counts_it() -> None:
     nominal = prepare(scene(1e-3))
     middle = evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("noise")
-    assert middle is not None
     study = prepare(scene(middle))
     tolerances = study.scene.tolerances
     samples = [evaluate(study, k, draw(tolerances, study.varied, 1, k)) for k in range(40)]
@@ -180,7 +179,6 @@ def test_without_a_limit_there_is_no_noise() -> None:
 def test_a_point_of_a_sweep_has_it_and_the_table_a_column() -> None:
     limited = scene(1e-3)
     verdict = verify(limited)
-    assert verdict.noise is not None
     assert Record.of(verdict).value("noise") == pytest.approx(max(verdict.noise.rms), rel=1e-12)
     assert Record.of(verify(scene(None))).value("noise") is None
     assert columns_of(limited)[-1] == "noise"

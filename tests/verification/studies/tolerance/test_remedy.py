@@ -68,7 +68,6 @@ def test_the_one_part_that_matters_is_found_and_drawn_again() -> None:
     passed = sum(sample.outcome == "pass" for sample in samples)
     assert passed / COUNT == pytest.approx(norm.cdf(1) - norm.cdf(-1), abs=0.15)
     found = verified_remedy(board, samples, SEED, one_thread)
-    assert found is not None
     assert found.parts == {"Rr_1": 1e-3}
     assert found.kinds == {}
     assert found.what == "Rr_1 to 0.1 %"
@@ -95,7 +94,6 @@ def test_the_prediction_names_the_samples_that_pass() -> None:
 def test_where_every_resistor_matters_every_resistor_has_to_be_better() -> None:
     board = study(QUIET | {"resistor": 0.01}, 2e-3)
     found = find_remedy(board, drawn(board), SEED, 0.99)
-    assert found is not None
     assert (found.parts, found.kinds) == ({}, {"resistor": 1e-3})
     assert found.what == "every resistor to 0.1 %"
     better = improved(board, found)
@@ -110,13 +108,11 @@ def test_failures_that_nothing_on_sale_mends() -> None:
     design |= {"opamp": {"base": "ideal", "dc_gain": 500}}
     nominal = prepare(small_scene(design=design, tolerances=tolerances))
     error = evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("steady_state")
-    assert error is not None
     checks = {"steady_state": {"tolerance": 1.05 * error}, "settling_time": {"band": 0.2}}
     board = prepare(small_scene(design=design, tolerances=tolerances, checks=checks))
     samples = drawn(board)
     assert 0 < sum(sample.outcome == "pass" for sample in samples) < COUNT
     found = verified_remedy(board, samples, SEED, one_thread)
-    assert found is not None
     assert (found.what, found.samples) == ("", 0)
 
 
@@ -125,13 +121,11 @@ def test_a_slow_board_is_mended_by_its_capacitor() -> None:
     tolerances = QUIET | {"capacitor": 0.05}
     nominal = prepare(small_scene(tolerances=tolerances))
     time = evaluate(nominal, 0, np.zeros(len(nominal.varied))).value("settling_time")
-    assert time is not None
     checks = {"settling_time": {"band": 0.01, "max": 1.01 * time}}
     board = study(tolerances, 0.5, **checks)
     samples = drawn(board)
     assert 0.3 < sum(sample.outcome == "pass" for sample in samples) / COUNT < 0.97
     found = verified_remedy(board, samples, SEED, one_thread)
-    assert found is not None
     assert set(found.parts) <= {"Cc_1", "Cc_2"}
     assert set(found.parts.values()) == {0.01}
     assert found.passed >= 0.99 * found.samples

@@ -82,8 +82,6 @@ def test_every_setting_is_a_point_with_errors_and_a_spread(found: WorkPrecisionS
     for point in found.points:
         assert point.status == "done"
         assert point.repeats == 2
-        assert point.fastest is not None
-        assert point.seconds is not None
         assert point.slowest is not None
         assert 0.0 < point.fastest <= point.seconds <= point.slowest
         for norm in ("final", "maximum", "settling_time"):
@@ -95,8 +93,6 @@ def test_every_setting_is_a_point_with_errors_and_a_spread(found: WorkPrecisionS
 
 def test_ngspice_tells_its_steps_and_factorisations(found: WorkPrecisionStudy) -> None:
     for point in found.of(FEW[0]):
-        assert point.steps is not None
-        assert point.factorisations is not None
         assert point.factorisations >= 2 * point.steps  # an iteration and its confirmation
         periods = found.extent.transient.stop / found.extent.period
         assert point.steps >= 0.99 * periods * point.setting
@@ -113,7 +109,6 @@ def test_each_reference_is_by_another_solver(found: WorkPrecisionStudy) -> None:
     for judgement in found.problems.values():
         floor = judgement.floor["maximum"]
         assert len(judgement.references) == 2
-        assert floor is not None
         assert floor < 1e-10
 
 
@@ -122,7 +117,6 @@ def test_errors_fall_along_every_ladder(found: WorkPrecisionStudy) -> None:
         errors = [point.errors["maximum"] for point in found.of(method)]
         assert errors == sorted(errors, key=lambda e: e or 0.0, reverse=True)
     exact = found.of(FEW[2])[0].errors["maximum"]
-    assert exact is not None
     assert exact < 1e-10
 
 
@@ -141,7 +135,6 @@ def test_the_phase_error_of_the_trapezoidal_rule_is_the_closed_form(
 ) -> None:
     """Its frequency is ``(2/h) atan(omega h / 2)``: too low by ``(omega h)^2 / 12``."""
     pole = found.extent.pole
-    assert pole is not None
     for point in found.of(FEW[0]):
         h = found.extent.period / point.setting
         assert point.errors["frequency"] == pytest.approx(abs(pole * h) ** 2 / 12, rel=0.15)
@@ -152,9 +145,7 @@ def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(
 ) -> None:
     for engines in (None, ["ngspice"]):
         point = found.cheapest(1e-3, engines=engines)
-        assert point is not None
         error = point.errors["maximum"]
-        assert error is not None
         assert error <= 1e-3
         for other in found.points:
             ours = other.method.problem == "board"
@@ -236,7 +227,6 @@ def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
     assert {point.reference for point in found.points} == {"LSODA at 1e-12 on the state space"}
     errors = [point.errors["maximum"] for point in found.points]
     assert errors == sorted(errors, key=lambda e: e or 0.0, reverse=True)
-    assert errors[-1] is not None
     assert errors[-1] < 1e-8
 
 
@@ -340,7 +330,6 @@ def test_the_scale_is_that_of_the_reference() -> None:
     assert found.band == 0.05
     # exp(-t) = 0.05 at the last peak before it, so within half a ringing period of 1/decay ln 20
     assert found.settling_time == pytest.approx(np.log(20.0) / DECAY, abs=np.pi / OMEGA)
-    assert found.ringing is not None
     assert found.ringing == pytest.approx(complex(-DECAY, OMEGA), rel=1e-6)
 
 
