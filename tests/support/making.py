@@ -31,6 +31,29 @@ def without_input_errors(opamp: str | dict[str, Any]) -> dict[str, Any]:
     return table if "file" in table else {"input_errors": "none", **table}
 
 
+# Three channels that ring at 166 kHz, for 22 periods.
+RINGING: dict[str, Any] = {
+    "capacitance": 1e-11,
+    "resistance": 14.4e6,
+    "gain": 2.3e6,
+    "unit_conductance": 1.16e-6,
+    "stray_capacitance": 2.05e-12,
+    "opamp": {
+        "base": "ideal",
+        "dc_gain": 1e5,
+        "gbw": 0.9e6,
+        "second_pole": 2.7e6,
+        "output_resistance": 75.0,
+    },
+}
+
+
+def ringing_scene(design: dict[str, Any] | None = None, **analysis: Any) -> Scene:
+    """The scene of `RINGING`, with changes of its design, and an analysis."""
+    problem = {"channels": 3, "span": 2.0}
+    return make_scene(problem, design=RINGING | (design or {}), analysis=analysis)
+
+
 def matrix_problem(T: ArrayLike, eps: ArrayLike) -> InverseProblem:
     return InverseProblem(np.array(T, float), np.array(eps, float), None, None)
 

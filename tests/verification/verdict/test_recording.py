@@ -7,7 +7,6 @@ import math
 import tomllib
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +39,7 @@ from taction.verification.verdict.simulation import (
 )
 from taction.verification.verdict.transient_plan import AIM, TransientPlan
 from taction.verification.verdict.verify import verify
-from tests.support.making import make_scene
+from tests.support.making import make_scene, ringing_scene
 from tests.support.paths import SCENES
 
 DOUBT = 1e-6  # V, of the other record
@@ -116,25 +115,6 @@ def test_a_record_that_settles_beside_one_that_does_not_leaves_it_open(
     assert math.isfinite(found.error.readings["rise_time"])
 
 
-def small(**analysis: Any) -> Scene:
-    """Three channels that ring at 166 kHz."""
-    board = {
-        "capacitance": 1e-11,
-        "resistance": 14.4e6,
-        "gain": 2.3e6,
-        "unit_conductance": 1.16e-6,
-        "stray_capacitance": 2.05e-12,
-        "opamp": {
-            "base": "ideal",
-            "dc_gain": 1e5,
-            "gbw": 0.9e6,
-            "second_pole": 2.7e6,
-            "output_resistance": 75.0,
-        },
-    }
-    return make_scene({"channels": 3, "span": 2.0}, design=board, analysis=analysis)
-
-
 def test_error_and_points_exclude_each_other() -> None:
     with pytest.raises(InputError, match=r"'error' excludes 'points_per_period'"):
         make_scene(analysis={"error": 1e-4, "points_per_period": 125})
@@ -143,16 +123,16 @@ def test_error_and_points_exclude_each_other() -> None:
 
 
 def test_auto_takes_the_cheapest_engine_unless_both_are_to_be_compared(ngspice: str) -> None:
-    assert choose_engine(small()) == "ngspice"
-    assert choose_engine(small(error=1e-4)) == "statespace"
-    assert choose_engine(small(error=1e-4, engine="ngspice")) == "ngspice"
+    assert choose_engine(ringing_scene()) == "ngspice"
+    assert choose_engine(ringing_scene(error=1e-4)) == "statespace"
+    assert choose_engine(ringing_scene(error=1e-4, engine="ngspice")) == "ngspice"
     compared = make_scene(analysis={"error": 1e-4}, checks={"engines_agree": {"tolerance": 1e-3}})
     assert choose_engine(compared) == "ngspice"
 
 
 @pytest.mark.parametrize("wanted", [1e-2, 1e-3, 1e-4])
 def test_ngspice_reaches_the_error_and_states_it(ngspice: str, wanted: float) -> None:
-    verdict = verify(small(error=wanted, engine="ngspice"))
+    verdict = verify(ringing_scene(error=wanted, engine="ngspice"))
     found = verdict.accuracy
     assert found.tries == 1
     assert found.reached
@@ -168,7 +148,7 @@ def test_ngspice_reaches_the_error_and_states_it(ngspice: str, wanted: float) ->
 def test_a_step_that_misses_is_refined(ngspice: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first run is planned for three times the wanted error, and a second run follows."""
     monkeypatch.setattr(transient_plan, "AIM", 3.0)
-    verdict = verify(small(error=1e-4, engine="ngspice"))
+    verdict = verify(ringing_scene(error=1e-4, engine="ngspice"))
     found = verdict.accuracy
     assert found.tries == 2
     assert found.reached
@@ -187,7 +167,7 @@ def test_a_board_that_the_other_engine_cannot_answer_runs_twice(
         raise EngineError("no answer")
 
     monkeypatch.setattr(simulate, "simulate", no_answer)
-    verdict = verify(small(error=1e-3, engine="ngspice"))
+    verdict = verify(ringing_scene(error=1e-3, engine="ngspice"))
     found = verdict.accuracy
     assert "twice the step" in found.how
     wave = verdict.waveforms
@@ -207,7 +187,7 @@ def test_a_record_is_as_long_as_a_channel_needs_to_settle(ngspice: str) -> None:
 
     The plan of the record knows the band, so that no second run is needed.
     """
-    scene = small(engine="ngspice")
+    scene = ringing_scene(engine="ngspice")
     off = verify(scene).measurements
     static = max(abs(c.final - c.target) for c in off.channels) / off.amplitude
     checks = {"settling_time": {"band": 3.0 * static}, "steady_state": {"tolerance": 0.5}}
@@ -218,7 +198,7 @@ def test_a_record_is_as_long_as_a_channel_needs_to_settle(ngspice: str) -> None:
 
 
 def test_the_state_space_states_what_it_reached() -> None:
-    linear = verify(small(error=1e-6, engine="statespace")).accuracy
+    linear = verify(ringing_scene(error=1e-6, engine="statespace")).accuracy
     assert linear.method == "exact"
     assert linear.achieved < 1e-9
     scene = load_scene(SCENES / "paper-exponential.toml")
@@ -239,9 +219,9 @@ TRIED = Accuracy(1e-4, 4e-4, 2.0, 1000, 100.0, "ngspice-46", "trapezoidal", "")
 
 
 def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
-    design = design_board(small(error=1e-4, engine="ngspice"), Clock(lambda stage: None))
+    design = design_board(ringing_scene(error=1e-4, engine="ngspice"), Clock(lambda stage: None))
     ideal = ideal_answer(design.network, design.scene)
-    done = verify(small(engine="statespace")).measurements  # every channel settles
+    done = verify(ringing_scene(engine="statespace")).measurements  # every channel settles
 
     def again(accuracy: Accuracy) -> TransientPlan | None:
         return better_plan(design, ideal, done, accuracy)
@@ -262,7 +242,7 @@ def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
 def test_a_thinned_companion_keeps_both_ends(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     """The last instant proves that a record is whole, whatever its number of points."""
     monkeypatch.setattr(companion, "MAX_INSTANTS", 10)
-    design = design_board(small(engine="ngspice"), Clock(lambda stage: None))
+    design = design_board(ringing_scene(engine="ngspice"), Clock(lambda stage: None))
     times = np.linspace(0.0, design.transient.stop, count)
     record = simulate.simulate(design.board, design.transient, times=times)
     found = companion.state_space_companion(design.board, design.transient, record, 1e-6)

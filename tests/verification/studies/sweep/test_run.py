@@ -204,47 +204,38 @@ def test_another_version_at_the_worker_is_named() -> None:
     assert new.differences(old) == ["ngspice-39 noopiter instead of ngspice-46 klu"]
 
 
-class Skewed(ThreadPoolExecutor):
-    def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_exception(OtherVersionsError("node7 has ngspice-39 instead of ngspice-46"))
-        return future
+def failing(error: Exception, *broken: type[Exception]) -> Workers:
+    """Workers of which every task ends with an error."""
+
+    class Failing(ThreadPoolExecutor):
+        def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
+            future: Future[Any] = Future()
+            future.set_exception(error)
+            return future
+
+    return Workers(Failing(1), lambda: 1, broken)
 
 
 def test_a_skewed_worker_ends_the_sweep(tmp_path: Path) -> None:
-    workers = Workers(Skewed(1), lambda: 1, ())
+    workers = failing(OtherVersionsError("node7 has ngspice-39 instead of ngspice-46"))
     with pytest.raises(InputError, match="node7 has ngspice-39 instead of ngspice-46"):
         run(plan("C=50p"), tmp_path / "a.sqlite", workers)
     with Store(str(tmp_path / "a.sqlite")) as store:
         assert store.count() == 0
 
 
-class Deadly(ThreadPoolExecutor):
-    def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_exception(BrokenExecutor("abrupt end"))
-        return future
-
-
 def test_a_point_that_no_worker_survives_is_a_row(tmp_path: Path) -> None:
-    workers = Workers(Deadly(1), lambda: 1, (BrokenExecutor,))
+    workers = failing(BrokenExecutor("abrupt end"), BrokenExecutor)
     count, rows = run(plan("C=50p,60p"), tmp_path / "a.sqlite", workers)
     assert count.outcomes == {"error": 2}
     assert rows[0]["failure"] == "BrokenExecutor"
     assert "killed" in rows[0]["reason"]
 
 
-class Elsewhere(ThreadPoolExecutor):
-    def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_exception(ModuleNotFoundError("No module named 'verification'"))
-        return future
-
-
 def test_workers_without_taction_or_without_a_scheduler_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.sqlite"
     with pytest.raises(NoVerdictError, match="same taction installed"):
-        run(plan("C=50p"), path, Workers(Elsewhere(1), lambda: 1, ()))
+        run(plan("C=50p"), path, failing(ModuleNotFoundError("No module named 'verification'")))
     closed = ThreadPoolExecutor(1)
     closed.shutdown()
     with pytest.raises(NoVerdictError, match="the same command continues"):

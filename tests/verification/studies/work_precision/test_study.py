@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import plain
 from taction.system.errors import EngineError, SimulatorNotFound
@@ -34,24 +33,9 @@ from taction.verification.studies.work_precision.norms import (
     measure_errors,
 )
 from taction.verification.studies.work_precision.study import WorkPrecisionStudy, run_study
-from tests.support.making import make_scene
+from tests.support.making import ringing_scene
 
 BUDGET = 120.0  # s: far more than it takes, also on a machine that is busy
-OPAMP = {"base": "ideal", "dc_gain": 1e5, "gbw": 0.9e6, "second_pole": 2.7e6}
-
-
-def small(stop: str | float = "auto", **design: Any) -> Scene:
-    """Three channels that ring for 22 periods of 6 us."""
-    board = {
-        "capacitance": 1e-11,
-        "resistance": 14.4e6,
-        "gain": 2.3e6,
-        "unit_conductance": 1.16e-6,
-        "stray_capacitance": 2.05e-12,
-        "opamp": {**OPAMP, "output_resistance": 75.0},
-    }
-    problem = {"channels": 3, "span": 2.0}
-    return make_scene(problem, design=board | design, analysis={"stop": stop})
 
 
 def named(name: str, **changes: Any) -> Method:
@@ -74,7 +58,7 @@ FEW = (
 def found(ngspice: str) -> WorkPrecisionStudy:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ladders, "REPEATS", 2)
-        return run_study(small(), budget=BUDGET, methods=FEW)
+        return run_study(ringing_scene(), budget=BUDGET, methods=FEW)
 
 
 def test_every_setting_is_a_point_with_errors_and_a_spread(found: WorkPrecisionStudy) -> None:
@@ -212,9 +196,8 @@ def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
 
     monkeypatch.setattr(study_module, "find_simulator", nowhere)
     monkeypatch.setattr(ladders, "REPEATS", 1)
-    scene = small(
-        6e-5, amplifier="exponential", exponential_slope=0.1, resistance=1.9e6, capacitance=5e-11
-    )
+    bent = {"amplifier": "exponential", "exponential_slope": 0.1}
+    scene = ringing_scene(bent | {"resistance": 1.9e6, "capacitance": 5e-11}, stop=6e-5)
     methods = [m for m in FEW if m.problem == "board"]
     found = run_study(scene, budget=BUDGET, methods=methods)
     assert found.omissions == (
@@ -238,7 +221,7 @@ def test_a_machine_that_uses_the_budget_before_the_ladders_gives_fewer_rows(
     late = SimpleNamespace(perf_counter=lambda: time.perf_counter() + next(offsets))
     monkeypatch.setattr(study_module, "clock", late)
     monkeypatch.setattr(ladders, "REPEATS", 1)
-    study = run_study(small(), budget=BUDGET, methods=FEW[:3])
+    study = run_study(ringing_scene(), budget=BUDGET, methods=FEW[:3])
     assert study.conclusive
     assert study.of(FEW[0])
     assert study.cheapest(1.0) is not None
