@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,20 +14,18 @@ import pytest
 import taction
 from taction.netlist_gen.kicad.project import kicad_project
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
-from tests.support.paths import ROOT, SCENES
-from tests.support.plugins import environment
+from tests.support.paths import SCENES
+from tests.support.plugins import environment, recipe
 
 Plugin = Callable[..., Path]
-ENTRY = {"taction.topologies": {"shielded": "SHIELDED"}}
-RECIPE = (ROOT / "CONTRIBUTING.md").read_text("utf-8").partition("### Add a topology")[2]
-SOURCE = re.findall(r"```python\n(.*?)```", RECIPE, re.DOTALL)[0]
+PACKAGE, ENTRY, SOURCE = recipe("Add a topology")
 SHIPPED = SCENES / "eleven-channel.toml"
 
 
 @pytest.fixture
 def folder(plugin: Plugin) -> Path:
     """The folder in which the package of the recipe is installed."""
-    return plugin("shielded", ENTRY, SOURCE)
+    return plugin(PACKAGE, ENTRY, SOURCE)
 
 
 def written(folder: Path, cable: str = "470pF") -> Path:
@@ -121,7 +118,7 @@ def test_a_fault_of_its_facts_is_caught(plugin: Plugin) -> None:
         " for n, f in super().facts(scene).items()}),\n",
     ).replace("Fact, Knob", "Fact, Knob, common_facts")
     assert wrong != SOURCE
-    folder = plugin("shielded", ENTRY, wrong)
+    folder = plugin(PACKAGE, ENTRY, wrong)
     verdict = taction.verify(written(folder), engine="statespace")
     assert verdict.outcome.value != "pass"
     assert "the board states lambda" in str(verdict)
