@@ -14,6 +14,7 @@ import pytest
 
 from tests.support.paths import SCENES
 from tests.support.processes import is_running, process_id
+from tests.support.running import python
 
 TUNED = str(SCENES / "tuned-breadboard.toml")
 CODE = "from taction.cli.main import main; main()"
@@ -38,14 +39,7 @@ def command(*words: str, redirect: str = "", **variables: str) -> subprocess.Com
 def test_a_closed_pipe_is_141(words: tuple[str, ...]) -> None:
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run(
-        [sys.executable, "-c", CODE, *words],
-        stdout=writer,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
-    )
+    done = python("-c", CODE, *words, stdout=writer, stderr=subprocess.PIPE)
     os.close(writer)
     assert done.returncode == 141
     assert "Traceback" not in done.stderr
@@ -169,14 +163,7 @@ sys.exit(run_command(lambda: exec("os.kill(os.getpid(), signal.SIGINT)"), as_jso
     [(SWALLOWED, signal.SIGTERM), (WRAPPED, signal.SIGTERM), (EXECUTED, signal.SIGINT)],
 )
 def test_no_signal_is_lost_on_its_way(code: str, number: int) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60.0,
-        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
-    )
+    done = python("-c", code)
     assert done.returncode == 128 + number
     assert done.stderr == "taction: interrupted; no verdict was reached\n"
 
@@ -198,12 +185,5 @@ status = run_command(function, as_json=False)
 os.kill(os.getpid(), signal.SIGINT)
 sys.exit(status)
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60.0,
-        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
-    )
+    done = python("-c", code)
     assert (done.returncode, done.stdout) == (130, "clean\n")

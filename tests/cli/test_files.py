@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import resource
 import subprocess
 import sys
@@ -20,7 +19,7 @@ from taction.cli.main import COMMANDS, main
 from taction.verification.evidence.paper import reproduce
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
-from tests.support.running import document, taction
+from tests.support.running import document, python, taction
 
 VENDOR = ROOT / "tests" / "data" / "fet100.cir"
 PINS = ("--subckt", "FET100", "--pins", "inp,inn,vcc,vee,out")
@@ -233,16 +232,7 @@ def run(*words: str, limit: int | None = None) -> subprocess.CompletedProcess[st
         if limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    return subprocess.run(
-        [sys.executable, "-m", "taction", *words],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        env=os.environ,
-        preexec_fn=limited,
-    )
+    return python("-m", "taction", *words, preexec_fn=limited)
 
 
 def without_times(text: str) -> list[dict[str, object]]:

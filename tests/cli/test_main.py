@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +11,7 @@ import pytest
 
 from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES
-from tests.support.running import document, taction
+from tests.support.running import document, python, taction
 
 TUNED = str(SCENES / "tuned-breadboard.toml")
 PAPER = SCENES / "paper-breadboard.toml"
@@ -226,18 +224,13 @@ def test_help_loads_no_numpy() -> None:
         "heavy &= set(sys.modules)\n"
         "sys.exit(repr(heavy) if heavy else 0)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = python("-c", code)
     assert done.returncode == 0, done.stderr
 
 
 def test_as_a_process(tmp_path: Path) -> None:
     """Exit status and streams of the real program, with a scene that does not exist."""
-    code = "from taction.cli.main import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code, "verify", "missing.toml", "--json"],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
-    )  # fmt: skip
+    done = python("-m", "taction", "verify", "missing.toml", "--json", cwd=tmp_path)
     assert done.returncode == 2
     assert json.loads(done.stdout)["error"]["file"] == "missing.toml"
     assert done.stderr.startswith("taction: missing.toml: file: No such file")

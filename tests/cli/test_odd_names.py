@@ -6,28 +6,20 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from lxml import etree
 
-from tests.support.paths import ROOT, SCENES
+from tests.support.paths import SCENES
+from tests.support.running import python
 
 SCENE = SCENES / "tuned-breadboard.toml"
 NAME = os.fsdecode(b"board-\xff.toml")
 
 
 def run(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "taction", *words],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        env=os.environ | variables,
-    )
+    return python("-m", "taction", *words, env=variables)
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +13,7 @@ import pytest
 from scripts.man_pages import pages
 from taction.cli.main import COMMANDS, main
 from taction.cli.reference import EXAMPLES, EXIT_STATUSES, reference
-from tests.support.paths import ROOT
-from tests.support.running import document, taction
-
-CODE = "from taction.cli.main import main; main()"
+from tests.support.running import document, python, taction
 
 
 @pytest.mark.parametrize("words", [("--json", "--help"), ("--help", "--json"), ("-h", "--json")])
@@ -88,13 +83,7 @@ def complete(shell: str, *words: str) -> str:
     line = " ".join(["taction", *words])
     place = str(len(words)) if shell != "fish" else words[-1]
     variables = {"COMP_WORDS": line, "COMP_CWORD": place, "_TACTION_COMPLETE": f"{shell}_complete"}
-    run = subprocess.run(
-        [sys.executable, "-c", CODE],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT), **variables},
-    )
+    run = python("-m", "taction", env=variables)
     assert run.returncode == 0, run.stderr
     return run.stdout
 
@@ -108,13 +97,7 @@ def test_every_shell_completes_commands_and_options(shell: str) -> None:
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_every_shell_gets_its_script(shell: str) -> None:
-    run = subprocess.run(
-        [sys.executable, "-c", CODE],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "_TACTION_COMPLETE": f"{shell}_source"},
-    )
+    run = python("-m", "taction", env={"_TACTION_COMPLETE": f"{shell}_source"})
     assert run.returncode == 0, run.stderr
     assert f"_TACTION_COMPLETE={shell}_complete" in run.stdout
     if shell == "bash":

@@ -1,13 +1,17 @@
-"""The command line, run inside the test's own process."""
+"""The command line, run inside the test's own process, and as a process."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from typing import Any
 
 from click.testing import CliRunner, Result
 
 from taction.cli.main import main
+from tests.support.paths import ROOT
 
 
 def taction(*words: str) -> Result:
@@ -21,3 +25,12 @@ def document(result: Result) -> Any:
         raise AssertionError(f"{word} is no JSON")
 
     return json.loads(result.stdout, parse_constant=refuse)
+
+
+def python(*words: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python with these words; `options` go to `subprocess.run`, `env` beside our variables."""
+    variables = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}
+    if not {"stdout", "stderr"} & options.keys():
+        options["capture_output"] = True
+    options = {"text": True, "cwd": ROOT, "timeout": 300, "env": variables, **options}
+    return subprocess.run([sys.executable, *words], check=False, **options)
