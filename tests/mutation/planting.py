@@ -28,8 +28,8 @@ from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answe
 from taction.verification.studies.regression.baseline import observe
 from taction.verification.studies.regression.compare import compare_entry
 from taction.verification.verdict import recording, simulation
-from taction.verification.verdict.bounded_measures import measure_with_bounds
 from taction.verification.verdict.checks import Check, Outcome, overall
+from taction.verification.verdict.companion import measure_with_bounds
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.verify import Verdict, verify
 

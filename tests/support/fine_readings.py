@@ -15,7 +15,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.transients import amplified
 from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.reference.ideal_answer import ideal_answer
-from taction.verification.verdict.bounded_measures import measure_outputs
+from taction.verification.verdict.companion import measure_outputs
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import SteadyState
 from taction.verification.verdict.progress import Clock

@@ -16,9 +16,8 @@ from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import summarise
-from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.checks import Check, Evidence
-from taction.verification.verdict.companion import Agreement
+from taction.verification.verdict.companion import Agreement, StepError
 from taction.verification.verdict.planned_board import SteadyState
 from taction.verification.verdict.run_checks import run_checks
 

@@ -17,7 +17,7 @@ from taction.verification.engines.statespace.transients import (
     exact,
     structured_radau,
 )
-from taction.verification.verdict import bounded_measures
+from taction.verification.verdict import companion
 
 SIZE = 4e-16  # relative; standard deviation
 TRANSIENTS = (amplified, exact, structured_radau)
@@ -53,7 +53,7 @@ def rounded(seed: int) -> Iterator[None]:
         for owner, name in (
             *begins,
             (amplified.Wide, "start"),
-            (bounded_measures, "outputs"),
+            (companion, "outputs"),
         ):
             changed.enter_context(patch.object(owner, name, after(getattr(owner, name))))
         yield

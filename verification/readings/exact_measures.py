@@ -1,6 +1,6 @@
 """Measurements of a stable linear board on its exact solution, without a sampled record.
 
-Definitions and readings are those of `readings.measure`. The solution is known for all time, so
+Definitions and readings are those of `measure`. The solution is known for all time, so
 nothing depends on the length or the points of a record, and every uncertainty follows from the
 bound of the solution's own error.
 """
@@ -55,7 +55,7 @@ def measure_exact(
     start : ndarray (N,), optional
         u before the step, V; the default is the start of the solution.
     initial, band
-        As in `taction.netlist_gen.analysis.Transient` and `readings.measure.measure`.
+        As in `taction.netlist_gen.analysis.Transient` and `measurements.measure`.
     stop : float, optional
         As in `exact_solution`.
     target_error : float

@@ -2,7 +2,7 @@
 
 A `Signal` is either a sampled record (`verification.readings.signals`) or an exact solution
 (`verification.readings.exact_signal`). `system.reading_definitions` has the definitions;
-`verification.readings.measure` decides which readings are proven.
+`verification.readings.measurements` decides which readings are proven.
 """
 
 from __future__ import annotations

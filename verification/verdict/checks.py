@@ -20,8 +20,7 @@ from taction.verification.readings.measurements import Measurements, describe_st
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.bounded_measures import StepError
-from taction.verification.verdict.companion import Agreement
+from taction.verification.verdict.companion import Agreement, StepError
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise

@@ -237,9 +237,6 @@ def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:
     yield from (load for load in found if load.share >= min(worst[load.quantity], FULL))
 
 
-NAME = "headroom"
-
-
 @dataclass(frozen=True, slots=True)
 class PartLoads:
     """The loads of the op-amps of a board.

@@ -16,17 +16,15 @@ from taction.system.quantities import quantity
 from taction.system.waveforms import Waveforms
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
-from taction.verification.verdict.bounded_measures import (
-    StepError,
-    measure_outputs,
-    measure_with_bounds,
-    step_error,
-)
 from taction.verification.verdict.companion import (
     Agreement,
     Companion,
+    StepError,
     compare_engines,
     find_companion,
+    measure_outputs,
+    measure_with_bounds,
+    step_error,
 )
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard

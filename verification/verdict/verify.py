@@ -25,9 +25,8 @@ from taction.verification.reference.ideal_answer import (
 )
 from taction.verification.stability.margin import REACH, Margin, stability_margin
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.companion import Agreement
+from taction.verification.verdict.companion import Agreement, StepError
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads

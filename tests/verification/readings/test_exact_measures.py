@@ -17,7 +17,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.exact_measures import measure_exact
-from taction.verification.readings.measure import measure
+from taction.verification.readings.measurements import measure
 from taction.verification.readings.settling import ChannelState
 from tests.support.boards import bare, lags, paper_board
 from tests.support.making import make_scene

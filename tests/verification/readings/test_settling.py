@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.readings.measure import measure
+from taction.verification.readings.measurements import measure
 from taction.verification.readings.mode_fit import Mode
 from taction.verification.readings.readings import Reading, rise_times, settling_times
 from taction.verification.readings.settling import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.readings.measure import measure
+from taction.verification.readings.measurements import measure
 from taction.verification.readings.signals import (
     ContinuousSignal,
     SampledSignal,

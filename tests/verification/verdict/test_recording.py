@@ -18,7 +18,7 @@ from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.report.documents.verdict import verdict_document
-from taction.verification.verdict import bounded_measures, companion, recording, transient_plan
+from taction.verification.verdict import companion, recording, transient_plan
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.companion import Companion
 from taction.verification.verdict.design import design_board
@@ -73,7 +73,7 @@ def recorded(
     error = StateSpaceError(DOUBT, DOUBT, 0.0, "", "")
     beside = Companion(other.time, u, values, other, error, "")
     monkeypatch.setattr(recording, "find_companion", lambda *_: beside)
-    monkeypatch.setattr(bounded_measures, "is_exact", lambda _: False)
+    monkeypatch.setattr(companion, "is_exact", lambda _: False)
     monkeypatch.setattr(recording, "better_plan", lambda *_: None)
     clock = Clock(lambda stage: None)
     pending = Pending(lambda: replace(fine, engine="ngspice"))

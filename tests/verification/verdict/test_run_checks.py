@@ -15,8 +15,8 @@ from taction.verification.readings.measurements import describe_states
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.poles import summarise
-from taction.verification.verdict.bounded_measures import StepError
 from taction.verification.verdict.checks import Check, Outcome, at_most, overall
+from taction.verification.verdict.companion import StepError
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.measured import (
     UNSTABLE,

@@ -14,7 +14,7 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.stability.poles import summarise
-from taction.verification.verdict.bounded_measures import StepError
+from taction.verification.verdict.companion import StepError
 from taction.verification.verdict.warnings import find_contradiction, find_warnings
 from tests.support.making import make_scene, matrix_problem
 from tests.support.measured import EXACT, UNSTABLE, channel, evidence

@@ -14,7 +14,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.readings.constraint_stage import constraint_plane
-from taction.verification.readings.measure import measure
+from taction.verification.readings.measurements import measure
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from tests.support.measured import channel, measured

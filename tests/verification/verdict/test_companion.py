@@ -9,7 +9,7 @@ import pytest
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.readings import Reading
-from taction.verification.verdict.bounded_measures import bounded, step_error
+from taction.verification.verdict.companion import bounded, step_error
 from tests.support.measured import channel, measured
 
 
