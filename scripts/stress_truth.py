@@ -4,7 +4,7 @@
 
 Names are those of cases or families; without names, all cases. Only cases whose tables or deck have
 changed since their values were stored are computed, with --again the others, too. The oracle is
-that of the tests (`tests/support/true_readings.py`); it needs the packages of the extra ``dev``.
+that of the tests (`tests/support/true_values.py`); it needs the packages of the extra ``dev``.
 """
 
 from __future__ import annotations

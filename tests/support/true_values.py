@@ -1,6 +1,6 @@
 """The true readings of a scene, from its deck's text and its problem, as the catalogue stores them.
 
-Linear boards: modes in Arb (`exact_modes`, `exact_readings`). Boards with behavioural sources:
+Linear boards: modes in Arb (`exact_readings`). Boards with behavioural sources:
 equilibrium and poles in Arb, times and peaks from two integrators of SciPy, whose difference is the
 error.
 """
