@@ -9,7 +9,7 @@ from types import ModuleType
 
 from benchmarks.measuring import Figure, Result, Table
 from taction.system.atomic_files import write_atomically
-from taction.system.picture import figure_file
+from taction.verification.report.renderers.figures import figure_file
 
 BEGIN, END = "<!-- `make bench` writes this table -->\n", "<!-- end of the table -->\n"
 COLUMNS = ("what", "over", "median (quartiles)", "pairs", "wanted", "measured")

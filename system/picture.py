@@ -1,23 +1,20 @@
-"""Figures and files that all pictures share. matplotlib is imported where it is used."""
+"""Pictures of results, which the report draws: its rooms are loaded when a picture is wanted."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from taction.system.atomic_files import replacing
-from taction.system.output_files import check_file, check_package
-from taction.system.picture_style import STYLE
+from taction.system.output_files import check_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MATPLOTLIB = ("matplotlib", "needs matplotlib: pip install 'taction[plot]'")
 PACKAGES = dict.fromkeys((".png", ".svg", ".pdf"), MATPLOTLIB)
-METADATA = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
+REPORT = "taction.verification.report"
 
 
 def check_plot_file(path: str | Path) -> None:
@@ -31,49 +28,27 @@ def check_plot_file(path: str | Path) -> None:
     check_file(str(path), "--plot", PACKAGES, PACKAGES)
 
 
-@contextmanager
-def new_figure(width: float, height: float) -> Iterator[Figure]:
-    """Give a figure of `width` by `height` inches in the style of all pictures.
+def plot(sheet: str, path: str | Path | None, *shown: Any) -> Figure:
+    """Draw what a function of the report's views makes of a result.
+
+    Parameters
+    ----------
+    sheet : str
+        ``"module:function"`` of ``report/views``; the function returns a `Sheet`.
+    path : path or None
+        The figure is written to this file.
+    *shown : object
+        Arguments of the function.
 
     Raises
     ------
     InputError
-        matplotlib is not installed.
+        See `check_plot_file`; or matplotlib is not installed.
     """
-    check_package(*MATPLOTLIB, "plot")
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    from taction.system.notebook_figure import NotebookFigure
-
-    with mpl.rc_context(STYLE):
-        figure = NotebookFigure(figsize=(width, height), layout="constrained")
-        FigureCanvasAgg(figure)
-        yield figure
-
-
-@contextmanager
-def figure_file(
-    path: str | Path | None, width: float, height: float, title: str = ""
-) -> Iterator[Figure]:
-    """Give a `new_figure` and write the finished picture to `path`, always with the same bytes.
-
-    Without a `path` nothing is written.
-
-    Raises
-    ------
-    InputError
-        See `check_plot_file`; or the file cannot be written.
-    """
-    if path is not None:
-        check_plot_file(path)
-    with new_figure(width, height) as figure:
-        if title:
-            figure.suptitle(title, fontweight="bold")
-        yield figure
-        if path is not None:
-            with replacing(path) as file:
-                figure.savefig(file, dpi=150, metadata=METADATA.get(Path(path).suffix.lower()))
+    module, _, name = sheet.partition(":")
+    made = getattr(import_module(f"{REPORT}.views.{module}"), name)(*shown)
+    figure: Figure = import_module(f"{REPORT}.renderers.picture").draw_sheet(made, path)
+    return figure
 
 
 def time_unit(longest: float) -> tuple[float, str]:

@@ -8,12 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.system.array_types import Floats, Indices
-from taction.system.picture import figure_file, time_unit
+from taction.system.picture import plot, time_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-MOST_NAMES = 12  # lines up to which a legend names them
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,17 +104,4 @@ class Waveforms:
         KeyError
             A node was not saved.
         """
-        drawn = self.nodes if nodes is None else tuple(nodes)
-        columns = [self[node] for node in drawn]
-        size, unit = time_unit(float(self.time[-1]))
-        with figure_file(path, 9.0, 4.6, f"{self.engine}: {len(drawn)} nodes") as figure:
-            from matplotlib import colormaps
-
-            axes = figure.add_subplot()
-            for k, (node, values) in enumerate(zip(drawn, columns, strict=True)):
-                colour = colormaps["viridis"](0.9 * k / max(len(drawn) - 1, 1))
-                axes.plot(self.time / size, values, color=colour, lw=1.0, label=node)
-            axes.set(xlabel=f"time ({unit})", ylabel="voltage (V)", xlim=(0.0, None))
-            if len(drawn) <= MOST_NAMES:
-                figure.legend(loc="outside right upper", fontsize="small", frameon=False)
-        return figure
+        return plot("waveforms:nodes_sheet", path, self, nodes)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.netlist_gen.board import circuit, synthesis
+from taction.system.picture import plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,9 +45,7 @@ class Circuit(circuit.Circuit):
             The file does not end in ``.png``, ``.svg`` or ``.pdf`` or cannot be written, or
             matplotlib is missing (``taction[plot]``).
         """
-        from taction.netlist_gen.kicad.picture import plot_schematic
-
-        return plot_schematic(self, path)
+        return plot("board:schematic_sheet", path, self)
 
 
 def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:

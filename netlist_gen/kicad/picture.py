@@ -1,15 +1,11 @@
-"""The drawing of one channel as a picture: the sheet of `drawing`, with fewer parts.
+"""The drawing of one channel for a picture: the sheet of `drawing`, with fewer parts.
 
 It has one resistor of each matrix, values as a person reads them, and no supplies.
 """
 
 from __future__ import annotations
 
-import html
-import textwrap
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import channel_sheet
@@ -17,11 +13,7 @@ from taction.netlist_gen.kicad.sheet import GRID, Label, Sheet
 from taction.netlist_gen.kicad.stages import driven_row, middle_channel
 from taction.netlist_gen.kicad.symbols import Point
 from taction.spice_models.presets import opamp_name
-from taction.system.picture import figure_file
 from taction.system.quantities import quantity
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MARGIN, WIDTH = 3.0, 0.62  # of the frame, and of a letter: in steps of the grid, and in heights
 DIRECTION = {0: (1.0, 0.0), 90: (0.0, 1.0), 180: (-1.0, 0.0), 270: (0.0, -1.0)}
@@ -73,7 +65,8 @@ class Strokes:
         return min(across) - MARGIN, min(down) - MARGIN, max(across) + MARGIN, max(down) + MARGIN
 
 
-def _drawing(circuit: Circuit) -> Strokes:
+def schematic_strokes(circuit: Circuit) -> Strokes:
+    """Return the drawing of the middle channel and the sensor row that it drives most."""
     n = middle_channel(circuit)
     drawn = Strokes.of(channel_sheet(circuit, n, driven_row(circuit, n), brief=True))
     drawn.texts = [
@@ -84,77 +77,6 @@ def _drawing(circuit: Circuit) -> Strokes:
     text = ", ".join(f"{fact.symbol} = {fact.text}" for fact in circuit.facts.values())
     drawn.texts.append(Label(text, (left + MARGIN, bottom), "left"))
     return drawn
-
-
-def schematic_svg(circuit: Circuit) -> str:
-    """Return the drawing of the middle channel and the sensor row that it drives most, as SVG.
-
-    Its colour is that of the page's text.
-
-    Examples
-    --------
-    >>> import taction
-    >>> board = taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
-    >>> "1.9 MΩ" in schematic_svg(board)
-    True
-    """
-    drawn = _drawing(circuit)
-    left, top, right, bottom = drawn.frame
-    width, height = right - left, bottom - top
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:g} {top:g} {width:g} {height:g}"'
-        f' width="{10 * width:g}" height="{10 * height:g}" fill="none" stroke="currentColor"'
-        ' stroke-width="0.18" stroke-linejoin="round" font-family="sans-serif">'
-    ]
-    for line in drawn.lines:
-        points = " ".join(f"{x:g},{y:g}" for x, y in line)
-        parts.append(f'<polyline points="{points}"/>')
-    for (x, y), radius, filled in drawn.circles:
-        fill = ' fill="currentColor"' if filled else ""
-        parts.append(f'<circle cx="{x:g}" cy="{y:g}" r="{radius:g}"{fill}/>')
-    sides = {"left": "start", "middle": "middle", "right": "end"}
-    for label in drawn.texts:
-        (x, y), size = label.at, label.size / GRID
-        down = y - 0.25 if label.kind == "label" else y + 0.35 * size
-        parts.append(
-            f'<text x="{x:g}" y="{down:g}" font-size="{1.1 * size:g}" fill="currentColor"'
-            f' stroke="none" text-anchor="{sides[label.anchor]}">{html.escape(label.text)}</text>'
-        )
-    return "\n".join([*parts, "</svg>"])
-
-
-def plot_schematic(circuit: Circuit, path: str | Path | None = None) -> Figure:
-    """Draw the schematic of one channel as a figure; write it to `path`, if there is one.
-
-    Raises
-    ------
-    InputError
-        See `taction.system.picture.figure_file`.
-    """
-    title = f"{circuit.name}: one of {len(circuit.outputs)} channels"
-    drawn = _drawing(circuit)
-    left, top, right, bottom = drawn.frame
-    with figure_file(path, 11.0, 1.6 + 11.0 * (bottom - top) / (right - left), title) as figure:
-        from matplotlib.patches import Circle
-
-        axes = figure.add_subplot(aspect="equal")
-        axes.set_axis_off()
-        axes.set_xlim(left, right)
-        axes.set_ylim(bottom, top)
-        for line in drawn.lines:
-            axes.plot(*zip(*line, strict=True), color="black", lw=0.9)
-        for centre, radius, filled in drawn.circles:
-            axes.add_patch(Circle(centre, radius, fill=filled, color="black", lw=0.9))
-        points = 72.0 * 11.0 / (right - left)  # of a step of the grid
-        for label in drawn.texts:
-            side = "center" if label.anchor == "middle" else label.anchor
-            level = "bottom" if label.kind == "label" else "center"
-            size = points * label.size / GRID
-            axes.text(*label.at, label.text, ha=side, va=level, fontsize=size)
-        figure.supxlabel(
-            "\n".join(textwrap.wrap(schematic_summary(circuit), 120)), fontsize="small"
-        )
-    return figure
 
 
 def schematic_summary(circuit: Circuit) -> str:

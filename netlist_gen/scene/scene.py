@@ -30,6 +30,7 @@ from taction.netlist_gen.scene.problem import (
 )
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
+from taction.system.picture import plot
 from taction.system.plugins import cached
 from taction.system.quantities import quantity, sizes
 from taction.system.reading_definitions import EXCURSIONS
@@ -131,9 +132,7 @@ class Scene(StatedProblem):
             The scene's files cannot be used, the picture cannot be written, or matplotlib is
             missing (``taction[plot]``).
         """
-        from taction.netlist_gen.scene.problem_picture import plot_problem
-
-        return plot_problem(self, path)
+        return plot("board:problem_sheet", path, self)
 
     @classmethod
     def from_arrays(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from taction.netlist_gen.kicad.picture import Strokes
 from taction.verification.report.blocks import (
     NOTEBOOK,
     PAGE,
@@ -41,6 +42,8 @@ from taction.verification.report.charts import (
 )
 
 EVERYWHERE = (TERMINAL, PAGE, NOTEBOOK)
+
+STROKES = Strokes([[(0.0, 0.0), (9.0, 9.0)]], [((1.0, 1.0), 2.0, True)], [])
 
 
 def charts() -> dict[str, Chart]:
@@ -157,7 +160,7 @@ def gallery() -> Page:
         Facts("Board", (("R", "10 kΩ"), ("channels", "3"))),
         Code("deck", "* a board\nR1 a b 1e4"),
         Notes("Warnings", ("the record ends early",), "fail"),
-        Drawing("Cell", "<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'/>", "a cell"),
+        Drawing("Cell", STROKES, "a cell"),
         *charts().values(),
     )  # fmt: skip
     return Page(

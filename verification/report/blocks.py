@@ -2,7 +2,7 @@
 
 `view(result)` in `report/views/` makes a `Page`; the renderers of `report/renderers/` show it in a
 terminal, as an HTML page, as a picture and in a notebook. A text is plain text, never markup: the
-renderers escape it. The one exception is `Drawing.svg`, which the drawing program writes.
+renderers escape it.
 Quantities are written with µ and Ω; the terminal writes them as SPICE does.
 """
 
@@ -10,9 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from taction.verification.report.charts import Chart, Outcome
+
+if TYPE_CHECKING:
+    from taction.netlist_gen.kicad.picture import Strokes
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,11 +218,11 @@ class Shares:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A drawing as SVG, which nobody else's text is part of."""
+    """A drawing of lines, circles and texts."""
 
     kind: ClassVar[str] = "drawing"
     title: str
-    svg: str
+    strokes: Strokes
     summary: str
 
 

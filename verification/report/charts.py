@@ -17,11 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
-from taction.system.picture_style import BLUE as BLUE
-from taction.system.picture_style import GREY as GREY
-from taction.system.picture_style import ORANGE as ORANGE
-from taction.system.picture_style import PURPLE as PURPLE
 
+BLUE, ORANGE, GREY, PURPLE = "#0072b2", "#d55e00", "#7f7f7f", "#cc79a7"
+"""Colours that stay apart for every kind of colour vision (Okabe and Ito)."""
 Outcome = str  # "pass", "fail", "inconclusive", "error", or "" for none
 
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from taction.netlist_gen.kicad.sheet import GRID
 from taction.system.array_types import Floats
-from taction.system.picture import figure_file
-from taction.system.picture_style import BLUE, GREY, ORANGE
-from taction.verification.report.blocks import Bars, Block, Notes, Page, Sheet
+from taction.verification.report.blocks import Bars, Block, Drawing, Notes, Page, Sheet
 from taction.verification.report.charts import (
+    BLUE,
+    GREY,
+    ORANGE,
     OUTCOMES,
     Axis,
     Band,
@@ -26,6 +28,7 @@ from taction.verification.report.charts import (
     Limit,
     Text,
 )
+from taction.verification.report.renderers.figures import figure_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,7 +57,7 @@ def draw_sheet(sheet: Sheet, path: str | Path | None = None) -> Figure:
     Raises
     ------
     InputError
-        See `taction.system.picture.figure_file`.
+        See `figure_file`.
     """
     columns = [column for column in sheet.columns if column]
     rows = max(map(len, columns))
@@ -87,18 +90,35 @@ def draw_page(page: Page, path: str | Path | None = None) -> Figure:
 
 
 def draw_block(axes: Axes, block: Block) -> None:
-    """Draw a chart, the table of `Bars`, or `Notes` into `axes`."""
-    if isinstance(block, Chart):
-        draw_chart(axes, block)
-    elif isinstance(block, Bars):
-        _draw_bars(axes, block)
-    elif isinstance(block, Notes):
-        axes.axis("off")
-        text = "\n".join(line for each in block.lines for line in textwrap.wrap(each, 56))
-        axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
-        axes.set_title(block.title, fontsize="medium")
-    else:
+    """Draw a chart, a drawing, the table of `Bars`, or `Notes` into `axes`."""
+    if type(block) not in BLOCKS:
         raise TypeError(f"a picture has no {block.kind}; expected a chart, bars or notes")
+    BLOCKS[type(block)](axes, block)
+
+
+def _notes(axes: Axes, notes: Notes) -> None:
+    axes.axis("off")
+    text = "\n".join(line for each in notes.lines for line in textwrap.wrap(each, 56))
+    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
+    axes.set_title(notes.title, fontsize="medium")
+
+
+def _drawing(axes: Axes, drawing: Drawing) -> None:
+    from matplotlib.patches import Circle
+
+    strokes, figure = drawing.strokes, cast("Figure", axes.figure)
+    left, top, right, bottom = strokes.frame
+    axes.set(aspect="equal", xlim=(left, right), ylim=(bottom, top))
+    axes.set_axis_off()
+    for line in strokes.lines:
+        axes.plot(*zip(*line, strict=True), color="black", lw=0.9)
+    for centre, radius, filled in strokes.circles:
+        axes.add_patch(Circle(centre, radius, fill=filled, color="black", lw=0.9))
+    points = 72.0 * figure.get_figwidth() / (right - left) / GRID  # of a millimetre
+    for label in strokes.texts:
+        side = "center" if label.anchor == "middle" else label.anchor
+        level = "bottom" if label.kind == "label" else "center"
+        axes.text(*label.at, label.text, ha=side, va=level, fontsize=points * label.size)
 
 
 def draw_chart(axes: Axes, chart: Chart) -> None:
@@ -530,3 +550,11 @@ def _widths(rows: Sequence[Sequence[str]]) -> list[float]:
     """Return the widths of the columns, by their longest texts."""
     longest = [max(9, *(len(row[place]) for row in rows)) + 1.0 for place in range(4)]
     return [each / sum(longest) for each in longest]
+
+
+BLOCKS: dict[type, Callable[[Any, Any], None]] = {
+    Chart: draw_chart,
+    Drawing: _drawing,
+    Bars: _draw_bars,
+    Notes: _notes,
+}

@@ -3,19 +3,39 @@
 from __future__ import annotations
 
 import hashlib
+import textwrap
 
 import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import bill_of_materials
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.kicad.picture import schematic_summary, schematic_svg
+from taction.netlist_gen.kicad.picture import schematic_strokes, schematic_summary
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.problem import StatedProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.quantities import readable, sizes
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.report.blocks import Block, Code, Drawing, Facts, Notes, Table
-from taction.verification.report.charts import Axis, Chart, Grid
+from taction.verification.report.blocks import (
+    Block,
+    Code,
+    Drawing,
+    Facts,
+    Notes,
+    Sheet,
+    Table,
+)
+from taction.verification.report.charts import (
+    BLUE,
+    GREY,
+    Axis,
+    Chart,
+    Curve,
+    Grid,
+    Limit,
+    segments,
+)
 from taction.verification.report.texts import (
     counted,
     opamp_name,
@@ -65,7 +85,44 @@ def board_blocks(circuit: Circuit) -> tuple[Block, ...]:
 
 def schematic(circuit: Circuit) -> Drawing:
     """Return the schematic of one channel and one sensor row."""
-    return Drawing("One channel", schematic_svg(circuit), schematic_summary(circuit))
+    return Drawing("One channel", schematic_strokes(circuit), schematic_summary(circuit))
+
+
+def schematic_sheet(circuit: Circuit) -> Sheet:
+    """Return the picture of one channel and one sensor row."""
+    drawing, title = schematic(circuit), f"{circuit.name}: one of {len(circuit.outputs)} channels"
+    left, top, right, bottom = drawing.strokes.frame
+    size = 11.0, 1.6 + 11.0 * (bottom - top) / (right - left)
+    return Sheet(title, ((drawing,),), size=size, foot=textwrap.fill(drawing.summary, 120))
+
+
+def problem_sheet(scene: StatedProblem) -> Sheet:
+    """Return the picture of a problem: the matrix with its signs, the strain, and the truth."""
+    problem = make_problem(scene)
+    rows, columns = problem.matrix.shape
+    matrix = Chart(
+        "matrix T",
+        Axis("channel", whole=True),
+        Axis("sensor", whole=True, reverse=True),
+        (_entries(problem.matrix),),
+        "an empty square has no resistor",
+        legend="",
+    )
+    stems = [_stems("strain eps: the input", "sensor", problem.strain, BLUE)]
+    if problem.stress is not None:
+        title = "true stress u: what the board shall recover"
+        stems.append(_stems(title, "channel", problem.stress, GREY))
+    title = f"{scene.name}: eps = T u, {rows} sensors, {columns} channels"
+    heights = (1.0,), (1.0,) * len(stems)
+    return Sheet(title, ((matrix,), tuple(stems)), (1.3, 1.0), heights, (11.0, 4.6))
+
+
+def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
+    x = np.arange(1.0, len(values) + 1.0)
+    ends = [((n, 0.0), (n, value)) for n, value in zip(x.tolist(), values.tolist(), strict=True)]
+    heads = Curve(x, values, "", colour, "", "circle", size=4.0)
+    marks = heads, Curve(*segments(ends), "", colour, width=1.2), Limit(0.0, "y", line="solid")
+    return Chart(title, Axis(along, whole=True), Axis(), marks, legend="")
 
 
 def matrix_chart(circuit: Circuit) -> Chart:
@@ -80,25 +137,16 @@ def matrix_chart(circuit: Circuit) -> Chart:
         step = -(-max(M, N) // LARGEST)
         T, ohms = _coarse(T, ohms, step)
         note = f" Each square is the largest entry of a part of the {M} by {N} matrix."
-    rows, columns = T.shape
+    rows = len(T)
     texts = tuple(
         tuple(f"T = {t:.4g}, {quantity(value, 'ohm')}" for t, value in zip(*pair, strict=True))
         for pair in zip(T.tolist(), ohms.tolist(), strict=True)
     )
-    written: tuple[tuple[str, ...], ...] = ()
-    if max(rows, columns) <= WRITTEN:
-        written = tuple(
-            tuple(f"{value:+.2g}" if value else "" for value in row) for row in T.tolist()
-        )
-    entries = Grid(
-        1.0 + step * np.arange(columns), 1.0 + step * np.arange(rows),
-        np.where(T == 0.0, np.nan, T), "", "signed", title="T", texts=texts, written=written,
-    )  # fmt: skip
     return Chart(
         "Matrix",
         Axis("channel", whole=True),
         Axis("sensor", whole=True, reverse=True),
-        (entries,),
+        (_entries(T, step, texts),),
         f"{counted(count, 'entry', 'entries')}, {minus} negative",
         f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
         f" realise it: {count} entries, of which {minus} are negative (orange, with a minus); an"
@@ -107,6 +155,19 @@ def matrix_chart(circuit: Circuit) -> Chart:
         height=int(min(max(28 * rows + 110, 240), 620)),
         zoom=False,
     )
+
+
+def _entries(T: Floats, step: int = 1, texts: tuple[tuple[str, ...], ...] = ()) -> Grid:
+    """Return T with a colour for each entry that is not zero, `step` places apart."""
+    rows, columns = T.shape
+    written: tuple[tuple[str, ...], ...] = ()
+    if max(rows, columns) <= WRITTEN:
+        written = tuple(
+            tuple(f"{value:+.2g}" if value else "" for value in row) for row in T.tolist()
+        )
+    x, y = 1.0 + step * np.arange(columns), 1.0 + step * np.arange(rows)
+    shown = np.where(T == 0.0, np.nan, T)
+    return Grid(x, y, shown, "", "signed", title="T", texts=texts, written=written)
 
 
 def _coarse(T: Floats, ohms: Floats, step: int) -> tuple[Floats, Floats]:

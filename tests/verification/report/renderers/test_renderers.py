@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from lxml import html
 
-from taction.system.picture import new_figure
 from taction.verification.report.blocks import Cell, Page, Section, Sheet, Table
 from taction.verification.report.charts import (
     MARKS,
@@ -23,6 +22,7 @@ from taction.verification.report.charts import (
     spread_colours,
 )
 from taction.verification.report.renderers import notebook, picture, plotly, terminal
+from taction.verification.report.renderers.figures import new_figure
 from taction.verification.report.renderers.page import FILES, page_html
 from tests.support.gallery import EVERYWHERE, charts, gallery, sheet
 from tests.support.printed import words_of
