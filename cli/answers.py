@@ -8,18 +8,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taction.results import (
-        ImportedModel,
-        Installation,
-        NewScene,
-        OpAmpFigures,
-        Scaled,
-        Simulated,
-        Tuned,
-    )
     from taction.spice_models.opamp import OpAmp
+    from taction.tools import ImportedModel, Installation
+    from taction.verification.characterise.characterise import OpAmpFigures
+    from taction.verification.design.fresh_scene import NewScene
+    from taction.verification.design.scaling import Scaled
+    from taction.verification.design.tune import Tuned
     from taction.verification.reference import Solution
-    from taction.verification.report.blocks import Page
+    from taction.verification.verdict.recording import MeasuredTransient
 
 COLUMNS = (
     ("gbw", "Hz", "GBW"),
@@ -54,7 +50,7 @@ def print_solution(solution: Solution, console: Console) -> None:
         console.print(f"inconclusive: {solution.reason}", markup=False)
 
 
-def record_document(found: Simulated) -> object:
+def record_document(found: MeasuredTransient) -> object:
     """Return the measurements of a transient."""
     from taction.verification.report.documents.verdict import SimulateDocument
 
@@ -63,7 +59,7 @@ def record_document(found: Simulated) -> object:
     )
 
 
-def print_record(record: Simulated, console: Console) -> None:
+def print_record(record: MeasuredTransient, console: Console) -> None:
     """Print the measurements of a transient, and what it cost."""
     from taction.verification.report.renderers.terminal import shown
     from taction.verification.report.views.verdict import channel_table
@@ -159,13 +155,6 @@ def opamp_document(found: OpAmpFigures) -> object:
     from taction.verification.report.documents.plain import ShowDocument
 
     return ShowDocument.of(found.opamp, found.notes, found.results)
-
-
-def opamp_view(found: OpAmpFigures) -> Page:
-    """Return the page of an op-amp."""
-    from taction.verification.report.views.opamp import view
-
-    return view(found.opamp, found.notes, found.results)
 
 
 def model_document(found: ImportedModel) -> object:

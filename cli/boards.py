@@ -14,6 +14,7 @@ from taction.cli.command import (
     ENGINE,
     JOBS,
     OUTPUT,
+    REPORT,
     SCENE,
     Call,
     Command,
@@ -23,9 +24,7 @@ from taction.cli.command import (
     load,
     option,
     own_file,
-    page,
     picture,
-    printed,
     text_file,
 )
 from taction.cli.terminal import print_json, say
@@ -34,11 +33,13 @@ from taction.system.documents import plain
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taction.results import KicadProject, Netlist, NewScene, PartsList
+    from taction.netlist_gen.kicad.project import KicadProject
+    from taction.verification.design.fresh_scene import NewScene
     from taction.verification.design.remedies import Remedies
-    from taction.verification.report.blocks import Page
+    from taction.verification.verdict.board_power import PartsList
+    from taction.verification.verdict.deck import Netlist
 
-REPORT = "verification.report"
+DOCUMENTS = "verification.report.documents"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 
@@ -68,7 +69,7 @@ def _verify(call: Call, progress: Callable[[str], None]) -> _Verified:
     document: dict[str, Any] = {}
     if call.as_json or options["margins"] or options["annotate"]:
         name = "verdict_document" + "_with_margins" * bool(options["margins"])
-        document = load(f"{REPORT}.documents.verdict:{name}")(verdict)
+        document = load(f"{DOCUMENTS}.verdict:{name}")(verdict)
     return _Verified(verdict, remedies, document, options["verbose"])
 
 
@@ -95,6 +96,12 @@ def _verified_page(found: _Verified, **more: Any) -> Any:
     remedies = found.remedies
     changes = "" if remedies is None else remedies_text(found.verdict.scene, remedies)
     return view(found.verdict, changes=changes, **more)
+
+
+def _write_report(found: _Verified, path: str) -> None:
+    from taction.verification.report.renderers.page import write_page
+
+    write_page(_verified_page(found), path)
 
 
 def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
@@ -124,11 +131,10 @@ def _several(options: Mapping[str, Any]) -> Job | None:
     return VERIFY_FILES
 
 
-JUNIT = text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:files_junit")
+JUNIT = text_file("junit", "Write a JUnit XML report.", "verification.report.junit:files_junit")
 VERIFY_FILES = Job(
     function="verify_files",
-    document=f"{REPORT}.documents.verdict:VerifyFilesDocument.of",
-    text=printed(f"{REPORT}.views.files:view"),
+    document=f"{DOCUMENTS}.verdict:VerifyFilesDocument.of",
     outputs=(JUNIT,),
     schema="verify-files",
     after=lambda found, call: _annotate(found.documents, call),
@@ -142,11 +148,11 @@ VERIFY = Command(
         document=_verified_document,
         text=_verified_text,
         outputs=(
-            picture(
-                "outputs, settling band and recovered stress",
-                lambda found, path: found.verdict.plot(path),
+            replace(
+                picture("outputs, settling band and recovered stress"),
+                write=lambda found, path: found.verdict.plot(path),
             ),
-            page(_verified_page),
+            replace(REPORT, write=_write_report),
         ),
         after=lambda found, call: _annotate([found.document], call),
         failed=_annotate_error,
@@ -218,12 +224,6 @@ def _parts_document(found: PartsList) -> object:
     return BomDocument.of(found.scene.name, found.parts, found.power)
 
 
-def _parts_view(found: PartsList) -> Page:
-    from taction.verification.report.views.parts import view
-
-    return view(found.scene.name, found.parts, found.power)
-
-
 def _kicad_document(found: KicadProject) -> object:
     from taction.system.documents import taken
     from taction.verification.report.documents.plain import KicadDocument
@@ -266,7 +266,6 @@ DIFF = Command(
     job=Job(
         function="diff",
         document=plain,
-        text=printed(f"{REPORT}.views.difference:view"),
     ),
     parameters=(
         argument("first", metavar="A", reads=True),
@@ -297,7 +296,7 @@ NETLIST = Command(
 )
 BOM = Command(
     line="List the parts to buy, with packages and power.",
-    job=Job(function="bom", document=_parts_document, text=printed(_parts_view), files=own_file),
+    job=Job(function="bom", document=_parts_document, files=own_file),
     parameters=(SCENE, OUTPUT),
 )
 KICAD = Command(
@@ -315,7 +314,7 @@ SOLVE = Command(
     line="Solve the problem numerically, with a certificate.",
     job=Job(
         function="solve",
-        document=f"{REPORT}.documents.plain:SolveDocument.of",
+        document=f"{DOCUMENTS}.plain:SolveDocument.of",
         text="cli.answers:print_solution",
     ),
     parameters=(SCENE,),
@@ -438,13 +437,7 @@ MODELS = Command(
             job=Job(
                 function="opamp",
                 document="cli.answers:opamp_document",
-                text=printed("cli.answers:opamp_view"),
-                outputs=(
-                    picture(
-                        "the Bode diagram and the steps of a follower",
-                        lambda found, path: found.plot(path),
-                    ),
-                ),
+                outputs=(picture("the Bode diagram and the steps of a follower"),),
             ),
             parameters=(argument("name", type=str, reads=False),),
         ),

@@ -6,9 +6,7 @@ first paragraph of each parameter in its docstring. A second paragraph is for Py
 
 from __future__ import annotations
 
-import importlib
 import inspect
-import operator
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import taction
+from taction.system import results
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,12 +30,7 @@ Target = str | Callable[..., Any]
 
 def load(target: Target) -> Callable[..., Any]:
     """Return a function, imported now if `target` is its place."""
-    if callable(target):
-        return target
-    module, name = target.split(":")
-    found = importlib.import_module(f"taction.{module}")
-    function: Callable[..., Any] = operator.attrgetter(name)(found)
-    return function
+    return target if callable(target) else results.load(f"taction.{target}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,53 +121,26 @@ class Output:
         return Parameter(self.name, (f"--{self.name}",), attributes, writes=True)
 
 
-def picture(content: str, draw: Target) -> Output:
-    """Return the option ``--plot``; `draw` takes the result and the path."""
+def picture(content: str) -> Output:
+    """Return the option ``--plot`` of a result with a picture."""
     text = f"Draw {content} into FILE (PNG, SVG or PDF)."
-    return Output("plot", text, draw, "system.picture:check_plot_file", "drew")
+    check = "system.picture:check_plot_file"
+    return Output("plot", text, lambda found, path: found.plot(path), check, "drew")
 
 
-def page(report: Target) -> Output:
-    """Return the option ``--report``; `report` takes the result and returns the page."""
-
-    def write(result: Any, path: str) -> None:
-        from taction.verification.report.renderers.page import write_page
-
-        write_page(load(report)(result), path)
-
-    text = "Write a report with pictures into FILE (HTML, one file that needs no network)."
-    check = "verification.report.renderers.page:check_report_file"
-    return Output("report", text, write, check)
+REPORT = Output(
+    "report",
+    "Write a report with pictures into FILE (HTML, one file that needs no network).",
+    lambda found, path: found.report(path),
+    "verification.report.renderers.page:check_report_file",
+)
 
 
-def shown(view: Target, plot: str = "") -> tuple[Output, ...]:
-    """Return ``--report``, and ``--plot`` with what it draws, of a view: result to page."""
+def print_result(found: Any, console: Console) -> None:
+    """Print the page of a result."""
+    from taction.verification.report.renderers.terminal import print_page
 
-    def write(result: Any, path: str) -> None:
-        from taction.verification.report.renderers.page import write_page
-
-        write_page(load(view)(result), path)
-
-    def draw(result: Any, path: str) -> None:
-        from taction.verification.report.renderers.picture import draw_sheet
-
-        draw_sheet(load(view)(result).sheet(), path)
-
-    text = "Write a report with pictures into FILE (HTML, one file that needs no network)."
-    check = "verification.report.renderers.page:check_report_file"
-    report = Output("report", text, write, check)
-    return (picture(plot, draw), report) if plot else (report,)
-
-
-def printed(view: Target) -> Callable[[Any, Console], None]:
-    """Return the function that prints the page of a view: result to page."""
-
-    def show(result: Any, console: Console) -> None:
-        from taction.verification.report.renderers.terminal import print_page
-
-        print_page(load(view)(result), console)
-
-    return show
+    print_page(found.page(), console)
 
 
 def text_file(name: str, text: str, make: Target) -> Output:
@@ -217,9 +184,10 @@ class Job:
     function : str
         Its name in `taction`.
     document : Target
-        Takes the result and returns its document, or an iterator of the parts of a long one.
+        Takes the result and returns its document, or an iterator of the parts of a long one; by
+        default the result is its own.
     text : Target
-        Takes the result and the console, and prints.
+        Takes the result and the console, and prints; by default the page of the result.
     outputs : tuple of Output
         The files that show the result.
     work : callable, optional
@@ -239,8 +207,8 @@ class Job:
     """
 
     function: str
-    document: Target
-    text: Target
+    document: Target = lambda found: found
+    text: Target = print_result
     outputs: tuple[Output, ...] = ()
     work: Callable[[Call, Callable[[str], None]], Any] | None = None
     schema: str | None = ""

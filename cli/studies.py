@@ -13,6 +13,7 @@ from taction.cli.command import (
     GRID_ENGINES,
     JOBS,
     OUTPUT,
+    REPORT,
     SCENE,
     Call,
     Command,
@@ -23,64 +24,25 @@ from taction.cli.command import (
     folder,
     option,
     own_file,
-    page,
-    printed,
-    shown,
+    picture,
     text_file,
 )
 from taction.cli.terminal import say
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from taction.results import Choice, CornerStudy, SweepResult, Tuned, VerifiedSample, YieldReport
-    from taction.verification.report.blocks import Page
+    from taction.verification.design.choose import Choice
     from taction.verification.studies.regression.run import RegressionReport
+    from taction.verification.studies.sweep.result import SweepResult
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
-REPORT = "verification.report"
-
-
-def _yield_document(found: YieldReport) -> object:
-    from taction.verification.report.documents.studies import MontecarloDocument
-
-    scene = found.scene
-    known = scene.name, scene.analysis.engine, found.seed, found.complete
-    return MontecarloDocument(*known, found.study)
-
-
-def _yield_view(found: YieldReport) -> Page:
-    from taction.verification.report.views.montecarlo import view
-
-    return view(found.scene, found, found.boards, found.seed)
-
-
-def _sample_document(found: VerifiedSample) -> object:
-    from taction.verification.report.documents.studies import SampleDocument
-    from taction.verification.report.documents.verdict import VerdictBody
-
-    deviations, body = dict(found.deviations), VerdictBody.of(found.verdict)
-    return SampleDocument(found.seed, found.sample, deviations, body)
-
-
-def _sample_text(found: VerifiedSample, console: Console) -> None:
-    from taction.verification.report.renderers.terminal import print_page
-    from taction.verification.report.views.verdict import view
-
-    print_page(view(found.verdict), console)
-
-
-def _sample_page(found: VerifiedSample) -> Any:
-    from taction.verification.report.views.verdict import view
-
-    return view(found.verdict, f"taction montecarlo --sample {found.sample.number}")
+DOCUMENTS = "verification.report.documents"
+JUNIT = "verification.report.junit"
+STRESS_PAGE = "verification.report.views.stress:stress_page"
 
 
 SAMPLE = Job(
     function="verify_sample",
-    document=_sample_document,
-    text=_sample_text,
-    outputs=(page(_sample_page),),
+    outputs=(REPORT,),
     schema="montecarlo-sample",
     lacks="shows many samples; leave out --sample",
 )
@@ -88,9 +50,10 @@ MONTECARLO = Command(
     line="Estimate the yield under component tolerances.",
     job=Job(
         function="montecarlo",
-        document=_yield_document,
-        text=printed(_yield_view),
-        outputs=shown(_yield_view, "histograms with limits, and the components behind the spread,"),
+        outputs=(
+            picture("histograms with limits, and the components behind the spread,"),
+            REPORT,
+        ),
     ),
     other=lambda options: None if options["sample"] is None else SAMPLE,
     parameters=(
@@ -111,25 +74,11 @@ MONTECARLO = Command(
 )
 
 
-def _corners_document(found: CornerStudy) -> object:
-    from taction.verification.report.documents.studies import CornersDocument
-
-    return CornersDocument(found.scene.name, found.corners, found.directions)
-
-
-def _corners_view(found: CornerStudy) -> Page:
-    from taction.verification.report.views.corners import view
-
-    return view(found.scene, found)
-
-
 CORNERS = Command(
     line="Find the worst cases within the tolerances.",
     job=Job(
         function="corners",
-        document=_corners_document,
-        text=printed(_corners_view),
-        outputs=shown(_corners_view),
+        outputs=(REPORT,),
     ),
     parameters=(
         SCENE,
@@ -142,19 +91,12 @@ CORNERS = Command(
 )
 
 
-def _tuned_view(found: Tuned) -> Page:
-    from taction.verification.report.views.tune import view
-
-    return view(found.tuning, found.verdict)
-
-
 TUNE = Command(
     line="Find the gain with the least settling time.",
     job=Job(
         function="tune",
         document="cli.answers:tuned_document",
-        text=printed(_tuned_view),
-        outputs=shown(_tuned_view, "settling time against overshoot"),
+        outputs=(picture("settling time against overshoot"), REPORT),
     ),
     parameters=(
         SCENE,
@@ -206,34 +148,12 @@ def _choice_document(found: Choice) -> object:
     return ChooseDocument.of(found.designs, found.best, found.confirmations, found.written)
 
 
-def _choice_view(found: Choice) -> Page:
-    from taction.verification.report.views.choose import view
-
-    return view(found.scene, found.designs, found.best, found.confirmations)
-
-
-def _choice_page(found: Choice) -> Page:
-    """Return the page; the design that it proposes is verified anew where ngspice is missing."""
-    from taction.verification.report.views.choose import proposed, view
-    from taction.verification.verdict.verify import verify
-
-    verdict, said = None, found.confirmations
-    if found.best:
-        place = proposed(said)
-        verdict = said[place].verdict or verify(found.scenes[place].with_engine("statespace"))
-    return view(found.scene, found.designs, found.best, said, verdict)
-
-
 CHOOSE = Command(
     line="Choose op-amp, C and gain for given limits.",
     job=Job(
         function="choose",
         document=_choice_document,
-        text=printed(_choice_view),
-        outputs=(
-            shown(_choice_view, "maps of C and gain for every op-amp")[0],
-            *shown(_choice_page),
-        ),
+        outputs=(picture("maps of C and gain for every op-amp"), REPORT),
         before=_ask_limits,
         files=lambda found, call: found.written.values(),
     ),
@@ -288,9 +208,8 @@ ONSET = Command(
     line="Find every stability crossing over a range.",
     job=Job(
         function="onset",
-        document=f"{REPORT}.documents.studies:OnsetDocument.of",
-        text=printed(f"{REPORT}.views.onset:view"),
-        outputs=shown(f"{REPORT}.views.onset:view", "the pole map and the root locus"),
+        document=f"{DOCUMENTS}.studies:OnsetDocument.of",
+        outputs=(picture("the pole map and the root locus"), REPORT),
         before=_ask_axis,
     ),
     parameters=(
@@ -305,8 +224,8 @@ ONSET = Command(
 def _check_sweep(call: Call) -> None:
     """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
     from taction.netlist_gen.scene.questions import axis_questions
-    from taction.studies import plan_sweep
     from taction.verification.report.views.sweep import check_sweep_plot
+    from taction.verification.studies.sweep.plan import plan_sweep
 
     given = call.arguments
     given["retry_failed"] = given["retry_failed"] is not None
@@ -334,8 +253,7 @@ SWEEP = Command(
     line="Verify a grid of scenes, here or on a cluster; resumable.",
     job=Job(
         function="sweep",
-        document=f"{REPORT}.documents.studies:SweepDocument.pieces",
-        text=printed(f"{REPORT}.views.sweep:view"),
+        document=f"{DOCUMENTS}.studies:SweepDocument.pieces",
         outputs=(
             Output(
                 "export",
@@ -343,7 +261,8 @@ SWEEP = Command(
                 _sweep_table,
                 "verification.studies.sweep.result:check_sweep_export",
             ),
-            *shown(f"{REPORT}.views.sweep:view", "maps over two axes, or curves over one axis,"),
+            picture("maps over two axes, or curves over one axis,"),
+            REPORT,
         ),
         before=_check_sweep,
     ),
@@ -361,30 +280,27 @@ SWEEP = Command(
     ends="Exit status: 0 if every point is stored, whatever its outcome; 1 if two engines disagree"
     " at a point; 3 if no point has a verdict.",
 )
-REGRESSION = f"{REPORT}.views.regression:view"
 
 
 def _regression_markdown(found: RegressionReport) -> str:
     from taction.verification.report.renderers.markdown import markdown
-    from taction.verification.report.views.regression import view
 
-    return markdown(view(found), "taction regress", level=2)
+    return markdown(found.page(), "taction regress", level=2)
 
 
 REGRESS = Command(
     line="Compare a folder of scenes with a stored baseline, for CI.",
     job=Job(
         function="regress",
-        document=f"{REPORT}.documents.studies:RegressDocument.of",
-        text=printed(REGRESSION),
+        document=f"{DOCUMENTS}.studies:RegressDocument.of",
         outputs=(
-            text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:regression_junit"),
+            text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
             text_file(
                 "markdown",
                 "Write a Markdown summary.",
                 _regression_markdown,
             ),
-            *shown(REGRESSION),
+            REPORT,
         ),
         files=lambda found, call: [call.options["baseline"]] if found.updated else [],
     ),
@@ -401,11 +317,10 @@ STRESS = Command(
     line="Run stiff and extreme scenes whose results are known.",
     job=Job(
         function="stress",
-        document=f"{REPORT}.documents.studies:StressDocument.of",
-        text=printed(f"{REPORT}.views.stress:view"),
+        document=f"{DOCUMENTS}.studies:StressDocument.of",
         outputs=(
-            text_file("junit", "Write a JUnit XML report.", f"{REPORT}.junit:stress_junit"),
-            text_file("page", "Write a page in Markdown.", f"{REPORT}.views.stress:stress_page"),
+            text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:stress_junit"),
+            text_file("page", "Write a page in Markdown.", STRESS_PAGE),
         ),
     ),
     parameters=(option("only", multiple=True, metavar="NAME"), JOBS),
@@ -422,9 +337,8 @@ ACCURACY = Command(
     line="Compare error and run time of engines and methods.",
     job=Job(
         function="accuracy",
-        document=f"{REPORT}.documents.studies:AccuracyDocument.of",
-        text=printed(f"{REPORT}.views.accuracy:view"),
-        outputs=shown(f"{REPORT}.views.accuracy:view", "error against run time"),
+        document=f"{DOCUMENTS}.studies:AccuracyDocument.of",
+        outputs=(picture("error against run time"), REPORT),
         after=_say_unknown,
     ),
     parameters=(SCENE, option("budget", type=click.FloatRange(min=0.5))),
@@ -452,8 +366,7 @@ REPRODUCE = Command(
     line="Test the paper, claim by claim and figure by figure.",
     job=Job(
         function="reproduce",
-        document=f"{REPORT}.documents.studies:ReproduceDocument.of",
-        text=printed(f"{REPORT}.views.paper:view"),
+        document=f"{DOCUMENTS}.studies:ReproduceDocument.of",
         before=_make_folder,
         files=_write_paper,
     ),

@@ -7,21 +7,41 @@ the type follow the plain data of a document (`plain`), the way back (`read`), t
 What else an annotation may carry: `Key`, another name in the document; `INLINE`, the parts of the
 field stand beside it in the document; `HIDDEN`, the field is not part of it; `OPTIONAL`, it is part
 of it only where it is not None. The class variable ``SHOWN`` names properties that are part of it.
+
+A class whose document has another order, or parts of its parts, states it in the class variable
+``DOCUMENT``: a tuple of texts ``"key = attribute.of.an.attribute"``, or ``"key"`` alone. A name on
+the right is a field, a property or a method without arguments; a dotted key is a document in the
+document; after ``*`` the parts stand beside the others. Or ``DOCUMENT`` is the place of a function
+(`results.load`) that makes the document, for a class below the room of its document.
 """
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import enum
+import inspect
 import math
+import sys
 import types
 import typing
 from collections.abc import Iterator, Mapping
 from functools import cache
+from importlib import import_module
 from pathlib import PurePath
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from taction.system.output_files import printable
+from taction.system.results import load
 
 T = TypeVar("T")
 
@@ -81,7 +101,9 @@ class Part:
 
 @cache
 def parts_of(kind: Any) -> tuple[Part, ...]:
-    """Return the fields that are in the document of a dataclass, with those named by ``SHOWN``."""
+    """Return what is in the document of a dataclass: ``DOCUMENT``, or its fields and ``SHOWN``."""
+    if hasattr(kind, "DOCUMENT"):
+        return tuple(_stated(kind, entry) for entry in kind.DOCUMENT)
     hints = get_type_hints(kind, include_extras=True)
     found = []
     for field in dataclasses.fields(kind):
@@ -92,6 +114,70 @@ def parts_of(kind: Any) -> tuple[Part, ...]:
         returned = get_type_hints(getattr(kind, name).fget, include_extras=True)["return"]
         found.append(_part(name, *_unwrapped(returned)))
     return tuple(found)
+
+
+def _stated(kind: Any, entry: str) -> Part:
+    key, _, path = (text.strip() for text in entry.partition("="))
+    inner, notes, optional = kind, tuple[Any, ...](), False
+    for name in (path or key).split("."):
+        if get_origin(inner) in (Union, types.UnionType):
+            (inner,) = (each for each in get_args(inner) if each is not types.NoneType)
+            optional = True
+        inner, notes = _unwrapped(_hint(inner, name))
+    part = _part(path or key, inner | None if optional else inner, notes)
+    return dataclasses.replace(part, key=key, inline=INLINE if key == "*" else part.inline)
+
+
+def _hint(kind: Any, name: str) -> Any:
+    """Return the annotation of a field, of a property, or of what a method returns."""
+    for base in kind.__mro__:
+        if name in inspect.get_annotations(base):
+            return _evaluated(inspect.get_annotations(base)[name], base.__module__)
+    found = inspect.getattr_static(kind, name)
+    function = getattr(found, "fget", None) or getattr(found, "func", found)
+    return _evaluated(function.__annotations__["return"], function.__module__)
+
+
+def _evaluated(annotation: Any, module: str) -> Any:
+    if not isinstance(annotation, str):
+        return annotation
+    return eval(annotation, vars(sys.modules[module]), _Guarded(module))  # noqa: S307 - our own
+
+
+class _Guarded(dict[str, Any]):
+    """The names that a module imports for type checking alone, each imported when it is used."""
+
+    def __init__(self, module: str) -> None:
+        self._places: dict[str, tuple[str, str]] = {}
+        for node in ast.parse(inspect.getsource(sys.modules[module])).body:
+            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+                for each in node.body:
+                    if isinstance(each, ast.ImportFrom) and each.module is not None:
+                        for name in each.names:
+                            self._places[name.asname or name.name] = each.module, name.name
+
+    def __missing__(self, key: str) -> Any:
+        module, name = self._places[key]
+        return getattr(import_module(module), name)
+
+
+def document_of(kind: Any) -> Any:
+    """Return the type of the documents of a type: itself, or what its ``DOCUMENT`` returns."""
+    place = getattr(kind, "DOCUMENT", ())
+    if not isinstance(place, str):
+        return kind
+    function = load(place)
+    return _evaluated(function.__annotations__["return"], function.__module__)
+
+
+def _at(value: Any, path: str) -> Any:
+    """Return an attribute of an attribute; None if one on the way is None."""
+    for name in path.split("."):
+        if value is None:
+            return None
+        value = getattr(value, name)
+        value = value() if inspect.ismethod(value) else value
+    return value
 
 
 def _part(name: str, inner: Any, notes: tuple[Any, ...]) -> Part:
@@ -134,7 +220,8 @@ def plain(value: Any, *, sparse: bool = False) -> Any:
     if isinstance(value, PurePath):
         return printable(str(value))
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return _plain_parts(value, sparse)
+        place = getattr(value, "DOCUMENT", ())
+        return plain(load(place)(value)) if isinstance(place, str) else _plain_parts(value, sparse)
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     raise TypeError(f"{type(value).__name__} has no form in a document")
@@ -146,11 +233,14 @@ def _plain_parts(value: Any, sparse: bool) -> dict[str, Any]:
     for part in parts_of(kind):
         if sparse and part.attribute in getattr(kind, "SHOWN", ()):
             continue
-        item = plain(getattr(value, part.attribute), sparse=sparse)
+        item = plain(_at(value, part.attribute), sparse=sparse)
         if item is None and not part.required:
             continue
         if part.inline is None:
-            found[part.key] = item
+            inside, (*places, key) = found, part.key.split(".")
+            for place in places:
+                inside = inside.setdefault(place, {})
+            inside[key] = item
         elif item is not None:
             found |= item
     if sparse:
@@ -333,6 +423,7 @@ def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
     if kind in _PLAIN:
         return {"type": _PLAIN[kind]}
     if dataclasses.is_dataclass(kind):
+        kind = document_of(kind)
         name = typing.cast(type, kind).__name__
         if name not in shared:
             shared[name] = {}  # a type may contain itself
@@ -359,14 +450,23 @@ def _any_of(found: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _object(kind: type, shared: dict[str, Any]) -> dict[str, Any]:
-    properties: dict[str, Any] = {}
-    required: list[str] = []
+    first = (kind.__doc__ or "").partition("\n")[0]
+    found = _no_parts(first)
+    properties, required = found["properties"], found["required"]
     for part in parts_of(kind):
         if part.inline is None:
             made = _schema(part.kind, shared)
             more = {"unit": part.unit} if part.unit else {}
-            properties[part.key] = made | more | ({"description": part.note} if part.note else {})
-            required += [part.key] * part.required
+            *places, key = part.key.split(".")
+            inside = found
+            for place in places:
+                if place not in inside["properties"]:
+                    inside["properties"][place] = _no_parts("")
+                    inside["required"].append(place)
+                inside = inside["properties"][place]
+            note = {"description": part.note} if part.note else {}
+            inside["properties"][key] = made | more | note
+            inside["required"] += [key] * part.required
         elif part.inline.units:
             for name, unit in part.inline.units.items():
                 properties[name] = {"type": ["number", "null"]} | ({"unit": unit} if unit else {})
@@ -375,14 +475,17 @@ def _object(kind: type, shared: dict[str, Any]) -> dict[str, Any]:
             inner = _object(_inner_class(part.kind), shared)
             properties |= inner["properties"]
             required += inner["required"]
-    first = (kind.__doc__ or "").partition("\n")[0]
-    head = {"type": "object", "description": first, "properties": properties}
-    return head | {"required": required, "additionalProperties": False}
+    return found
+
+
+def _no_parts(text: str) -> dict[str, Any]:
+    head = {"type": "object", "description": text} if text else {"type": "object"}
+    return head | {"properties": {}, "required": [], "additionalProperties": False}
 
 
 def _inner_class(kind: Any) -> type:
     found = next(each for each in (*get_args(kind), kind) if dataclasses.is_dataclass(each))
-    return typing.cast(type, found)
+    return typing.cast(type, document_of(found))
 
 
 def units(kind: Any) -> dict[str, str]:

@@ -17,8 +17,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from taction.board import Circuit, synthesise
     from taction.designs import bom, kicad, netlist, solve
+    from taction.netlist_gen.board.circuit import Circuit
+    from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.deck.deck import write_deck
     from taction.netlist_gen.scene.scene import Scene, load_scene
     from taction.searches import choose, new, scale, tune
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from taction.system.waveforms import Waveforms
     from taction.tools import doctor, import_model, models, opamp, scene_schema
     from taction.transients import diff, explore, simulate, verify, verify_files, what_to_change
-    from taction.verdict import Verdict
+    from taction.verification.verdict.verify import Verdict
 
 __all__ = [
     "Circuit",
@@ -82,7 +83,7 @@ __all__ = [
 ]
 
 # The quickest to load first.
-_MODULES = ("designs", "transients", "studies", "searches", "tools", "values", "verdict")
+_MODULES = ("designs", "transients", "studies", "searches", "tools", "values")
 
 
 def __getattr__(name: str) -> Any:

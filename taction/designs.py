@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from taction.netlist_gen.kicad.project import KicadProject
     from taction.netlist_gen.scene.scene import Scene
-    from taction.results import KicadProject, Netlist, PartsList
     from taction.verification.reference import Solution
+    from taction.verification.verdict.board_power import PartsList
+    from taction.verification.verdict.deck import Netlist
 
 
 def netlist(
@@ -70,10 +73,9 @@ def netlist(
     """
     from taction.netlist_gen.board.part_warnings import part_warnings
     from taction.netlist_gen.deck.dialects.table import DIALECTS
-    from taction.results import Netlist
     from taction.system.errors import Complaint, InputError
     from taction.verification.reference.ideal_answer import read_scene
-    from taction.verification.verdict.deck import DeckChoice, deck_of, write_files
+    from taction.verification.verdict.deck import DeckChoice, Netlist, deck_of, write_files
     from taction.verification.verdict.pruning import pruning_of
 
     if dialect not in DIALECTS:
@@ -82,8 +84,8 @@ def netlist(
     scene = read_scene(scene)
     choice = DeckChoice(dialect, split, parameters, measure)
     circuit, deck = deck_of(scene, output=output, choice=choice)
-    return Netlist.of(
-        deck,
+    return Netlist(
+        **{each.name: getattr(deck, each.name) for each in fields(deck)},
         circuit=circuit,
         warnings=tuple(part_warnings(circuit)),
         pruning=pruning_of(scene) if explain else None,
@@ -120,12 +122,11 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     """
     from taction.netlist_gen.board.bill_of_materials import bill_of_materials
     from taction.netlist_gen.board.synthesis import synthesise
-    from taction.results import PartsList
     from taction.system.atomic_files import write_atomically
     from taction.verification.engines.statespace.linearised.board import LinearBoard
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.report.views.parts import parts_csv
-    from taction.verification.verdict.board_power import board_power
+    from taction.verification.verdict.board_power import PartsList, board_power
 
     scene = read_scene(scene)
     circuit = synthesise(scene)
@@ -170,8 +171,7 @@ def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) ->
     (1, 5)
     """
     from taction.netlist_gen.board.synthesis import synthesise
-    from taction.netlist_gen.kicad.project import kicad_project
-    from taction.results import KicadProject
+    from taction.netlist_gen.kicad.project import KicadProject, kicad_project
     from taction.system.atomic_files import write_together
     from taction.system.errors import Complaint, InputError
     from taction.system.output_files import make_folder

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import pytest
 
 if TYPE_CHECKING:
-    from taction.verdict import Verdict
     from taction.verification.studies.regression.baseline import Entry
     from taction.verification.studies.regression.run import SceneResult
+    from taction.verification.verdict.verify import Verdict
 
 SUFFIX = ".scene.toml"
 TactionScene: TypeAlias = "Callable[..., Verdict]"

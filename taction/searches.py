@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
-    from taction.results import Choice, NewScene, Scaled, Tuned
+    from taction.verification.design.choose import Choice
+    from taction.verification.design.fresh_scene import NewScene
+    from taction.verification.design.scaling import Scaled
+    from taction.verification.design.tune import Tuned
     from taction.verification.verdict.progress import Progress
 
 
@@ -62,8 +65,7 @@ def tune(
     >>> tuned.tuning.after.settling_time <= tuned.tuning.before.settling_time
     True
     """
-    from taction.results import Tuned
-    from taction.verdict import Verdict
+    from taction.verification.design.tune import Tuned
     from taction.verification.design.tune import tune as run
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.verify import verify
@@ -72,7 +74,7 @@ def tune(
     keys = [key.strip() for key in named if key.strip()]
     limits = {"overshoot": overshoot, "margin": margin, "reach": reach}
     tuning = run(read_scene(scene), keys, **limits, progress=progress)
-    return Tuned(tuning, Verdict.of(verify(tuning.scene, progress)), reach)
+    return Tuned(tuning, verify(tuning.scene, progress), reach)
 
 
 def choose(
@@ -165,11 +167,10 @@ def choose(
     >>> len(found.designs)
     4
     """
-    from taction.results import Choice
-    from taction.studies import computed
     from taction.system.errors import Complaint, InputError
     from taction.system.output_files import make_folder
     from taction.verification.design.choose import (
+        Choice,
         best_designs,
         choice_plan,
         confirmed,
@@ -179,6 +180,7 @@ def choose(
     )
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.store import Store
+    from taction.verification.studies.sweep.run import computed
 
     if output is not None and Path(output).exists() and any(Path(output).iterdir()):
         text = "the folder is not empty; give another name"
@@ -253,8 +255,7 @@ def scale(
     'pass'
     """
     from taction.netlist_gen.scene.axes import with_values
-    from taction.results import Scaled
-    from taction.verdict import Verdict
+    from taction.verification.design.scaling import Scaled
     from taction.verification.design.scaling import scale as run
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.verify import verify
@@ -266,7 +267,7 @@ def scale(
     verdict = verify(scaling.scene.with_engine("statespace"), progress)
     if output is not None:
         _write_scene(scaling.scene, output)
-    return Scaled(scaling, Verdict.of(verdict))
+    return Scaled(scaling, verdict)
 
 
 def new(
@@ -331,11 +332,10 @@ def new(
     'board'
     """
     from taction.netlist_gen.scene.scene import load_scene
-    from taction.results import NewScene, Scaled
     from taction.system.atomic_files import write_atomically
     from taction.system.errors import Complaint, InputError
-    from taction.verdict import Verdict
-    from taction.verification.design.fresh_scene import fresh_scene
+    from taction.verification.design.fresh_scene import NewScene, fresh_scene
+    from taction.verification.design.scaling import Scaled
     from taction.verification.verdict.verify import verify
 
     path = Path(file)
@@ -368,7 +368,7 @@ def new(
         write_atomically(name, text)
     verdict = verify(load_scene(path).with_engine("statespace"), progress)
     written = tuple(map(str, (*fresh.files, path)))
-    return NewScene(str(path), written, fresh, Scaled(fresh.scaling, Verdict.of(verdict)))
+    return NewScene(str(path), written, fresh, Scaled(fresh.scaling, verdict))
 
 
 def _refuse_existing(path: Path, *, force: bool) -> None:

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.axes import Fixed, Over
     from taction.netlist_gen.scene.scene import Scene
-    from taction.results import CornerStudy, Onset, SweepResult, VerifiedSample, YieldReport
     from taction.verification.evidence.paper.reproduce import Reproduction
     from taction.verification.evidence.stress.run import StressReport
+    from taction.verification.studies.onset.onset import Onset
     from taction.verification.studies.regression.run import RegressionReport
-    from taction.verification.studies.store import Store
-    from taction.verification.studies.sweep.plan import Plan
-    from taction.verification.studies.sweep.run import SweepCounts
+    from taction.verification.studies.sweep.result import SweepResult
+    from taction.verification.studies.tolerance.corners import CornerStudy
+    from taction.verification.studies.tolerance.varied_board import VerifiedSample
+    from taction.verification.studies.tolerance.yield_report import YieldReport
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
     from taction.verification.verdict.progress import Progress
 
@@ -69,14 +70,13 @@ def onset(
     >>> print(f"stable from {onset.findings[-1].crossing.value:.3g} F")
     stable from 9.02e-12 F
     """
-    from taction.results import Onset
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.onset.onset import onset as find_crossings
     from taction.verification.studies.onset.onset import parse_onset_axis
 
     scene = read_scene(scene)
     axis = parse_onset_axis(scene, over)
-    return Onset.of(find_crossings(scene, axis, transients=transients, progress=progress))
+    return find_crossings(scene, axis, transients=transients, progress=progress)
 
 
 def sweep(
@@ -168,8 +168,10 @@ def sweep(
     >>> result.to_pandas()["stable"].tolist()
     [False, True, True, True]
     """
-    from taction.results import SweepResult
     from taction.verification.studies.store import Store
+    from taction.verification.studies.sweep.plan import plan_sweep
+    from taction.verification.studies.sweep.result import SweepResult
+    from taction.verification.studies.sweep.run import computed
 
     plan = plan_sweep(scene, over, engine, fix=fix, keep_waveforms=keep_waveforms)
     store, start = Store(":memory:" if output is None else str(output)), time.perf_counter()
@@ -177,67 +179,6 @@ def sweep(
         plan, store, retry_failed=retry_failed, jobs=jobs, cluster=cluster, progress=progress
     )
     return SweepResult.of(plan, store, count, time.perf_counter() - start)
-
-
-def computed(
-    plan: Plan,
-    store: Store,
-    *,
-    retry_failed: bool = False,
-    jobs: int | None = None,
-    cluster: str | None = None,
-    progress: Progress = lambda stage: None,
-) -> SweepCounts:
-    """Compute what `store` lacks; after Ctrl-C the stored results stay.
-
-    Raises
-    ------
-    Interrupted
-        Ctrl-C; the text says what is stored.
-    """
-    from taction.system.errors import Interrupted
-    from taction.verification.studies.running.executors import workers_at
-    from taction.verification.studies.sweep.run import sweep as run
-    from taction.verification.verdict.progress import Notice
-
-    def notice(text: str) -> None:
-        progress(Notice(text))
-
-    try:
-        with workers_at(cluster, jobs, notice) as workers:
-            return run(
-                plan,
-                store,
-                workers,
-                retry_failed=retry_failed,
-                progress=lambda count: progress(count.text),
-                announce=notice,
-            )
-    except KeyboardInterrupt:
-        stored = f"{store.count()} results are in {store.path}; the same command continues"
-        raise Interrupted(stored) from None
-
-
-def plan_sweep(
-    scene: str | Path | Scene,
-    over: Over,
-    engine: str | None,
-    *,
-    fix: Fixed = (),
-    keep_waveforms: bool,
-) -> Plan:
-    """Return the grid of a sweep; arguments and errors are those of `sweep`."""
-    from taction.netlist_gen.scene.axes import check_axes, fixed_values, parse_axes, with_values
-    from taction.verification.reference.ideal_answer import read_scene
-    from taction.verification.studies.sweep.plan import Plan, engines_of
-
-    scene = read_scene(scene)
-    fixed = fixed_values(scene, fix)
-    scene = with_values(scene, fixed) if fixed else scene
-    axes, engines = parse_axes(scene, over), engines_of(scene, engine)
-    check_axes(axes, fixed)
-    hybrid = engine == "hybrid"
-    return Plan(scene, axes, engines, keep_waveforms=keep_waveforms, hybrid=hybrid)
 
 
 def montecarlo(
@@ -311,7 +252,6 @@ def montecarlo(
     >>> taction.montecarlo("scenes/tuned-breadboard.toml", samples=4, jobs=1).samples
     4
     """
-    from taction.results import YieldReport
     from taction.system.errors import Interrupted
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.running.executors import workers_at
@@ -342,11 +282,9 @@ def montecarlo(
     if tally.damaged:
         numbers = ", ".join(map(str, tally.damaged))
         progress(Notice(f"damaged in the database, computed again: samples {numbers}"))
-    report = YieldReport.of(
-        replace(summarise_samples(study, tally.samples, seed), remedy=found),
-        scene=study.scene,
-        boards=tuple(tally.samples),
-        seed=seed,
+    report = replace(
+        summarise_samples(study, tally.samples, seed),
+        remedy=found,
         min_yield=min_yield,
         complete=complete,
     )
@@ -397,10 +335,12 @@ def verify_sample(
     True
     """
     from taction.netlist_gen.board.variation import draw, vary
-    from taction.results import VerifiedSample
-    from taction.verdict import Verdict
     from taction.verification.reference.ideal_answer import read_scene
-    from taction.verification.studies.tolerance.varied_board import evaluate, prepare
+    from taction.verification.studies.tolerance.varied_board import (
+        VerifiedSample,
+        evaluate,
+        prepare,
+    )
     from taction.verification.verdict.verify import verify
 
     study = prepare(read_scene(scene, engine))
@@ -409,7 +349,7 @@ def verify_sample(
     board = vary(study.nominal, tolerances, z)
     verdict = verify(study.scene, problem=study.problem, circuit=board, ideal=study.ideal)
     deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
-    return VerifiedSample(Verdict.of(verdict), evaluate(study, sample, z), seed, deviations)
+    return VerifiedSample(verdict, evaluate(study, sample, z), seed, deviations)
 
 
 def corners(
@@ -467,10 +407,10 @@ def corners(
     >>> study.corners[0].name, study.outcome
     ('capacitor=-1', 'pass')
     """
-    from taction.results import CornerStudy
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.corners import (
+        CornerStudy,
         deviations_of,
         named_corner,
         worst_corners,
@@ -482,10 +422,9 @@ def corners(
     named = [deviations_of(each) for each in corner]
     if named:
         study = prepare(scene, full_margin=True)
-        return CornerStudy(tuple(named_corner(study, *each) for each in named), scene=scene)
+        return CornerStudy(scene, tuple(named_corner(study, *each) for each in named))
     with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
-        found = worst_corners(scene, workers, progress)
-    return CornerStudy(found.corners, found.directions, scene=scene)
+        return worst_corners(scene, workers, progress)
 
 
 def regress(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from taction.results import ImportedModel, Installation, OpAmpFigures
     from taction.spice_models.opamp import OpAmp
+    from taction.verification.characterise.characterise import OpAmpFigures
     from taction.verification.verdict.progress import Progress
 
 EXTRAS = (
@@ -22,6 +23,27 @@ EXTRAS = (
     ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),
 )
 """Optional packages, what each is needed for, and how to install it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedModel:
+    """The results of `taction.import_model`: the file, and what it holds."""
+
+    file: str
+    model: Mapping[str, Any] = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Installation:
+    """The results of `taction.doctor`: what is installed, and what it is needed for."""
+
+    findings: tuple[Mapping[str, Any], ...]
+
+    @property
+    def outcome(self) -> str:
+        """``inconclusive`` if ngspice is missing."""
+        simulator = next(each for each in self.findings if each["what"] == "ngspice")
+        return "pass" if simulator["ok"] else "inconclusive"
 
 
 def models() -> dict[str, OpAmp]:
@@ -72,10 +94,9 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     'ua741'
     """
     from taction.netlist_gen.scene.open_tables import OPAMPS
-    from taction.results import OpAmpFigures
     from taction.spice_models.presets import figure_notes
     from taction.system.errors import Complaint, InputError, SimulationError, nearest_question
-    from taction.verification.characterise.characterise import characterise
+    from taction.verification.characterise.characterise import OpAmpFigures, characterise
     from taction.verification.characterise.witnesses import Equations, Simulation
     from taction.verification.engines.ngspice.executable import find_simulator
     from taction.verification.verdict.progress import Notice
@@ -152,7 +173,6 @@ def import_model(
     import re
 
     from taction.netlist_gen.scene.fields import BOTH_SIGNS
-    from taction.results import ImportedModel
     from taction.spice_models.imported import to_document
     from taction.system.atomic_files import write_atomically
     from taction.verification.characterise.characterise import import_opamp
@@ -216,8 +236,6 @@ def doctor() -> Installation:
     >>> [finding["what"] for finding in taction.doctor().findings][:2]
     ['Python', 'ngspice']
     """
-    from taction.results import Installation
-
     return Installation((_python(), _simulator(), *_blas(), *_extras()))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
@@ -10,12 +11,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from taction.netlist_gen.scene.scene import Scene
-    from taction.results import Simulated
-    from taction.verdict import Verdict
     from taction.verification.design.remedies import Remedies
     from taction.verification.studies.difference import VerdictDifference
     from taction.verification.studies.verify_files import VerifiedFiles
     from taction.verification.verdict.progress import Progress
+    from taction.verification.verdict.recording import MeasuredTransient
+    from taction.verification.verdict.verify import Verdict
 
 AnyScene: TypeAlias = "str | Path | Scene"
 Settings: TypeAlias = "Sequence[str] | Mapping[str, Any]"
@@ -29,11 +30,11 @@ def simulate(
     strains: None = ...,
     output: str | Path | None = ...,
     progress: Progress = ...,
-) -> Simulated: ...
+) -> MeasuredTransient: ...
 @overload
 def simulate(
     scene: AnyScene, *, engine: str | None = ..., strains: ArrayLike, progress: Progress = ...
-) -> list[Simulated]: ...
+) -> list[MeasuredTransient]: ...
 def simulate(
     scene: str | Path | Scene,
     *,
@@ -41,7 +42,7 @@ def simulate(
     strains: ArrayLike | None = None,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
-) -> Simulated | list[Simulated]:
+) -> MeasuredTransient | list[MeasuredTransient]:
     """Run the transient of SCENE and measure the waveforms, without any check.
 
     Parameters
@@ -63,7 +64,7 @@ def simulate(
 
     Returns
     -------
-    Simulated or list of Simulated
+    MeasuredTransient or list of MeasuredTransient
         `waveforms` and `measurements`; with `strains`: one record per row.
 
     Raises
@@ -83,7 +84,6 @@ def simulate(
     True
     """
     from taction.netlist_gen.scene.inverse_problem import with_strains
-    from taction.results import Simulated
     from taction.system.errors import Complaint, InputError
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.report.waveform_files import check_export, export
@@ -95,14 +95,14 @@ def simulate(
             text = "one file holds one transient; leave out output, or strains"
             raise InputError("output", Complaint("FILE", repr(str(output)), text))
         problems = with_strains(scene, strains)
-        records = [record_transient(scene, progress, problem=problem) for problem in problems]
-        return [Simulated.of(record, None) for record in records]
+        return [record_transient(scene, progress, problem=problem) for problem in problems]
     if output is not None:
         check_export(str(output))
     record = record_transient(scene, progress)
-    if output is not None:
-        export(record.circuit, record.waveforms, str(output))
-    return Simulated.of(record, output)
+    if output is None:
+        return record
+    export(record.circuit, record.waveforms, str(output))
+    return replace(record, output=str(output))
 
 
 @overload
@@ -177,7 +177,6 @@ def verify(
     from taction.netlist_gen.scene.axes import with_settings
     from taction.netlist_gen.scene.inverse_problem import with_strains
     from taction.netlist_gen.scene.scene import load_scene
-    from taction.verdict import Verdict
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.verify import verify as verify_one
 
@@ -187,9 +186,9 @@ def verify(
         scene = with_settings(load_scene(scene) if isinstance(scene, str | Path) else scene, texts)
     scene = read_scene(scene, engine)
     if strains is None:
-        return Verdict.of(verify_one(scene, progress))
+        return verify_one(scene, progress)
     problems = with_strains(scene, strains)
-    return [Verdict.of(verify_one(scene, progress, problem=problem)) for problem in problems]
+    return [verify_one(scene, progress, problem=problem) for problem in problems]
 
 
 def verify_files(
@@ -342,9 +341,9 @@ def diff(
     >>> taction.diff(scene, scene, engine="statespace").exit_status
     0
     """
-    from taction.verdict import Verdict
     from taction.verification.report.documents.verdict import verdict_document
     from taction.verification.studies.difference import compare_verdicts, stored_verdict
+    from taction.verification.verdict.verify import Verdict
 
     def document(one: str | Path | Scene | Verdict) -> dict[str, Any]:
         if isinstance(one, str | Path) and str(one).lower().endswith(".json"):

@@ -22,6 +22,7 @@ from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor
 from taction.system.array_types import Bools, Floats
 from taction.system.quantities import quantity, sizes
+from taction.system.results import Result
 
 GROUND = "0"
 FOLLOWS = {"digest": False}  # of a field that says nothing that the other fields do not say
@@ -318,8 +319,11 @@ class Omission:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Circuit:
+class Circuit(Result):
     """A whole board."""
+
+    VIEW = "taction.verification.report.views.board:view"
+    CARD = "Circuit"
 
     name: str
     amplifier: str

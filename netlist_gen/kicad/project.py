@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import channel_sheet
@@ -32,6 +32,15 @@ class Project:
     channel: int
     row: int
     not_drawn: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class KicadProject:
+    """The drawing of a channel, and the files that were written."""
+
+    scene: Scene = field(repr=False)
+    project: Project = field(repr=False)
+    written: tuple[str, ...]
 
 
 def kicad_project(circuit: Circuit, scene: Scene, channel: int = 1) -> Project:

@@ -11,9 +11,9 @@ import taction
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
-from taction.results import SweepResult
 from taction.system.errors import InputError
 from taction.verification.design.choose import (
+    Choice,
     Confirmation,
     Request,
     best_designs,
@@ -21,7 +21,7 @@ from taction.verification.design.choose import (
     design_scene,
     designs,
 )
-from taction.verification.design.tune import Tuning
+from taction.verification.design.tune import Tuned, Tuning
 from taction.verification.report.blocks import (
     PAGE,
     Bar,
@@ -50,10 +50,11 @@ from taction.verification.studies.regression.run import RegressionReport, SceneR
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Requests
 from taction.verification.studies.sweep.point import failure
+from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.sweep.run import SweepCounts
 from taction.verification.studies.tolerance.corners import worst_corners
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
-from taction.verification.studies.tolerance.varied_board import BoardSample, prepare
+from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
 from taction.verification.studies.work_precision.convergence_order import Order
 from taction.verification.studies.work_precision.extent import Extent
@@ -105,25 +106,24 @@ def verdicts() -> dict[str, Verdict]:
     }
 
 
-def varied() -> tuple[Scene, YieldReport, list[BoardSample]]:
-    """Return a scene, and its yield with 60 samples."""
+def varied() -> YieldReport:
+    """Return the yield of a scene with 60 samples."""
     checks = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2}}
     board = prepare(small_scene(tolerances=WORN, checks=checks))
     tally = SampleCollection(60)
     with one_thread() as workers:
         list(run_samples(board, range(60), 5, workers, tally))
-    return board.scene, summarise_samples(board, tally.samples, 5), tally.samples
+    return summarise_samples(board, tally.samples, 5)
 
 
 def _yield() -> Page:
-    scene, result, samples = varied()
-    return montecarlo.view(scene, result, samples, 5)
+    return montecarlo.view(varied())
 
 
 def _corners() -> Page:
     scene = small_scene(tolerances=WORN | {"distribution": "uniform"})
     with one_thread() as workers:
-        return corners.view(scene, worst_corners(scene, workers))
+        return corners.view(worst_corners(scene, workers))
 
 
 def _onset() -> Page:
@@ -131,19 +131,20 @@ def _onset() -> Page:
     return onset.view(taction.onset(scene, over="C=1pF:100pF:13", transients=False))
 
 
-def tuned() -> tuple[Tuning, Verdict]:
-    """Return a tuning with a frontier of four designs, and the verdict of its scene."""
+def tuned() -> Tuned:
+    """Return a tuning with a frontier of four designs."""
     verdict = verdicts()["passing"]
     curve = [
         make_trial({"design.gain": 1e5 * k, "design.capacitance": 1e-10}, 1e-4 / k, 0.01 * k**2)
         for k in (1, 2, 3, 4)
     ]
     before = make_trial(curve[0].values, 2e-4, 0.09)
-    return Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ()), verdict
+    found = Tuning(before, curve[2], verdict.scene, tuple(curve), 57, 0.1, 1.2, ())
+    return Tuned(found, verdict, 20.0)
 
 
 def _tuning() -> Page:
-    return tune.view(*tuned())
+    return tune.view(tuned())
 
 
 def _sweep(*over: str) -> Page:
@@ -193,7 +194,7 @@ def _choice(settling: str = "1ms") -> Page:
     said = [Confirmation(Outcome.PASS, reading, "") for _ in best[:1]]
     said += [Confirmation(None, None, HOSTILE) for _ in best[1:]]
     verdict = verify(design_scene(plan, asked, best[0], 1)) if best else None
-    return choose.view(asked, ranked, best, said, verdict)
+    return choose.view(Choice(asked, ranked, best, said, (), {}), verdict)
 
 
 def _setting(method: Method, setting: float, k: int) -> SettingResult:

@@ -49,7 +49,7 @@ def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
         getattr(taction, "verfy")  # noqa: B009 - mypy knows that there is none
 
 
-@pytest.mark.parametrize("module", ["taction", "taction.values", "taction.verdict", *JOBS])
+@pytest.mark.parametrize("module", ["taction", "taction.values", *JOBS])
 def test_nothing_behind_the_public_names_imports_the_command_line(module: str) -> None:
     assert not [name for name in reached(short(module)) if below(name, ("cli",))]
 
@@ -69,8 +69,8 @@ def test_a_type_checker_sees_the_public_names(tmp_path: Path) -> None:
         text=True,
     )
     assert run.returncode == 0, run.stdout
-    assert '"taction.verdict.Verdict"' in run.stdout
-    assert '"list[taction.verdict.Verdict]"' in run.stdout
+    assert '"taction.verification.verdict.verify.Verdict"' in run.stdout
+    assert '"list[taction.verification.verdict.verify.Verdict]"' in run.stdout
 
 
 def without_times(text: str) -> list[str]:

@@ -35,7 +35,7 @@ CARDS = ("Scene", "Circuit", "Verdict", "SweepResult", "YieldReport")
 
 
 def verdict(kind: str) -> taction.Verdict:
-    return taction.Verdict.of(verdicts()[kind])
+    return verdicts()[kind]
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import parse_axes
-from taction.results import SweepResult
+from taction.verification.studies.sweep.result import SweepResult
 from tests.support.entries import write_fast
 
 

@@ -6,7 +6,8 @@ Of a vendor's netlist the same benches give the figures and a linear model, all 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import Complaint, InputError, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from taction.system.results import Result
 from taction.verification.characterise.bench import Bench, VendorBench
 from taction.verification.characterise.rational_fit import fit_rational, fit_together, has_aaa
 from taction.verification.characterise.witnesses import Responses, Simulation, Witness, frequencies
@@ -73,6 +75,28 @@ class Measured:
     unit: str
     value: float
     stated: float
+
+
+@dataclass(frozen=True, slots=True)
+class OpAmpFigures(Result):
+    """An op-amp, measured on test benches.
+
+    Attributes
+    ----------
+    notes : mapping of str to str
+        Where a stated figure comes from.
+    witnesses : mapping of str to Witness
+        What solves the test benches.
+    results : mapping of str to tuple of Measured
+        Stated and measured figures of each of them.
+    """
+
+    VIEW = "taction.verification.report.views.opamp:view"
+
+    opamp: OpAmp = field(repr=False)
+    notes: Mapping[str, str] = field(repr=False)
+    witnesses: Mapping[str, Witness] = field(repr=False)
+    results: Mapping[str, tuple[Measured, ...]] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from taction.netlist_gen.board.part_warnings import BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
@@ -28,6 +29,7 @@ from taction.system.errors import (
     SimulatorTooOld,
 )
 from taction.system.reading_definitions import READINGS
+from taction.system.results import RENDERERS, Result, load
 from taction.verification.design.ranges import Range, read_ends
 from taction.verification.design.trials import Trial, at_small_signal, worse_parts
 from taction.verification.reference.ideal_answer import ideal_network
@@ -44,6 +46,7 @@ OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.ga
 AROUND = 10.0  # C and gain go from the scene's value divided by it to the value times it
 POINTS = 9  # of C and of the gain
 MOST_POINTS = 101
+VIEWS = "taction.verification.report.views.choose"
 BEST = 3  # designs that ngspice confirms
 
 
@@ -222,6 +225,49 @@ class Confirmation:
     settling_time: float | None
     reason: str
     verdict: Verdict | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Choice(Result):
+    """The best designs of a grid, and what ngspice says about them.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene as it was.
+    designs : sequence of Design
+        All designs of the grid, the best first.
+    best : sequence of Design
+        Those that ngspice has verified.
+    confirmations : sequence of Confirmation
+        What ngspice says about each of them.
+    scenes : sequence of Scene
+        The scene of each of them.
+    written : mapping of int to str
+        Their files by place of the grid.
+    """
+
+    VIEW = f"{VIEWS}:view"
+
+    scene: Scene = field(repr=False)
+    designs: Sequence[Design] = field(repr=False)
+    best: Sequence[Design] = field(repr=False)
+    confirmations: Sequence[Confirmation] = field(repr=False)
+    scenes: Sequence[Scene] = field(repr=False)
+    written: Mapping[int, str]
+
+    @property
+    def outcome(self) -> str:
+        """``pass`` if ngspice contradicts not every one of the best, else ``fail``."""
+        said = self.confirmations
+        outcomes = {"pass" if c.outcome is None else c.outcome.value for c in said}
+        return next((name for name in ("pass", "inconclusive") if name in outcomes), "fail")
+
+    def report(self, path: str | Path) -> None:
+        """Write the report; the proposed design is verified anew where ngspice is missing."""
+        load(f"{RENDERERS}.page:write_page")(
+            load("taction.verification.report.views.choose:full_view")(self), str(path)
+        )
 
 
 def designs(plan: Plan, store: Store) -> list[Design]:

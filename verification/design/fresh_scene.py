@@ -10,7 +10,7 @@ import math
 import os
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -26,7 +26,7 @@ from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.planes import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
-from taction.verification.design.scaling import SHARE, Scaling, scale
+from taction.verification.design.scaling import SHARE, Scaled, Scaling, scale
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference import Problem, solve
 from taction.verification.reference.changed_matrix import change_bound
@@ -224,6 +224,21 @@ class FreshScene:
     files: Mapping[Path, str]
     rule: str
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NewScene:
+    """The files of a new scene, and for a matrix the scaling and the verdict."""
+
+    file: str
+    written: tuple[str, ...]
+    fresh: FreshScene | None = field(default=None, repr=False)
+    scaled: Scaled | None = None
+
+    @property
+    def outcome(self) -> str:
+        """The outcome of the verdict; ``pass`` without a matrix."""
+        return "pass" if self.scaled is None else self.scaled.outcome
 
 
 def fresh_scene(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answe
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict.headroom import FULL, Load, PartLoads, describe
 from taction.verification.verdict.transient_plan import plan_transient
+from taction.verification.verdict.verify import Verdict
 
 MIDDLE = 1e5  # ohm: geometric mean of the largest and the smallest matrix resistor
 
@@ -136,6 +137,19 @@ class Scaling:
     matrix_ohms: tuple[float, float]
     loads: tuple[Load, ...]
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Scaled:
+    """The scalings, and the verdict of the board with them."""
+
+    scaling: Scaling = field(repr=False)
+    verdict: Verdict
+
+    @property
+    def outcome(self) -> str:
+        """The outcome of the verdict."""
+        return str(self.verdict.outcome.value)
 
 
 def scale(scene: Scene, share: float = SHARE) -> Scaling:

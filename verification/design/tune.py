@@ -22,11 +22,13 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
+from taction.system.results import Result
 from taction.verification.design.ranges import Range, parse_ranges
 from taction.verification.design.search import search_range
 from taction.verification.design.trials import Trial, Trials
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.verdict.record import ERROR
+from taction.verification.verdict.verify import Verdict
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
 REACH = 20.0  # the range is the scene's value divided and multiplied by this factor
@@ -56,6 +58,22 @@ class Tuning:
         """The ends of the ranges at which the best design lies, by dotted path."""
         edges = {each.path: each.edge_of(self.after.values[each.path]) for each in self.ranges}
         return {path: edge for path, edge in edges.items() if edge is not None}
+
+
+@dataclass(frozen=True, slots=True)
+class Tuned(Result):
+    """A search, and the verdict of the best design."""
+
+    VIEW = "taction.verification.report.views.tune:view"
+
+    tuning: Tuning = field(repr=False)
+    verdict: Verdict
+    reach: float
+
+    @property
+    def outcome(self) -> str:
+        """The outcome of the verdict."""
+        return str(self.verdict.outcome.value)
 
 
 def tune(

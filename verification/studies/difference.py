@@ -17,6 +17,7 @@ from taction.system.documents import read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.reading_definitions import READINGS
+from taction.system.results import Result
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.compare import Difference, compare, within_uncertainties
 from taction.verification.verdict.record import Channel, Record
@@ -42,8 +43,10 @@ class KeyDifference:
 
 
 @dataclass(frozen=True, slots=True)
-class VerdictDifference:
+class VerdictDifference(Result):
     """The differences of two verdicts; `keys` is None where a document has no keys."""
+
+    VIEW = "taction.verification.report.views.difference:view"
 
     SHOWN: ClassVar[tuple[str, ...]] = ("exit_status",)
 

@@ -11,6 +11,7 @@ from taction.system.documents import plain
 from taction.system.error_document import error_document
 from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError
 from taction.system.output_files import printable
+from taction.system.results import Result
 from taction.verification.reference.ideal_answer import read_scene
 from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.verdict.verify import Verdict, verify
@@ -22,8 +23,10 @@ Describe = Callable[[Verdict], dict[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class VerifiedFiles:
+class VerifiedFiles(Result):
     """The documents of several files, each with its `file` and its `outcome`."""
+
+    VIEW = "taction.verification.report.views.files:view"
 
     documents: tuple[dict[str, Any], ...]
 

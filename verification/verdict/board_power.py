@@ -1,13 +1,16 @@
-"""Supply current and dissipation of a whole board at rest, with the strain applied."""
+"""The parts of a whole board, its supply current and dissipation at rest with the strain."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from taction.netlist_gen.board.bill_of_materials import BillOfMaterials
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 
 
@@ -36,6 +39,17 @@ class BoardPower:
     def total(self) -> float:
         """Dissipation of the board, W."""
         return self.quiescent + self.outputs + self.resistors
+
+
+@dataclass(frozen=True, slots=True)
+class PartsList(Result):
+    """The parts of a board to buy, and its power at rest."""
+
+    VIEW = "taction.verification.report.views.parts:view"
+
+    scene: Scene = field(repr=False)
+    parts: BillOfMaterials = field(repr=False)
+    power: BoardPower
 
 
 def board_power(board: LinearBoard) -> BoardPower:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,7 @@ from taction.verification.verdict.transient_plan import plan_transient
 
 if TYPE_CHECKING:
     from taction.netlist_gen.deck.measures import Measures
+    from taction.verification.verdict.pruning import Pruning
 
 EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
 
@@ -58,6 +59,28 @@ class DeckChoice:
         points, which it joins by straight lines.
         """
         return self.measures or self.dialect != NATIVE
+
+
+@dataclass(frozen=True, slots=True)
+class Netlist(Deck):
+    """The deck of a scene, with its board.
+
+    Attributes
+    ----------
+    circuit : Circuit
+        The board; `omissions` are the parts that the scene does not need.
+    warnings : tuple of str
+        Values that cannot be bought, or that the layout undoes.
+    pruning : Pruning or None
+        What pruning changes and saves; None unless asked for, or without pruning.
+    written : tuple of str
+        The files that were written.
+    """
+
+    circuit: Circuit = field(kw_only=True, repr=False)
+    warnings: tuple[str, ...] = field(default=(), repr=False)
+    pruning: Pruning | None = field(default=None, repr=False)
+    written: tuple[str, ...] = field(default=(), repr=False)
 
 
 def deck_of(

@@ -185,12 +185,13 @@ REPEATS = 3  # largest number of repeated runs
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MeasuredTransient:
-    """Waveforms of one transient and their measurements."""
+    """Waveforms of one transient, their measurements, and their file, if there is one."""
 
     circuit: Circuit
     transient: Transient
     waveforms: Waveforms
     measurements: Measurements
+    output: str | None = None
 
     def __repr__(self) -> str:
         settled = self.measurements.settling_time

@@ -13,6 +13,7 @@ from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats
 from taction.system.quantities import sizes
+from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.constraint_stage import ConstraintPlane, constraint_plane
@@ -46,8 +47,12 @@ from taction.verification.verdict.warnings import (
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Verdict:
-    """All results of `verify`; `outcome` is the overall result."""
+class Verdict(Result):
+    """All results of `verify`; ``print`` shows the table, `outcome` is the overall result."""
+
+    VIEW = "taction.verification.report.views.verdict:view"
+    CARD = "Verdict"
+    DOCUMENT = "taction.verification.report.documents.verdict:VerdictBody.of"
 
     scene: Scene
     problem: InverseProblem
@@ -72,6 +77,10 @@ class Verdict:
     warnings: tuple[str, ...]
     outcome: Outcome
     timing: dict[str, float]
+
+    def __str__(self) -> str:
+        text: str = load(f"{RENDERERS}.terminal:page_text")(self.page())
+        return text
 
     def __repr__(self) -> str:
         outcome, circuit = self.outcome.value, self.circuit

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from taction.system.errors import NoVerdictError
+from taction.system.results import Result
 from taction.verification.evidence.paper.breadboard import breadboard
 from taction.verification.evidence.paper.conditioning import conditioning
 from taction.verification.evidence.paper.console import console
@@ -79,8 +80,10 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reproduction:
+class Reproduction(Result):
     """The result of all chapters; `left_out` are the claims that only a full run judges."""
+
+    VIEW = "taction.verification.report.views.paper:view"
 
     sections: tuple[Section, ...]
     left_out: tuple[Claim, ...]

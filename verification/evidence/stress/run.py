@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from taction.system.errors import INTERRUPTED
+from taction.system.results import Result
 from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.compare import Comparison, compare, worst, wrong_checks
 from taction.verification.studies.running.collecting import collected
@@ -76,8 +77,10 @@ class CaseRun:
 
 
 @dataclass(frozen=True, slots=True)
-class StressReport:
+class StressReport(Result):
     """The runs of all cases; `versions` are those of the programs that were used."""
+
+    VIEW = "taction.verification.report.views.stress:view"
 
     runs: tuple[CaseRun, ...]
     versions: tuple[tuple[str, str], ...]

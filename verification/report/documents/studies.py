@@ -28,17 +28,12 @@ from taction.verification.design.choose import Confirmation, Design
 from taction.verification.evidence.paper.reproduce import Judged, Reproduction
 from taction.verification.evidence.stress.compare import Comparison
 from taction.verification.evidence.stress.run import CaseRun, StressReport
-from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.stability.edges import Edge
 from taction.verification.studies.onset.onset import CheckedEdge, Count, Onset
 from taction.verification.studies.onset.transient_trial import Side
 from taction.verification.studies.regression.run import RegressionReport, SceneResult
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.studies.sweep.result import SweepResult
-from taction.verification.studies.tolerance.corners import Corner
-from taction.verification.studies.tolerance.steady_directions import Direction
-from taction.verification.studies.tolerance.varied_board import BoardSample
-from taction.verification.studies.tolerance.yield_report import YieldReport
 from taction.verification.studies.work_precision.methods import Method
 from taction.verification.studies.work_precision.norms import NORMS
 from taction.verification.studies.work_precision.run_errors import ProblemErrors
@@ -276,36 +271,6 @@ class OnsetDocument:
             unresolved=tuple(scan.unresolved),
             failures=tuple(WithoutPoles(s.value, s.failure) for s in scan.samples if s.failure),
         )
-
-
-@dataclass(frozen=True, slots=True)
-class MontecarloDocument:
-    """``taction montecarlo``."""
-
-    scene: str
-    engine: str
-    seed: int
-    complete: bool
-    result: Annotated[YieldReport, INLINE]
-
-
-@dataclass(frozen=True, slots=True)
-class CornersDocument:
-    """``taction corners``."""
-
-    scene: str
-    corners: tuple[Corner, ...]
-    directions: tuple[Direction, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class SampleDocument:
-    """``taction montecarlo --sample``: a sample as the study sees it, and its verdict."""
-
-    seed: int
-    sample: BoardSample
-    deviations: dict[str, float]
-    verdict: Annotated[VerdictBody, INLINE]
 
 
 @dataclass(frozen=True, slots=True)

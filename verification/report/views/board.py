@@ -18,11 +18,14 @@ from taction.system.array_types import Floats
 from taction.system.quantities import readable, sizes
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.blocks import (
+    NOTEBOOK,
     Block,
     Code,
     Drawing,
     Facts,
     Notes,
+    Page,
+    Section,
     Sheet,
     Table,
 )
@@ -216,6 +219,12 @@ def deck_blocks(verdict: Verdict) -> tuple[Block, ...]:
         text = f"The deck has {size}, too many for this page: taction netlist SCENE -o board.cir"
         block = Notes("", (text,))
     return block, Facts("", (digest,))
+
+
+def view(circuit: Circuit) -> Page:
+    """Return the card of a board, and its picture: the schematic of one channel."""
+    facts = Section("Board", (Facts("", circuit_facts(circuit)),), media=(NOTEBOOK,))
+    return Page(circuit.name, "", "", "", (), (facts,), sheet=lambda: schematic_sheet(circuit))
 
 
 def circuit_facts(circuit: Circuit) -> tuple[tuple[str, str], ...]:

@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from taction.netlist_gen.scene.scene import Scene
-from taction.verification.design.choose import CAPACITANCE, GAIN, Confirmation, Design
+from taction.verification.design.choose import CAPACITANCE, GAIN, Choice, Confirmation, Design
 from taction.verification.report.blocks import (
     BOTH,
     PAGE,
@@ -35,7 +34,7 @@ from taction.verification.report.texts import (
 )
 from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.verdict.record import finite
-from taction.verification.verdict.verify import Verdict
+from taction.verification.verdict.verify import Verdict, verify
 
 SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
@@ -45,24 +44,22 @@ WORST = "Worst: the largest value over its limit; below 1 every check passes."
 COMMAND = "taction choose"
 
 
-def view(
-    scene: Scene,
-    designs: Sequence[Design],
-    best: Sequence[Design],
-    confirmations: Sequence[Confirmation],
-    verdict: Verdict | None = None,
-) -> Page:
-    """Return the page of a choice.
+def full_view(choice: Choice) -> Page:
+    """Return the page with the verdict of the proposed design in full, if there is one.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene that was asked about.
-    designs, best, confirmations : sequences
-        All designs in their order; those that ngspice ran; and what it says of these.
-    verdict : Verdict or None
-        Of the design that is proposed, shown in full below; None: without it.
+    The design is verified anew where ngspice is missing.
     """
+    if not choice.best:
+        return view(choice)
+    place = proposed(choice.confirmations)
+    known = choice.confirmations[place].verdict
+    return view(choice, known or verify(choice.scenes[place].with_engine("statespace")))
+
+
+def view(choice: Choice, verdict: Verdict | None = None) -> Page:
+    """Return the page of a choice; with a verdict, of the proposed design, this is in full."""
+    scene, designs = choice.scene, choice.designs
+    best, confirmations = choice.best, choice.confirmations
     passing = sum(design.good for design in designs)
     summary = f"{passing} of {len(designs)} designs pass with parts that can be bought."
     own = (

@@ -33,9 +33,9 @@ MOST = 200  # deviations in a table
 SHOWN = 4  # worst-case directions in a terminal
 
 
-def view(scene: Scene, study: CornerStudy) -> Page:
-    """Return the page of the corners of `scene`."""
-    corners = study.corners
+def view(study: CornerStudy) -> Page:
+    """Return the page of the corners of a scene."""
+    scene, corners = study.scene, study.corners
     outcomes = [corner.result.outcome for corner in corners]
     outcome = next((each for each in WORST if each in outcomes), "")
     counts = ", ".join(f"{outcomes.count(each)} {each}" for each in WORST if each in outcomes)

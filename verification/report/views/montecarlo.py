@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.verification.report.blocks import (
     EVERYWHERE,
@@ -35,7 +34,6 @@ from taction.verification.report.texts import (
 )
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.tolerance.remedy import Remedy
-from taction.verification.studies.tolerance.varied_board import BoardSample
 from taction.verification.studies.tolerance.yield_report import Spread, YieldReport
 
 BINS = 40  # of a histogram, at most
@@ -50,16 +48,9 @@ MARGIN = 1.15  # of the largest value or limit: the width of a spread
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
 
 
-def view(scene: Scene, result: YieldReport, samples: Sequence[BoardSample], seed: int) -> Page:
-    """Return the page of a yield.
-
-    Parameters
-    ----------
-    samples : sequence of BoardSample
-        The samples that `result` summarises.
-    seed : int
-        Of the samples.
-    """
+def view(result: YieldReport) -> Page:
+    """Return the page of a yield."""
+    scene, seed = result.scene, result.seed
     rows = (("seed", str(seed)), ("samples", str(result.samples)))
     remedy = () if result.remedy is None else (remedy_text(result.remedy),)
     return Page(
@@ -74,24 +65,24 @@ def view(scene: Scene, result: YieldReport, samples: Sequence[BoardSample], seed
             Section("Checks that do not pass", tuple(_failures(result)), media=EVERYWHERE),
             Section("Spread and limits", (_ranges(result),)),
             Section("Quantities", (_quantities(result),), media=EVERYWHERE),
-            Section("Histograms", lambda: _histograms(result, samples)),
+            Section("Histograms", lambda: _histograms(result)),
             Section("Culprits", lambda: (_culprits(result),)),
             Section("Sensitivities", (_sensitivities(result),), media=EVERYWHERE),
             Section("What to buy better", (Notes("", remedy),), media=EVERYWHERE),
             origin_section(scene, rows),
         ),
-        sheet=lambda: sheet(scene.name, result, samples),
+        sheet=lambda: sheet(result),
     )
 
 
-def sheet(name: str, result: YieldReport, samples: Sequence[BoardSample]) -> Sheet:
+def sheet(result: YieldReport) -> Sheet:
     """Return what the picture of a yield shows: a histogram each quantity, and the culprits."""
     foot = ""
     if result.remedy is not None and result.remedy.what:
         foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction)}"
-    passed = f"{name}: {result.passed} of {result.samples} boards pass. {_summary(result)}"
-    blocks = [*_histograms(result, samples), _culprits(result)]
-    return Sheet.of(passed, blocks, ACROSS, PANEL, (0.0, 0.5), foot)
+    passed = f"{result.passed} of {result.samples} boards pass. {_summary(result)}"
+    blocks = [*_histograms(result), _culprits(result)]
+    return Sheet.of(f"{result.scene.name}: {passed}", blocks, ACROSS, PANEL, (0.0, 0.5), foot)
 
 
 def _summary(result: YieldReport) -> str:
@@ -209,9 +200,9 @@ def _quantities(result: YieldReport) -> Table:
     return Table.of("Quantities", shown, columns, "5 % and 95 %: percentiles of the samples.")
 
 
-def _histograms(result: YieldReport, samples: Sequence[BoardSample]) -> Iterator[Block]:
+def _histograms(result: YieldReport) -> Iterator[Block]:
     for spread in result.quantities:
-        found = [sample.value(spread.name) for sample in samples if not sample.lost]
+        found = [sample.value(spread.name) for sample in result.boards if not sample.lost]
         values = np.array([value for value in found if value is not None], dtype=np.float64)
         values = values[np.isfinite(values)]
         if len(values) and np.ptp(values) <= SAME * np.abs(values).max():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from taction.verification.characterise.characterise import (
     STEP,
     Bode,
     Measured,
+    OpAmpFigures,
     bode,
     large_step,
     step_response,
@@ -70,23 +72,9 @@ def measure_curves(opamp: OpAmp, witness: Witness) -> Curves:
     return Curves(bode(opamp, witness), step_response(opamp, witness), large)
 
 
-def view(
-    opamp: OpAmp,
-    notes: Mapping[str, str],
-    results: Results,
-    curves: Mapping[str, Curves] | None = None,
-) -> Page:
-    """Return the page of an op-amp.
-
-    Parameters
-    ----------
-    notes : mapping of str to str
-        Where a figure comes from, by its name.
-    results : mapping of str to tuple of Measured
-        What the test benches measured, by the name of the witness.
-    curves : mapping of str to Curves, or None
-        By the name of the witness, ours first; None: no charts.
-    """
+def view(result: OpAmpFigures) -> Page:
+    """Return the page of an op-amp."""
+    opamp, notes, results = result.opamp, result.notes, result.results
     titles = ("figure", "data sheet", *results, "note")
     table = Table("Figures", titles, tuple(_rows(opamp, notes, results)))
     benches = f"measured at \N{PLUS-MINUS SIGN}{supply_of(opamp):g} V on test benches"
@@ -96,7 +84,12 @@ def view(
     sources.append(
         f"{benches}: the macromodel does what the data sheet says, as far as it is modelled"
     )
-    columns = _charts(opamp, curves) if curves else ()
+
+    @cache
+    def columns() -> tuple[tuple[Chart, ...], ...]:
+        curves = {name: measure_curves(opamp, each) for name, each in result.witnesses.items()}
+        return _charts(opamp, curves)
+
     return Page(
         title=opamp.name,
         command="taction models show",
@@ -105,13 +98,13 @@ def view(
         lines=(),
         sections=(
             Section("Figures", (table, Notes("", tuple(sources))), "", EVERYWHERE),
-            Section("Open loop and follower", tuple(chart for c in columns for chart in c)),
+            Section("Open loop and follower", lambda: sum(columns(), ())),
         ),
         sheet=lambda: Sheet(
             f"{opamp.name}: open loop and follower",
-            columns,
+            columns(),
             (1.25, 1.0),
-            tuple((1.0,) * len(column) for column in columns),
+            tuple((1.0,) * len(column) for column in columns()),
             (11.5, 6.6),
         ),
     )

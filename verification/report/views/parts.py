@@ -10,7 +10,7 @@ from typing import Any
 from taction.netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine
 from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Shown, Table
 from taction.verification.report.texts import number_cell, quantity
-from taction.verification.verdict.board_power import BoardPower
+from taction.verification.verdict.board_power import BoardPower, PartsList
 
 SHOWN = 3  # references in a line of the table
 # The fields of KiCad's bill of materials, then our own; a footprint is not known.
@@ -20,14 +20,15 @@ COLUMNS = (
 )
 
 
-def view(name: str, parts: BillOfMaterials, power: BoardPower) -> Page:
-    """Return the page of the parts of the scene `name`."""
+def view(result: PartsList) -> Page:
+    """Return the page of the parts of a board."""
+    parts, power = result.parts, result.power
     columns = {
         **part_columns(SHOWN),
         "not a standard value; nearest": lambda line: nearest_value(line, ""),
     }
     return Page(
-        title=name,
+        title=result.scene.name,
         command="taction bom",
         outcome="",
         summary=_counts(parts),

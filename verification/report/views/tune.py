@@ -11,7 +11,7 @@ import numpy as np
 from taction.netlist_gen.scene.keys import find_key
 from taction.system.quantities import written
 from taction.verification.design.trials import Trial
-from taction.verification.design.tune import Tuning
+from taction.verification.design.tune import Tuned, Tuning
 from taction.verification.report.blocks import (
     BOTH,
     Block,
@@ -30,8 +30,9 @@ from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.verdict.verify import Verdict
 
 
-def view(tuning: Tuning, verdict: Verdict) -> Page:
-    """Return the page of a tuning; `verdict` is that of the tuned scene."""
+def view(result: Tuned) -> Page:
+    """Return the page of a tuning."""
+    tuning, verdict = result.tuning, result.verdict
     verified = verdict_report(verdict, "taction tune")
     before, after = tuning.before.settling_time, tuning.after.settling_time
     summary = (

@@ -51,6 +51,7 @@ from taction.verification.report.views.waveforms import (
     outputs_chart,
     stress_chart,
 )
+from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
 from taction.verification.verdict.headroom import Load
@@ -115,6 +116,11 @@ def view(
         foot=(_cost(verdict),),
         sheet=lambda: _sheet(verdict),
     )
+
+
+def sample_view(found: VerifiedSample) -> Page:
+    """Return what the verdict of one sample shows."""
+    return view(found.verdict, f"taction montecarlo --sample {found.sample.number}")
 
 
 def _sheet(verdict: Verdict) -> Sheet:

@@ -25,6 +25,7 @@ from taction.system.errors import (
     SimulatorTooOld,
 )
 from taction.system.quantities import quantity
+from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.stability.edges import Edge, Scan
 from taction.verification.stability.families import Family, unrounded
@@ -58,8 +59,10 @@ class Count:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Onset:
-    """Every crossing of a scene over one axis."""
+class Onset(Result):
+    """Every crossing of a scene over one axis; `plot` draws the pole map and the root locus."""
+
+    VIEW = "taction.verification.report.views.onset:view"
 
     scene: Scene
     axis: Axis
@@ -82,6 +85,11 @@ class Onset:
         """Whether a transient contradicts a pole, or the two counts of unstable poles differ."""
         trials = any(each.confirmation.confirmed is False for each in self.findings)
         return trials or any(c.winding is not None and c.winding != c.poles for c in self.counts)
+
+    @property
+    def outcome(self) -> str:
+        """``pass``, or ``inconclusive`` if a transient contradicts a crossing."""
+        return "inconclusive" if self.disagreement else "pass"
 
 
 def parse_onset_axis(scene: Scene, over: Over) -> Axis:

@@ -12,6 +12,7 @@ from pathlib import Path
 from taction.netlist_gen.scene.scene import load_scene
 from taction.system.errors import INTERRUPTED, InputError, NoVerdictError
 from taction.system.output_files import printable
+from taction.system.results import Result
 from taction.verification.studies.regression.baseline import (
     Baseline,
     Entry,
@@ -82,8 +83,10 @@ class SceneResult:
 
 
 @dataclass(frozen=True, slots=True)
-class RegressionReport:
+class RegressionReport(Result):
     """Comparison of a folder with its baseline; `revision` is the commit that is checked out."""
+
+    VIEW = "taction.verification.report.views.regression:view"
 
     folder: str
     baseline: str

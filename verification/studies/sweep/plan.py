@@ -7,15 +7,26 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from taction.netlist_gen.scene.axes import Axis, points
+from taction.netlist_gen.scene.axes import (
+    Axis,
+    Fixed,
+    Over,
+    check_axes,
+    fixed_values,
+    parse_axes,
+    points,
+    with_values,
+)
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.reference.ideal_answer import read_scene
 from taction.verification.studies.running.digests import digest, files_of, own_code
 from taction.verification.studies.running.versions import simulator_name
 from taction.verification.verdict.simulation import choose_engine
@@ -159,3 +170,21 @@ class Requests:
 def simulator_of(engine: str) -> str:
     """Return the name and version of the program on which an engine's results depend."""
     return simulator_name(find_simulator()) if engine == "ngspice" else engine
+
+
+def plan_sweep(
+    scene: str | Path | Scene,
+    over: Over,
+    engine: str | None,
+    *,
+    fix: Fixed = (),
+    keep_waveforms: bool,
+) -> Plan:
+    """Return the grid of a sweep; arguments and errors are those of `sweep`."""
+    scene = read_scene(scene)
+    fixed = fixed_values(scene, fix)
+    scene = with_values(scene, fixed) if fixed else scene
+    axes, engines = parse_axes(scene, over), engines_of(scene, engine)
+    check_axes(axes, fixed)
+    hybrid = engine == "hybrid"
+    return Plan(scene, axes, engines, keep_waveforms=keep_waveforms, hybrid=hybrid)

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.system.atomic_files import replacing
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file
+from taction.system.results import Result
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.comparison import compare_point
 from taction.verification.studies.sweep.hybrid import BOUNDARY, EXTREME, SAMPLE, confirmed_points
@@ -149,7 +150,7 @@ def summarise(plan: Plan, store: Store) -> AgreementSummary:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SweepResult:
+class SweepResult(Result):
     """Every point of a sweep.
 
     Attributes
@@ -166,6 +167,9 @@ class SweepResult:
         Wall time, s.
     """
 
+    VIEW = "taction.verification.report.views.sweep:view"
+    CARD = "Sweep"
+
     plan: Plan
     store: Store
     count: SweepCounts
@@ -173,7 +177,7 @@ class SweepResult:
     seconds: float = 0.0
 
     @classmethod
-    def of(cls, plan: Plan, store: Store, count: SweepCounts, seconds: float = 0.0) -> Self:
+    def of(cls, plan: Plan, store: Store, count: SweepCounts, seconds: float = 0.0) -> SweepResult:
         """Return the result of a sweep that has ended."""
         several = len(plan.engines) > 1
         return cls(plan, store, count, summarise(plan, store) if several else None, seconds)

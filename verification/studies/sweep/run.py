@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Bools
-from taction.system.errors import TactionError
+from taction.system.errors import Interrupted, TactionError
 from taction.verification.studies.running.collecting import collected
 from taction.verification.studies.running.digests import digest, own_code
 from taction.verification.studies.running.versions import own_versions
@@ -30,6 +30,7 @@ from taction.verification.studies.sweep.hybrid import confirmed_points
 from taction.verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
 from taction.verification.studies.sweep.point import Job, compute, failure
 from taction.verification.studies.sweep.remaining_time import RemainingTime
+from taction.verification.verdict.progress import Notice, Progress
 from taction.verification.verdict.record import ERROR
 
 
@@ -248,3 +249,39 @@ class _Sweep:
         analysis = scene.analysis.model_dump(exclude={"engine", "timeout"})
         inputs = (problem.matrix, problem.strain, scene.checks, analysis)
         return digest(own_code(), circuit, *inputs, engine, simulator_of(engine))
+
+
+def computed(
+    plan: Plan,
+    store: Store,
+    *,
+    retry_failed: bool = False,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    progress: Progress = lambda stage: None,
+) -> SweepCounts:
+    """Compute what `store` lacks; after Ctrl-C the stored results stay.
+
+    Raises
+    ------
+    Interrupted
+        Ctrl-C; the text says what is stored.
+    """
+    from taction.verification.studies.running.executors import workers_at
+
+    def notice(text: str) -> None:
+        progress(Notice(text))
+
+    try:
+        with workers_at(cluster, jobs, notice) as workers:
+            return sweep(
+                plan,
+                store,
+                workers,
+                retry_failed=retry_failed,
+                progress=lambda count: progress(count.text),
+                announce=notice,
+            )
+    except KeyboardInterrupt:
+        stored = f"{store.count()} results are in {store.path}; the same command continues"
+        raise Interrupted(stored) from None

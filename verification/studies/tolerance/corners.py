@@ -20,6 +20,7 @@ import numpy as np
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
+from taction.system.results import Result
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.tolerance.rest_slopes import largest_parts
@@ -52,11 +53,22 @@ class Corner:
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class CornerStudy:
-    """Verified corners, and the worst-case direction of every channel at rest."""
+class CornerStudy(Result):
+    """Verified corners of a scene, and the worst-case direction of every channel at rest."""
 
+    VIEW = "taction.verification.report.views.corners:view"
+    DOCUMENT = ("scene = scene.name", "corners", "directions")
+
+    scene: Scene
     corners: tuple[Corner, ...]
     directions: tuple[Direction, ...] = ()
+
+    @property
+    def outcome(self) -> str:
+        """``fail`` if a corner fails, else ``inconclusive`` if one has no verdict."""
+        outcomes = {corner.result.outcome for corner in self.corners}
+        bad = "fail" if "fail" in outcomes else "inconclusive"
+        return "pass" if outcomes == {"pass"} else bad
 
     def __repr__(self) -> str:
         bad = [corner.name for corner in self.corners if corner.result.outcome != "pass"]
@@ -111,7 +123,7 @@ def worst_corners(
         )
         for quantity, corner in zip(reported, worst, strict=True)
     ]
-    return CornerStudy((nominal, *named), directions)
+    return CornerStudy(scene, (nominal, *named), directions)
 
 
 def _largest(

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 import pickle
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from typing import Annotated
 
@@ -23,6 +23,7 @@ from taction.system.array_types import Floats
 from taction.system.documents import INLINE
 from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, TactionError
 from taction.system.reading_definitions import EXCURSIONS
+from taction.system.results import Result
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.running.collecting import collected, repeated_if_killed
 from taction.verification.studies.running.versions import Versions, own_versions
@@ -81,6 +82,30 @@ class BoardSample:
             check = self.record.check(name)
             return None if check is None else finite(check.value)
         return self.record.value("steady_state_error" if name == "steady_state" else name)
+
+
+@dataclass(frozen=True, slots=True)
+class VerifiedSample(Result):
+    """One sample of a Monte Carlo study in full: the verdict, and the sample as the study has it.
+
+    Attributes
+    ----------
+    deviations : mapping of str to float
+        Of each part, in units of its tolerance.
+    """
+
+    VIEW = "taction.verification.report.views.verdict:sample_view"
+    DOCUMENT = ("seed", "sample", "deviations", "* = verdict")
+
+    verdict: Verdict
+    sample: BoardSample
+    seed: int
+    deviations: Mapping[str, float] = field(repr=False)
+
+    @property
+    def outcome(self) -> str:
+        """The outcome of the verdict."""
+        return str(self.verdict.outcome.value)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.results import Result
 from taction.verification.studies.tolerance.remedy import Remedy
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
@@ -67,9 +68,38 @@ class Sensitivity:
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class YieldReport:
-    """Yield of a Monte Carlo study; `reasons` counts the causes of samples without a verdict."""
+class YieldReport(Result):
+    """Yield of a Monte Carlo study, its interval, and what is behind it.
 
+    Attributes
+    ----------
+    scene : Scene
+        The board.
+    seed : int
+        Of the samples.
+    boards : tuple of BoardSample
+        The samples, in the order of their numbers.
+    reasons : dict of str to int
+        Counts the causes of samples without a verdict.
+    remedy : Remedy or None
+        None: not looked for, or not needed.
+    min_yield : float or None
+        Smallest yield that passes.
+    complete : bool
+        Whether all samples were drawn; False after Ctrl-C.
+    """
+
+    VIEW = "taction.verification.report.views.montecarlo:view"
+    CARD = "Yield"
+    DOCUMENT = (
+        *("scene = scene.name", "engine", "seed", "complete", "samples", "passed"),
+        *("without_verdict", "fraction", "low", "high", "failures", "reasons", "quantities"),
+        *("sensitivities", "remedy"),
+    )
+
+    scene: Scene = field(compare=False)
+    seed: int
+    boards: tuple[BoardSample, ...] = field(compare=False)
     samples: int
     passed: int
     without_verdict: int
@@ -80,7 +110,21 @@ class YieldReport:
     reasons: dict[str, int]
     quantities: tuple[Spread, ...]
     sensitivities: tuple[Sensitivity, ...]
-    remedy: Remedy | None = None  # None: not looked for, or not needed
+    remedy: Remedy | None = None
+    min_yield: float | None = None
+    complete: bool = True
+
+    @property
+    def engine(self) -> str:
+        """Engine of the samples."""
+        return self.scene.analysis.engine
+
+    @property
+    def outcome(self) -> str:
+        """Whether the whole interval of the yield lies above `min_yield`, or below it."""
+        if self.min_yield is None or self.low >= self.min_yield:
+            return "pass"
+        return "fail" if self.high < self.min_yield else "inconclusive"
 
     def __repr__(self) -> str:
         low, high = (f"{100 * share:.3g}" for share in (self.low, self.high))
@@ -104,6 +148,9 @@ def summarise_samples(board: VariedBoard, samples: list[BoardSample], seed: int)
     undecided = [sample for sample in samples if sample.undecided]
     reported = quantities(board.scene)
     return YieldReport(
+        scene=board.scene,
+        seed=seed,
+        boards=tuple(samples),
         samples=len(samples),
         passed=passed,
         without_verdict=len(undecided),

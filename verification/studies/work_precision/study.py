@@ -17,6 +17,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import SimulationError
+from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
 from taction.verification.studies.running.versions import describe_machine
@@ -62,8 +63,10 @@ class SettingResult:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WorkPrecisionStudy:
+class WorkPrecisionStudy(Result):
     """A work-precision study of one scene."""
+
+    VIEW = "taction.verification.report.views.accuracy:view"
 
     scene: Scene
     points: tuple[SettingResult, ...]  # by method and setting, coarse to fine

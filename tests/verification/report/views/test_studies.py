@@ -161,6 +161,9 @@ SAMPLES = [
 ]
 TIME = Spread("settling_time", "s", None, 1.76e-5, 1e-5, 1.5e-5, 2e-5, 0)
 REPORT = YieldReport(
+    scene=make_scene({"channels": 3}),
+    seed=1,
+    boards=tuple(SAMPLES),
     samples=40,
     passed=30,
     without_verdict=0,
@@ -176,7 +179,7 @@ REPORT = YieldReport(
 
 
 def charts(report: YieldReport) -> list[Any]:
-    (column, *more) = sheet("board", report, SAMPLES).columns
+    (column, *more) = sheet(report).columns
     return [*column, *(block for each in more for block in each)]
 
 
@@ -225,6 +228,8 @@ def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
 
 
 def test_a_study_without_samples_has_a_picture(tmp_path: Path) -> None:
-    empty = replace(REPORT, samples=0, passed=0, quantities=(), sensitivities=(), remedy=None)
-    draw_sheet(sheet("board", empty, []), tmp_path / "a.svg")
+    empty = replace(
+        REPORT, boards=(), samples=0, passed=0, quantities=(), sensitivities=(), remedy=None
+    )
+    draw_sheet(sheet(empty), tmp_path / "a.svg")
     assert (tmp_path / "a.svg").read_text().count("<path") > 5

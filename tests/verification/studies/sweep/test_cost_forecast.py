@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes, with_values
-from taction.studies import plan_sweep
 from taction.system.array_types import Floats
 from taction.system.errors import NoVerdictError
 from taction.verification.studies.running.worker import Workers
@@ -17,7 +16,7 @@ from taction.verification.studies.sweep import cost_forecast as module
 from taction.verification.studies.sweep.announcement import announcement, duration, wall_time
 from taction.verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
 from taction.verification.studies.sweep.hybrid import sample
-from taction.verification.studies.sweep.plan import ENGINE, Plan
+from taction.verification.studies.sweep.plan import ENGINE, Plan, plan_sweep
 from taction.verification.studies.sweep.remaining_time import RemainingTime
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.progress import Clock

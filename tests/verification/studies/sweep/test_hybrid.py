@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import taction
-from taction.studies import plan_sweep
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import (
@@ -23,6 +22,7 @@ from taction.verification.studies.sweep.hybrid import (
     next_to_the_boundary,
     sample,
 )
+from taction.verification.studies.sweep.plan import plan_sweep
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import SweepCounts, sweep
 from tests.support.paths import SCENES

@@ -15,11 +15,11 @@ import pytest
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene, load_scene
-from taction.studies import plan_sweep
 from taction.system.errors import TactionError
 from taction.verification.studies.running.versions import own_versions
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
+from taction.verification.studies.sweep.plan import plan_sweep
 from taction.verification.studies.sweep.point import Job, compute
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import sweep

@@ -184,6 +184,6 @@ def test_the_worst_corner_at_rest_is_the_first_direction() -> None:
     first = study.directions[0]
     assert worst(study.corners, "steady_state") == pytest.approx(abs(first.solved), rel=1e-6)
     assert first.predicted == pytest.approx(first.solved, rel=0.3)  # the parts vary by 5 %
-    printed = page_text(view(scene, study))
+    printed = page_text(view(study))
     assert "first order" in printed
     assert all(name in printed for name in first.largest)

@@ -154,7 +154,7 @@ def test_the_report_ends_with_it(remedy: Remedy, text: str) -> None:
 
     board = study(FINE, 0.1)
     report = summarise_samples(board, [make_sample(0)], SEED)
-    shown = page_text(view(board.scene, replace(report, remedy=remedy), (), SEED))
+    shown = page_text(view(replace(report, remedy=remedy)))
     assert text in shown.splitlines()[-1]
 
 
