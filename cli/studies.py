@@ -30,7 +30,6 @@ from taction.cli.command import (
 from taction.cli.terminal import say
 
 if TYPE_CHECKING:
-    from taction.verification.design.choose import Choice
     from taction.verification.studies.regression.run import RegressionReport
     from taction.verification.studies.sweep.result import SweepResult
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
@@ -142,17 +141,10 @@ def _is_plain(text: str | None) -> bool:
         return False
 
 
-def _choice_document(found: Choice) -> object:
-    from taction.verification.report.documents.studies import ChooseDocument
-
-    return ChooseDocument.of(found.designs, found.best, found.confirmations, found.written)
-
-
 CHOOSE = Command(
     line="Choose op-amp, C and gain for given limits.",
     job=Job(
         function="choose",
-        document=_choice_document,
         outputs=(picture("maps of C and gain for every op-amp"), REPORT),
         before=_ask_limits,
         files=lambda found, call: found.written.values(),
@@ -208,7 +200,6 @@ ONSET = Command(
     line="Find every stability crossing over a range.",
     job=Job(
         function="onset",
-        document=f"{DOCUMENTS}.studies:OnsetDocument.of",
         outputs=(picture("the pole map and the root locus"), REPORT),
         before=_ask_axis,
     ),
@@ -292,7 +283,6 @@ REGRESS = Command(
     line="Compare a folder of scenes with a stored baseline, for CI.",
     job=Job(
         function="regress",
-        document=f"{DOCUMENTS}.studies:RegressDocument.of",
         outputs=(
             text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
             text_file(

@@ -9,10 +9,11 @@ field stand beside it in the document; `HIDDEN`, the field is not part of it; `O
 of it only where it is not None. The class variable ``SHOWN`` names properties that are part of it.
 
 A class whose document has another order, or parts of its parts, states it in the class variable
-``DOCUMENT``: a tuple of texts ``"key = attribute.of.an.attribute"``, or ``"key"`` alone. A name on
-the right is a field, a property or a method without arguments; a dotted key is a document in the
-document; after ``*`` the parts stand beside the others. Or ``DOCUMENT`` is the place of a function
-(`results.load`) that makes the document, for a class below the room of its document.
+``DOCUMENT``: a tuple of texts ``"key? [unit] = attribute.of.an.attribute # note"``; all but the key
+may be missing, and ``?`` is `OPTIONAL`. A name on the right is a field, a property or a method
+without arguments; a dotted key is a document in the document; after ``*`` the parts stand beside
+the others. Or ``DOCUMENT`` is the place of a function (`results.load`) that makes the document, for
+a class below the room of its document.
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ import dataclasses
 import enum
 import inspect
 import math
+import re
 import sys
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import PurePath
@@ -117,7 +119,10 @@ def parts_of(kind: Any) -> tuple[Part, ...]:
 
 
 def _stated(kind: Any, entry: str) -> Part:
-    key, _, path = (text.strip() for text in entry.partition("="))
+    found = re.fullmatch(r"([\w.*]+)(\??)(?: \[(.*?)\])?(?: = ([\w.]+))?(?: # (.*))?", entry)
+    if found is None:
+        raise ValueError(f"{kind.__name__}.DOCUMENT: {entry!r} is no entry")
+    key, missing, unit, path, note = found.groups(default="")
     inner, notes, optional = kind, tuple[Any, ...](), False
     for name in (path or key).split("."):
         if get_origin(inner) in (Union, types.UnionType):
@@ -125,7 +130,14 @@ def _stated(kind: Any, entry: str) -> Part:
             optional = True
         inner, notes = _unwrapped(_hint(inner, name))
     part = _part(path or key, inner | None if optional else inner, notes)
-    return dataclasses.replace(part, key=key, inline=INLINE if key == "*" else part.inline)
+    return dataclasses.replace(
+        part,
+        key=key,
+        unit=unit or part.unit,
+        note=note or part.note,
+        inline=INLINE if key == "*" else part.inline,
+        required=part.required and not missing,
+    )
 
 
 def _hint(kind: Any, name: str) -> Any:
@@ -414,7 +426,7 @@ def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
         return {"enum": list(inner)}
     if origin is not None and issubclass(origin, Mapping):
         return {"type": "object", "additionalProperties": _schema(inner[1], shared) or True}
-    if origin in (tuple, list):
+    if origin in (tuple, list, Sequence):
         return {"type": "array", "items": _schema(inner[0], shared)}
     if kind is float:
         return {"type": ["number", "null"]}

@@ -187,6 +187,12 @@ class Design(Trial):
         Value over limit of each check that has a limit; empty for an unstable board.
     """
 
+    DOCUMENT = (
+        *("place", "values = plain_values", "outcome", "left", "shares", "settling_time [s]"),
+        *("overshoot [step]", "headroom", "noise_rms [V] = noise", "reason", "refused"),
+        "worst_share",
+    )
+
     place: int = 0
     shares: dict[str, float] = field(default_factory=dict)
 
@@ -204,6 +210,11 @@ class Design(Trial):
     def worst(self) -> float:
         """The largest share; infinite without any."""
         return max(self.shares.values(), default=math.inf)
+
+    @property
+    def worst_share(self) -> float | None:
+        """The largest share; None without any."""
+        return self.worst if self.shares else None
 
     @property
     def opamp(self) -> str:
@@ -228,6 +239,20 @@ class Confirmation:
 
 
 @dataclass(frozen=True, slots=True)
+class BestDesign:
+    """One of the best designs, with what ngspice says."""
+
+    DOCUMENT = (
+        *("* = design", "ngspice = said.outcome", "ngspice_settling_time [s] = said.settling_time"),
+        *("ngspice_reason = said.reason", "file"),
+    )
+
+    design: Design
+    said: Confirmation
+    file: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class Choice(Result):
     """The best designs of a grid, and what ngspice says about them.
 
@@ -248,6 +273,7 @@ class Choice(Result):
     """
 
     VIEW = f"{VIEWS}:view"
+    DOCUMENT = ("designs", "best = chosen")
 
     scene: Scene = field(repr=False)
     designs: Sequence[Design] = field(repr=False)
@@ -255,6 +281,12 @@ class Choice(Result):
     confirmations: Sequence[Confirmation] = field(repr=False)
     scenes: Sequence[Scene] = field(repr=False)
     written: Mapping[int, str]
+
+    @property
+    def chosen(self) -> tuple[BestDesign, ...]:
+        """The best designs with what ngspice says, and their files."""
+        pairs = zip(self.best, self.confirmations, strict=True)
+        return tuple(BestDesign(one, said, self.written.get(one.place)) for one, said in pairs)
 
     @property
     def outcome(self) -> str:

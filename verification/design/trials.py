@@ -58,6 +58,11 @@ class Trial:
     refused: str = ""
 
     @property
+    def plain_values(self) -> dict[str, Value]:
+        """The values, for a document."""
+        return self.values
+
+    @property
     def outcome(self) -> str:
         """The outcome of the verdict: pass, fail, inconclusive or error."""
         return self.record.outcome

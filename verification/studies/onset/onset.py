@@ -11,12 +11,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Axis, Over, parse_axes, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.documents import Key, Number
 from taction.system.errors import (
     Complaint,
     EngineError,
@@ -41,11 +44,38 @@ Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
+class UnstablePoles:
+    """Poles right of the imaginary axis on both sides of a crossing."""
+
+    below: int
+    above: int
+
+
+@dataclass(frozen=True, slots=True)
 class CheckedEdge:
     """A crossing of the imaginary axis, and the result of the transients on both sides."""
 
+    DOCUMENT = (
+        *("value = crossing.value", "frequency [Hz] = crossing.frequency", "direction"),
+        *("changes_stability = crossing.changes_stability", "unstable_poles"),
+        *("confirmed = confirmation.confirmed", "reason = confirmation.reason"),
+        *("below = confirmation.below", "above = confirmation.above"),
+    )
+
     crossing: Edge
     confirmation: TransientTest
+    complete: bool = True  # whether the numbers of poles are known
+
+    @property
+    def direction(self) -> str:
+        """The side of the crossing on which the mode grows."""
+        return "unstable above" if self.crossing.unstable_above else "unstable below"
+
+    @property
+    def unstable_poles(self) -> UnstablePoles | None:
+        """The numbers of unstable poles on both sides, where they are known."""
+        edge = self.crossing
+        return UnstablePoles(edge.below, edge.above) if self.complete else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,11 +88,41 @@ class Count:
     reason: str = ""  # why the winding number could not be computed
 
 
+@dataclass(frozen=True, slots=True)
+class Scanned:
+    """The values whose poles were computed."""
+
+    low: Annotated[Number, Key("from")]
+    high: Annotated[Number, Key("to")]
+    points: int
+    scale: str
+    default: bool
+
+
+@dataclass(frozen=True, slots=True)
+class WithoutPoles:
+    """A value whose poles could not be computed."""
+
+    value: Number
+    reason: str
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Onset(Result):
     """Every crossing of a scene over one axis; `plot` draws the pole map and the root locus."""
 
     VIEW = "taction.verification.report.views.onset:view"
+    DOCUMENT = (
+        *("scene = scene.name", "file = scene.file", "over = axis.key.path"),
+        *(
+            "unit = axis.key.unit",
+            "own_value",
+            "scanned",
+            "complete = scan.complete",
+        ),
+        *("crossings = findings", "unstable_counts = counts"),
+        *("stable_ranges = scan.stable_ranges", "unresolved = scan.unresolved", "failures"),
+    )
 
     scene: Scene
     axis: Axis
@@ -85,6 +145,24 @@ class Onset(Result):
         """Whether a transient contradicts a pole, or the two counts of unstable poles differ."""
         trials = any(each.confirmation.confirmed is False for each in self.findings)
         return trials or any(c.winding is not None and c.winding != c.poles for c in self.counts)
+
+    @property
+    def own_value(self) -> float | None:
+        """The scene's value of the key."""
+        return own_value(self.scene, self.axis.key)
+
+    @property
+    def failures(self) -> tuple[WithoutPoles, ...]:
+        """The values whose poles could not be computed."""
+        return tuple(WithoutPoles(s.value, s.failure) for s in self.scan.samples if s.failure)
+
+    @property
+    def scanned(self) -> Scanned:
+        """The values whose poles were computed."""
+        samples = self.scan.samples
+        scale = "logarithmic" if self.scan.logarithmic else "linear"
+        ends = samples[0].value, samples[-1].value
+        return Scanned(*ends, len(samples), scale, self.axis.default)
 
     @property
     def outcome(self) -> str:
@@ -217,5 +295,5 @@ def confirmations(
             confirmation = confirm(
                 boards.board, edge, simulator, logarithmic=scanned.logarithmic, timeout=timeout
             )
-        findings.append(CheckedEdge(edge, confirmation))
+        findings.append(CheckedEdge(edge, confirmation, scanned.complete))
     return tuple(findings)

@@ -51,6 +51,12 @@ Boards = Callable[[float], LinearBoard]
 class Side:
     """The pole and the fitted transient on one side of a crossing."""
 
+    DOCUMENT = (
+        *("value", "predicted.growth_rate [1/s] = rate", "predicted.frequency [Hz] = ringing"),
+        *("measured.growth_rate [1/s] = growth_rate", "measured.frequency [Hz] = frequency"),
+        *("measured.growth_rate_uncertainty? [1/s] = growth_sigma", "agrees", "reason"),
+    )
+
     value: float  # of the key
     predicted: complex  # the pole, 1/s
     growth_rate: float | None = None  # fitted, 1/s; None without a fit
@@ -58,6 +64,16 @@ class Side:
     frequency: float | None = None  # fitted, Hz
     agrees: bool | None = None  # None if undecided
     reason: str = ""  # why pole and transient disagree, or why that is undecided
+
+    @property
+    def rate(self) -> float:
+        """Growth rate of the pole, 1/s."""
+        return self.predicted.real
+
+    @property
+    def ringing(self) -> float:
+        """Frequency of the pole, Hz."""
+        return abs(self.predicted.imag) / (2.0 * math.pi)
 
 
 @dataclass(frozen=True, slots=True)

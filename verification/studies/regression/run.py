@@ -47,8 +47,26 @@ KEPT = (Status.NO_VERDICT, Status.BAD_INPUT, Status.NOT_RUN)  # an update keeps 
 
 
 @dataclass(frozen=True, slots=True)
+class BaselineOrigin:
+    """Where an entry of a baseline comes from."""
+
+    outcome: str
+    revision: str
+    taction: str
+    simulator: str
+    fingerprint: str
+
+
+@dataclass(frozen=True, slots=True)
 class SceneResult:
     """Comparison of one scene with its baseline."""
+
+    DOCUMENT = (
+        *("file", "status", "outcome = entry.record.outcome", "reason", "notes"),
+        *("simulator = entry.solved_by", "baseline = origin"),
+        *("worst = worst_known # of the differences, over what is allowed", "checks"),
+        *("differences # the baseline is the first", "seconds [s]"),
+    )
 
     file: str  # name in the folder
     status: Status
@@ -72,6 +90,20 @@ class SceneResult:
         return max((d.off for d in self.differences), default=0.0)
 
     @property
+    def worst_known(self) -> float | None:
+        """The same, or None without differences."""
+        return self.worst if self.differences else None
+
+    @property
+    def origin(self) -> BaselineOrigin | None:
+        """Where the entry of the baseline comes from."""
+        then = self.baseline
+        if then is None:
+            return None
+        known = then.revision, then.taction, then.solved_by, then.fingerprint
+        return BaselineOrigin(then.record.outcome, *known)
+
+    @property
     def failed(self) -> bool:
         """Whether a check failed."""
         return any(check.outcome is Outcome.FAIL for check in self.checks)
@@ -87,6 +119,10 @@ class RegressionReport(Result):
     """Comparison of a folder with its baseline; `revision` is the commit that is checked out."""
 
     VIEW = "taction.verification.report.views.regression:view"
+    DOCUMENT = (
+        *("exit_status", "folder", "baseline", "revision", "updated", "interrupted"),
+        *("counts = count", "scenes = results"),
+    )
 
     folder: str
     baseline: str

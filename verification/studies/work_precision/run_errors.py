@@ -45,6 +45,12 @@ class Reference:
 class ProblemErrors:
     """Errors of all runs of one problem."""
 
+    DOCUMENT = (
+        *("references", "reference_error = floor", "step_amplitude [V] = scale.amplitude"),
+        *("settling_band = scale.band", "settling_time [s] = scale.settling_time"),
+        "ringing [1/s] = scale.ringing",
+    )
+
     # by method's name and setting: errors by norm, and the name of the reference
     errors: Mapping[tuple[str, float], tuple[Errors, str]] = field(default_factory=dict)
     references: tuple[str, ...] = ()  # names, the preferred reference first

@@ -46,6 +46,12 @@ ERRORS = tuple(10.0**-k for k in range(2, 11))
 class SettingResult:
     """The results of one setting of one method."""
 
+    DOCUMENT = (
+        *("setting = known_setting", "status", "seconds [s]", "seconds_fastest [s] = fastest"),
+        *("seconds_slowest [s] = slowest", "repeats", "steps", "factorisations"),
+        *("mean_step [s]", "errors", "reference", "note"),
+    )
+
     method: Method
     setting: float
     name: str  # the setting in words
@@ -60,6 +66,11 @@ class SettingResult:
     errors: Errors  # by norm, see `taction.verification.studies.work_precision.norms`
     reference: str
     note: str  # message of the error
+
+    @property
+    def known_setting(self) -> float | None:
+        """The setting; None of a method without one."""
+        return self.setting if self.method.setting else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,6 @@ from lxml import etree
 
 from taction.system.documents import plain
 from taction.verification.report.blocks import PAGE, TERMINAL, Table
-from taction.verification.report.documents.studies import RegressDocument
 from taction.verification.report.junit import regression_junit
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.terminal import page_text
@@ -183,7 +182,7 @@ def test_a_page_has_every_change_and_a_terminal_the_largest() -> None:
 
 
 def test_the_document_for_machines_has_every_difference() -> None:
-    document = json.loads(json.dumps(plain(RegressDocument.of(report())), allow_nan=False))
+    document = json.loads(json.dumps(plain(report()), allow_nan=False))
     assert (document["exit_status"], document["interrupted"]) == (130, True)
     scene = document["scenes"][1]
     assert (scene["status"], scene["baseline"]["revision"]) == ("changed", "a" * 40)
