@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rich.console import Console
+from taction.cli.terminal import put
 
+if TYPE_CHECKING:
     from taction.spice_models.opamp import OpAmp
     from taction.tools import ImportedModel, Installation
     from taction.verification.characterise.characterise import OpAmpFigures
@@ -36,18 +36,18 @@ IMPORTED = (
 """Figures of an imported op-amp, and their units."""
 
 
-def print_solution(solution: Solution, console: Console) -> None:
+def print_solution(solution: Solution) -> None:
     """Print a solution and its certificate."""
     for n, value in enumerate(solution.u.tolist(), 1):
-        console.print(f"u_{n} = {value!r}")
-    console.print(f"lambda = {solution.lam!r}, objective = {solution.objective!r}")
-    console.print(
+        put(f"u_{n} = {value!r}")
+    put(f"lambda = {solution.lam!r}, objective = {solution.objective!r}")
+    put(
         f"{solution.certificate_kind} {solution.certificate:.3g} (bound {solution.bound:.3g});"
         f" error in u at most {solution.error_bound:.2g}; condition {solution.condition:.3g};"
         f" {solution.iterations} iterations, {1e3 * solution.seconds:.2f} ms"
     )
     if not solution.trusted:
-        console.print(f"inconclusive: {solution.reason}", markup=False)
+        put(f"inconclusive: {solution.reason}", markup=False)
 
 
 def record_document(found: MeasuredTransient) -> object:
@@ -59,14 +59,14 @@ def record_document(found: MeasuredTransient) -> object:
     )
 
 
-def print_record(record: MeasuredTransient, console: Console) -> None:
+def print_record(record: MeasuredTransient) -> None:
     """Print the measurements of a transient, and what it cost."""
     from taction.verification.report.renderers.terminal import shown
     from taction.verification.report.views.verdict import channel_table
 
-    console.print(shown(channel_table(record.measurements)))
+    put(shown(channel_table(record.measurements)))
     cost = record.waveforms.cost
-    console.print(f"{record.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s")
+    put(f"{record.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s")
 
 
 def tuned_document(found: Tuned) -> object:
@@ -83,7 +83,7 @@ def scaled_document(found: Scaled) -> object:
     return ScaleDocument.of(found.scaling, found.verdict)
 
 
-def print_scaled(found: Scaled, console: Console) -> None:
+def print_scaled(found: Scaled) -> None:
     """Print the scalings, the loads and what the checks say."""
     from taction.system.quantities import show
     from taction.verification.design.scaling import scalings_of
@@ -91,17 +91,17 @@ def print_scaled(found: Scaled, console: Console) -> None:
 
     scaling, verdict = found.scaling, found.verdict
     values = scalings_of(scaling).items()
-    console.print(", ".join(f"{name} = {show(value, unit)}" for name, (value, unit) in values))
+    put(", ".join(f"{name} = {show(value, unit)}" for name, (value, unit) in values))
     low, high = (show(ohms, "ohm") for ohms in scaling.matrix_ohms)
-    console.print(f"matrix resistors from {low} to {high}; lambda stays {scaling.lam:.4g}")
+    put(f"matrix resistors from {low} to {high}; lambda stays {scaling.lam:.4g}")
     for load in scaling.loads:
-        console.print(f"{describe(load)} ({load.share:.0%})")
+        put(f"{describe(load)} ({load.share:.0%})")
     for note in scaling.notes:
-        console.print(f"note: {note}", markup=False)
+        put(f"note: {note}", markup=False)
     failing = [check for check in verdict.checks if check.outcome.value != "pass"]
     for check in failing:
-        console.print(f"{check.name}: {check.outcome.value}: {check.reason}", markup=False)
-    console.print(f"{verdict.outcome.value.upper()} (state-space engine)")
+        put(f"{check.name}: {check.outcome.value}: {check.reason}", markup=False)
+    put(f"{verdict.outcome.value.upper()} (state-space engine)")
 
 
 def fresh_document(found: NewScene) -> object:
@@ -114,14 +114,14 @@ def fresh_document(found: NewScene) -> object:
     return NewMatrixDocument.of(found.file, found.fresh, found.scaled.verdict)
 
 
-def print_fresh(found: NewScene, console: Console) -> None:
+def print_fresh(found: NewScene) -> None:
     """Print what was recognised in the files, how lambda was chosen, and the scalings."""
     fresh = found.fresh
     if fresh is not None and found.scaled is not None:
         for note in fresh.notes:
-            console.print(note, markup=False)
-        console.print(f"lambda {fresh.rule}", markup=False)
-        print_scaled(found.scaled, console)
+            put(note, markup=False)
+        put(f"lambda {fresh.rule}", markup=False)
+        print_scaled(found.scaled)
 
 
 def models_document(models: dict[str, OpAmp]) -> object:
@@ -131,7 +131,7 @@ def models_document(models: dict[str, OpAmp]) -> object:
     return {name: Preset.of(model) for name, model in models.items()}
 
 
-def print_models(models: dict[str, OpAmp], console: Console) -> None:
+def print_models(models: dict[str, OpAmp]) -> None:
     """Print the figures that most boards depend on."""
     from taction.system.quantities import show as shown
     from taction.verification.report.blocks import Table, cell
@@ -144,10 +144,8 @@ def print_models(models: dict[str, OpAmp], console: Console) -> None:
         ends = f"\N{PLUS-MINUS SIGN}{model.least_supply:g} to {model.most_supply:g} V"
         rows.append((name, *known, ends if math.isfinite(model.most_supply) else "-"))
     titles = ("", *(title for _, _, title in COLUMNS), "supply")
-    console.print(block(Table("", titles, tuple(tuple(map(cell, row)) for row in rows))))
-    console.print(
-        "all figures with their sources, and what the model does: taction models show NAME"
-    )
+    put(block(Table("", titles, tuple(tuple(map(cell, row)) for row in rows))))
+    put("all figures with their sources, and what the model does: taction models show NAME")
 
 
 def opamp_document(found: OpAmpFigures) -> object:
@@ -162,28 +160,28 @@ def model_document(found: ImportedModel) -> object:
     return {"file": found.file, **{k: v for k, v in found.model.items() if k != "netlist"}}
 
 
-def print_model(found: ImportedModel, console: Console) -> None:
+def print_model(found: ImportedModel) -> None:
     """Print what was measured of an imported model, and how a scene uses it."""
     from taction.system.quantities import show
 
     model = found.model
     figures, linear = model["figures"], model["linear"]
-    console.print(f"{model['name']}, simulated at ±{show(model['supply'], 'V')}")
+    put(f"{model['name']}, simulated at ±{show(model['supply'], 'V')}")
     for key, unit in IMPORTED:
         value = figures[key]
         text = "no limit" if value is None else show(value, unit)
-        console.print(f"  {key.replace('_', ' '):22} {text}")
+        put(f"  {key.replace('_', ' '):22} {text}")
     for doubt in model["doubts"]:
-        console.print(f"warning: {doubt}", markup=False)
+        put(f"warning: {doubt}", markup=False)
     if linear is not None:
         poles = len(linear["gain"]["poles"])
-        console.print(
+        put(
             f"linear model: {poles} poles, within {100.0 * linear['error']:.2g} % of the simulated"
             f" response up to {show(linear['band'][1], 'Hz', 3)}"
         )
     else:
-        console.print(f"{model['missing']}: boards with it stay inconclusive")
-    console.print(f'in a scene beside it: opamp = {{ file = "{found.file}" }}')
+        put(f"{model['missing']}: boards with it stay inconclusive")
+    put(f'in a scene beside it: opamp = {{ file = "{found.file}" }}')
 
 
 def doctor_document(found: Installation) -> object:
@@ -191,9 +189,9 @@ def doctor_document(found: Installation) -> object:
     return {"findings": found.findings, "ok": all(each["ok"] for each in found.findings)}
 
 
-def print_doctor(found: Installation, console: Console) -> None:
+def print_doctor(found: Installation) -> None:
     """Print what is installed, and what it is needed for."""
     for finding in found.findings:
         mark = "ok     " if finding["ok"] else "missing"
-        console.print(f"{mark}  {finding['what']}: {finding['found']}", markup=False)
-        console.print(f"         {finding['means']}", markup=False)
+        put(f"{mark}  {finding['what']}: {finding['found']}", markup=False)
+        put(f"         {finding['means']}", markup=False)

@@ -27,12 +27,9 @@ from taction.cli.command import (
     picture,
     text_file,
 )
-from taction.cli.terminal import print_json, say
-from taction.system.documents import plain
+from taction.cli.terminal import console, print_json, say
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from taction.netlist_gen.kicad.project import KicadProject
     from taction.verification.design.fresh_scene import NewScene
     from taction.verification.design.remedies import Remedies
@@ -81,12 +78,12 @@ def _verified_document(found: _Verified) -> object:
     return found.document | {"what_to_change": WhatToChange.of(found.remedies)}
 
 
-def _verified_text(found: _Verified, console: Console) -> None:
+def _verified_text(found: _Verified) -> None:
     from taction.verification.report.renderers.terminal import print_page
     from taction.verification.report.views.files import margin_lines
 
     notes = tuple(margin_lines(found.document))
-    print_page(_verified_page(found, notes=notes, verbose=found.verbose), console)
+    print_page(_verified_page(found, notes=notes, verbose=found.verbose), console())
 
 
 def _verified_page(found: _Verified, **more: Any) -> Any:
@@ -115,6 +112,7 @@ def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
 
 
 def _annotate_error(error: taction.TactionError, call: Call) -> None:
+    from taction.system.documents import plain
     from taction.system.error_document import error_document
 
     _annotate([{"file": call.options["scenes"][0], **plain(error_document(error))}], call)
@@ -141,7 +139,6 @@ VERIFY_FILES = Job(
     lacks="shows one board; give one scene file, without --exclude and --junit",
 )
 VERIFY = Command(
-    line="Simulate a board and check it against the solution.",
     job=Job(
         function="verify",
         work=_verify,
@@ -213,7 +210,7 @@ def _netlist_document(found: Netlist) -> object:
     )
 
 
-def _netlist_text(found: Netlist, console: Console) -> None:
+def _netlist_text(found: Netlist) -> None:
     if not found.written:
         click.echo(found.text, nl=False)
 
@@ -237,7 +234,7 @@ def _kicad_remarks(found: KicadProject, call: Call) -> None:
         click.echo(f"not drawn: {what}", err=True)
 
 
-def _nothing(found: Any, console: Console) -> None:
+def _nothing(found: Any) -> None:
     """Print nothing: the files are the result."""
 
 
@@ -262,10 +259,8 @@ def _announce(call: Call) -> None:
 
 
 DIFF = Command(
-    line="Compare the keys and the readings of two boards.",
     job=Job(
         function="diff",
-        document=plain,
     ),
     parameters=(
         argument("first", metavar="A", reads=True),
@@ -276,7 +271,6 @@ DIFF = Command(
     " if that is unknown.",
 )
 NETLIST = Command(
-    line="Write the ngspice deck of a scene.",
     job=Job(
         function="netlist",
         document=_netlist_document,
@@ -295,12 +289,10 @@ NETLIST = Command(
     ),
 )
 BOM = Command(
-    line="List the parts to buy, with packages and power.",
     job=Job(function="bom", document=_parts_document, files=own_file),
     parameters=(SCENE, OUTPUT),
 )
 KICAD = Command(
-    line="Draw one channel of a board for KiCad, and list its parts.",
     job=Job(
         function="kicad",
         document=_kicad_document,
@@ -311,7 +303,6 @@ KICAD = Command(
     parameters=(SCENE, folder("output", "-o"), option("channel", metavar="N", type=int)),
 )
 SOLVE = Command(
-    line="Solve the problem numerically, with a certificate.",
     job=Job(
         function="solve",
         document=f"{DOCUMENTS}.plain:SolveDocument.of",
@@ -321,7 +312,6 @@ SOLVE = Command(
     ends="Exit status: 3 if the solution has no certificate.",
 )
 SIMULATE = Command(
-    line="Run the transient: waveforms and measurements.",
     job=Job(
         function="simulate",
         document="cli.answers:record_document",
@@ -332,7 +322,6 @@ SIMULATE = Command(
     parameters=(SCENE, ENGINE, OUTPUT),
 )
 EXPLORE = Command(
-    line="Move C, gain and more on a local page and watch the board.",
     job=Job(
         function="explore",
         document=lambda found: iter(()),  # its address was printed when the page opened
@@ -377,7 +366,7 @@ NEW_MATRIX = Job(
 NEW_SCHEMA = Job(
     function="scene_schema",
     document=dict,
-    text=lambda found, console: print_json(found, ""),
+    text=lambda found: print_json(found, ""),
     schema=None,
 )
 
@@ -389,7 +378,6 @@ def _new_job(options: Mapping[str, Any]) -> Job | None:
 
 
 NEW = Command(
-    line="Write a scene file with comments.",
     job=Job(
         function="new",
         document=lambda found: {"file": found.file},
@@ -424,7 +412,6 @@ NEW = Command(
     ),
 )
 MODELS = Command(
-    line="List the op-amp presets, or import a vendor's model.",
     job=Job(
         function="models",
         document="cli.answers:models_document",
@@ -433,7 +420,6 @@ MODELS = Command(
     parameters=(),
     commands={
         "show": Command(
-            line="Show all figures of an op-amp.",
             job=Job(
                 function="opamp",
                 document="cli.answers:opamp_document",
@@ -442,7 +428,6 @@ MODELS = Command(
             parameters=(argument("name", type=str, reads=False),),
         ),
         "import": Command(
-            line="Import a vendor's macromodel.",
             job=Job(
                 function="import_model",
                 document="cli.answers:model_document",
@@ -461,7 +446,6 @@ MODELS = Command(
     },
 )
 DOCTOR = Command(
-    line="List what is installed and what each part is for.",
     job=Job(
         function="doctor",
         document="cli.answers:doctor_document",

@@ -11,15 +11,12 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import taction
 from taction.system import results
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")
@@ -136,11 +133,12 @@ REPORT = Output(
 )
 
 
-def print_result(found: Any, console: Console) -> None:
+def print_result(found: Any) -> None:
     """Print the page of a result."""
+    from taction.cli.terminal import console
     from taction.verification.report.renderers.terminal import print_page
 
-    print_page(found.page(), console)
+    print_page(found.page(), console())
 
 
 def text_file(name: str, text: str, make: Target) -> Output:
@@ -187,7 +185,7 @@ class Job:
         Takes the result and returns its document, or an iterator of the parts of a long one; by
         default the result is its own.
     text : Target
-        Takes the result and the console, and prints; by default the page of the result.
+        Takes the result and prints it; by default its page.
     outputs : tuple of Output
         The files that show the result.
     work : callable, optional
@@ -225,8 +223,6 @@ class Command:
 
     Attributes
     ----------
-    line : str
-        Of ``taction --help``.
     job : Job
         What it runs.
     parameters : tuple of Parameter
@@ -239,7 +235,6 @@ class Command:
         The commands below it.
     """
 
-    line: str
     job: Job
     parameters: tuple[Parameter, ...]
     ends: str = ""

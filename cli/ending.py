@@ -14,13 +14,11 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Any
+from typing import Any, Literal
 
 import click
 
-from taction.cli.running import STATUS
-from taction.cli.terminal import print_json
-from taction.system.error_document import error_document, plain_error
+from taction.cli.terminal import STATUS, print_json
 from taction.system.errors import (
     INTERRUPTED,
     Interrupted,
@@ -81,7 +79,7 @@ def _status(function: Callable[[], object], as_json: bool, received: list[int]) 
         return _report(NoVerdictError("out of memory: the scene is too large"), as_json)
     except click.ClickException as error:
         if as_json:
-            print_json(plain_error("bad input", error, error.format_message()), "error")
+            _print_plain("bad input", error, error.format_message())
         error.show()
         return error.exit_code
     except (KeyboardInterrupt, click.Abort) as end:
@@ -107,12 +105,20 @@ def _run(function: Callable[[], object], received: list[int]) -> None:
         raise
 
 
+def _print_plain(
+    outcome: Literal["bad input", "inconclusive"], error: Exception, text: str
+) -> None:
+    from taction.system.error_document import plain_error
+
+    print_json(plain_error(outcome, error, text), "error")
+
+
 def _bug(error: Exception, as_json: bool) -> int:
     import traceback
 
     text = "this is a bug in taction; no verdict was reached"
     if as_json:
-        print_json(plain_error("inconclusive", error, f"{text}: {error}"), "error")
+        _print_plain("inconclusive", error, f"{text}: {error}")
     traceback.print_exception(error)
     click.echo(f"taction: {text}", err=True)
     return STATUS["inconclusive"]
@@ -120,6 +126,8 @@ def _bug(error: Exception, as_json: bool) -> int:
 
 def _report(error: TactionError, as_json: bool) -> int:
     if as_json:
+        from taction.system.error_document import error_document
+
         print_json(error_document(error), "error")
     click.echo(f"taction: {error}", err=True)
     return error.exit_status

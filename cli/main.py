@@ -5,42 +5,41 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from typing import Any, NoReturn
 
 import click
 
-from taction.cli import boards, studies
-from taction.cli.command import Command
 from taction.cli.ending import run_command
-from taction.cli.running import made
 from taction.cli.terminal import print_json
 from taction.system.processes import THREADS
 
 PROGRAM = "taction"
-COMMANDS: dict[str, Command] = {
-    "verify": boards.VERIFY,
-    "diff": boards.DIFF,
-    "netlist": boards.NETLIST,
-    "bom": boards.BOM,
-    "kicad": boards.KICAD,
-    "solve": boards.SOLVE,
-    "simulate": boards.SIMULATE,
-    "montecarlo": studies.MONTECARLO,
-    "corners": studies.CORNERS,
-    "explore": boards.EXPLORE,
-    "tune": studies.TUNE,
-    "choose": studies.CHOOSE,
-    "scale": studies.SCALE,
-    "onset": studies.ONSET,
-    "sweep": studies.SWEEP,
-    "regress": studies.REGRESS,
-    "stress": studies.STRESS,
-    "accuracy": studies.ACCURACY,
-    "reproduce": studies.REPRODUCE,
-    "models": boards.MODELS,
-    "new": boards.NEW,
-    "doctor": boards.DOCTOR,
+COMMANDS = {
+    "verify": ("boards", "Simulate a board and check it against the solution."),
+    "diff": ("boards", "Compare the keys and the readings of two boards."),
+    "netlist": ("boards", "Write the ngspice deck of a scene."),
+    "bom": ("boards", "List the parts to buy, with packages and power."),
+    "kicad": ("boards", "Draw one channel of a board for KiCad, and list its parts."),
+    "solve": ("boards", "Solve the problem numerically, with a certificate."),
+    "simulate": ("boards", "Run the transient: waveforms and measurements."),
+    "montecarlo": ("studies", "Estimate the yield under component tolerances."),
+    "corners": ("studies", "Find the worst cases within the tolerances."),
+    "explore": ("boards", "Move C, gain and more on a local page and watch the board."),
+    "tune": ("studies", "Find the gain with the least settling time."),
+    "choose": ("studies", "Choose op-amp, C and gain for given limits."),
+    "scale": ("studies", "Propose G0, U0, s and R for op-amps and supply."),
+    "onset": ("studies", "Find every stability crossing over a range."),
+    "sweep": ("studies", "Verify a grid of scenes, here or on a cluster; resumable."),
+    "regress": ("studies", "Compare a folder of scenes with a stored baseline, for CI."),
+    "stress": ("studies", "Run stiff and extreme scenes whose results are known."),
+    "accuracy": ("studies", "Compare error and run time of engines and methods."),
+    "reproduce": ("studies", "Test the paper, claim by claim and figure by figure."),
+    "models": ("boards", "List the op-amp presets, or import a vendor's model."),
+    "new": ("boards", "Write a scene file with comments."),
+    "doctor": ("boards", "List what is installed and what each part is for."),
 }
+"""By name: the module of its table, which is loaded when it is called, and its line of --help."""
 REFERENCE = ({"--json", "--help"}, {"--json", "-h"})
 
 
@@ -78,12 +77,17 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Make one command."""
-        return made(cmd_name, COMMANDS[cmd_name]) if cmd_name in COMMANDS else None
+        if cmd_name not in COMMANDS:
+            return None
+        from taction.cli.running import made
+
+        table = import_module(f"taction.cli.{COMMANDS[cmd_name][0]}")
+        return made(cmd_name, getattr(table, cmd_name.upper()))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the table, without making them."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, command.line) for name, command in COMMANDS.items()])
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """Find the command as click does; for an unknown name propose the nearest command."""

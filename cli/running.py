@@ -11,10 +11,8 @@ import click
 
 import taction
 from taction.cli.command import Call, Command, Job, Parameter, beginning, load, signature
-from taction.cli.terminal import console, display, print_json, say
+from taction.cli.terminal import STATUS, display, print_json, say
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted
-
-STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 
 
 def made(name: str, command: Command) -> click.Command:
@@ -152,7 +150,7 @@ def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
 
 def _show(job: Job, result: Any, call: Call) -> None:
     if not call.as_json:
-        load(job.text)(result, console())
+        load(job.text)(result)
         return
     document = load(job.document)(result)
     if not isinstance(document, Iterator):

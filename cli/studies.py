@@ -46,7 +46,6 @@ SAMPLE = Job(
     lacks="shows many samples; leave out --sample",
 )
 MONTECARLO = Command(
-    line="Estimate the yield under component tolerances.",
     job=Job(
         function="montecarlo",
         outputs=(
@@ -74,7 +73,6 @@ MONTECARLO = Command(
 
 
 CORNERS = Command(
-    line="Find the worst cases within the tolerances.",
     job=Job(
         function="corners",
         outputs=(REPORT,),
@@ -91,7 +89,6 @@ CORNERS = Command(
 
 
 TUNE = Command(
-    line="Find the gain with the least settling time.",
     job=Job(
         function="tune",
         document="cli.answers:tuned_document",
@@ -142,7 +139,6 @@ def _is_plain(text: str | None) -> bool:
 
 
 CHOOSE = Command(
-    line="Choose op-amp, C and gain for given limits.",
     job=Job(
         function="choose",
         outputs=(picture("maps of C and gain for every op-amp"), REPORT),
@@ -169,7 +165,6 @@ CHOOSE = Command(
     ends="Exit status: 0 if a design passes on both engines, 1 if none passes.",
 )
 SCALE = Command(
-    line="Propose G0, U0, s and R for op-amps and supply.",
     job=Job(
         function="scale",
         document="cli.answers:scaled_document",
@@ -197,7 +192,6 @@ def _ask_axis(call: Call) -> None:
 
 
 ONSET = Command(
-    line="Find every stability crossing over a range.",
     job=Job(
         function="onset",
         outputs=(picture("the pole map and the root locus"), REPORT),
@@ -241,7 +235,6 @@ def _sweep_table(found: SweepResult, path: str) -> None:
 
 
 SWEEP = Command(
-    line="Verify a grid of scenes, here or on a cluster; resumable.",
     job=Job(
         function="sweep",
         document=f"{DOCUMENTS}.studies:SweepDocument.pieces",
@@ -280,7 +273,6 @@ def _regression_markdown(found: RegressionReport) -> str:
 
 
 REGRESS = Command(
-    line="Compare a folder of scenes with a stored baseline, for CI.",
     job=Job(
         function="regress",
         outputs=(
@@ -304,7 +296,6 @@ REGRESS = Command(
     " the scene's table [regression] allows. --update accepts differences, but no failed check.",
 )
 STRESS = Command(
-    line="Run stiff and extreme scenes whose results are known.",
     job=Job(
         function="stress",
         document=f"{DOCUMENTS}.studies:StressDocument.of",
@@ -324,7 +315,6 @@ def _say_unknown(found: WorkPrecisionStudy, call: Call) -> None:
 
 
 ACCURACY = Command(
-    line="Compare error and run time of engines and methods.",
     job=Job(
         function="accuracy",
         document=f"{DOCUMENTS}.studies:AccuracyDocument.of",
@@ -353,7 +343,6 @@ def _write_paper(found: Any, call: Call) -> list[str]:
 
 
 REPRODUCE = Command(
-    line="Test the paper, claim by claim and figure by figure.",
     job=Job(
         function="reproduce",
         document=f"{DOCUMENTS}.studies:ReproduceDocument.of",

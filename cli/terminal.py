@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,6 +16,8 @@ from taction.verification.verdict.progress import Notice
 if TYPE_CHECKING:
     from rich.console import Console
 
+STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
+"""Exit status of an outcome."""
 FIRST = 10.0  # s before the first line of progress: a short command says nothing
 GROWTH = 1.5  # of the time from one line to the next
 LONGEST = 300.0  # s between two lines
@@ -33,6 +35,11 @@ def console(*, stderr: bool = False) -> Console:
     from taction.verification.report.renderers.terminal import Terminal
 
     return Terminal(stderr=stderr)
+
+
+def put(*what: Any, **more: Any) -> None:
+    """Print on the console of results, as ``rich`` does."""
+    console().print(*what, **more)
 
 
 def print_json(document: object, schema: str | None = None) -> None:

@@ -251,7 +251,7 @@ def verify_files(
             verdict_document_with_margins as describe,
         )
     else:
-        from taction.verification.report.documents.verdict import verdict_document as describe
+        from taction.system.documents import plain as describe
     files = scene_files([str(name) for name in scenes], exclude)
     found = verify_each(files, describe, engine=engine, jobs=jobs, progress=progress)
     if found.interrupted:
@@ -341,7 +341,7 @@ def diff(
     >>> taction.diff(scene, scene, engine="statespace").exit_status
     0
     """
-    from taction.verification.report.documents.verdict import verdict_document
+    from taction.system.documents import plain
     from taction.verification.studies.difference import compare_verdicts, stored_verdict
     from taction.verification.verdict.verify import Verdict
 
@@ -349,8 +349,8 @@ def diff(
         if isinstance(one, str | Path) and str(one).lower().endswith(".json"):
             return stored_verdict(one)
         if isinstance(one, Verdict):
-            return verdict_document(one)
-        return verdict_document(verify(one, engine=engine, progress=progress))
+            return dict(plain(one))
+        return dict(plain(verify(one, engine=engine, progress=progress)))
 
     one, two = document(first), document(second)
     name, other = (

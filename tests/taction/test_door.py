@@ -38,6 +38,17 @@ def test_a_job_is_there_before_anything_heavy_is_loaded() -> None:
     assert not loaded_by("import taction; taction.sweep, taction.verify") & set(HEAVY)
 
 
+def test_help_and_a_deck_load_no_study_and_no_terminal(tmp_path: Path) -> None:
+    run = "from click.testing import CliRunner; from taction.cli.main import main"
+    shown = loaded_by(f"{run}\nCliRunner().invoke(main, ['--help'])")
+    assert not [name for name in shown if name.startswith(("taction.cli.boards", "numpy", "rich"))]
+    words = ["netlist", str(SCENES / "tuned-breadboard.toml"), "-o", str(tmp_path / "a.cir")]
+    made = loaded_by(f"{run}\nCliRunner().invoke(main, {words!r})")
+    assert (tmp_path / "a.cir").exists()
+    unused = ("rich", "asyncio", "taction.cli.studies", "taction.verification.verdict.verify")
+    assert not made & {*unused, "taction.verification.report.blocks"}
+
+
 def test_every_public_name_is_listed_and_found() -> None:
     assert set(taction.__all__) <= set(dir(taction))
     assert sorted(taction.__all__) == taction.__all__
