@@ -117,6 +117,8 @@ def _right_outcome(check: Check, verdict: Verdict, truth: TrueValues) -> Outcome
     if truth.rightmost[0] >= 0.0 or not truth.arrives:
         return None if check.name == "rise_time" else Outcome.FAIL
     if check.name == "steady_state":
+        if truth.steady_state <= limits.tolerance and _varies(verdict):
+            return None
         return _passed(truth.steady_state <= limits.tolerance)
     if not truth.readable:
         return None
@@ -126,6 +128,11 @@ def _right_outcome(check: Check, verdict: Verdict, truth: TrueValues) -> Outcome
     lowest = getattr(limits, "min", None) or 0.0
     highest = math.inf if limits.max is None else limits.max
     return _passed(lowest <= value <= highest)
+
+
+def _varies(verdict: Verdict) -> bool:
+    """Whether the steady state is judged by the spread of op-amps: a deck has one of them only."""
+    return any(model.varying for model in verdict.circuit.models.values())
 
 
 def _passed(right: bool) -> Outcome:
@@ -165,8 +172,9 @@ class _Numbers:
         """Yield the numbers of the decided checks of the network."""
         for check in self.verdict.checks:
             value, uncertainty = check.value, check.uncertainty
-            undecided = check.outcome is Outcome.INCONCLUSIVE
-            if check.name in NETWORK and not undecided and None not in (value, uncertainty):
+            unknown = check.outcome is Outcome.INCONCLUSIVE
+            unknown |= check.name == "steady_state" and _varies(self.verdict)
+            if check.name in NETWORK and not unknown and None not in (value, uncertainty):
                 true = _of_the_network(check.name, self.verdict, self.truth)
                 yield self._number(check.name, value or 0.0, uncertainty or 0.0, true, check.unit)
 
