@@ -6,13 +6,16 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from taction.cli.ending import run_command
 from taction.cli.terminal import print_json
 from taction.system.processes import THREADS
+
+if TYPE_CHECKING:
+    from taction.cli.command import Command
 
 PROGRAM = "taction"
 COMMANDS = {
@@ -41,6 +44,12 @@ COMMANDS = {
 }
 """By name: the module of its table, which is loaded when it is called, and its line of --help."""
 REFERENCE = ({"--json", "--help"}, {"--json", "-h"})
+
+
+def command(name: str) -> Command:
+    """Return a command of `COMMANDS`; its table is loaded now."""
+    found: Command = getattr(import_module(f"taction.cli.{COMMANDS[name][0]}"), name.upper())
+    return found
 
 
 def print_reference(group: click.Group) -> None:
@@ -81,8 +90,7 @@ class LazyGroup(click.Group):
             return None
         from taction.cli.running import made
 
-        table = import_module(f"taction.cli.{COMMANDS[cmd_name][0]}")
-        return made(cmd_name, getattr(table, cmd_name.upper()))
+        return made(cmd_name, command(cmd_name))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the table, without making them."""

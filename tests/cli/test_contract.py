@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 import taction
+from taction.cli import main as program
 from taction.cli import running
 from taction.cli.command import Command, Job, Parameter, load, sentences, signature
-from taction.cli.main import COMMANDS
 from taction.system.errors import Complaint
 from tests.support.running import document
 from tests.support.running import taction as run
@@ -56,7 +56,10 @@ CALLS: dict[str, tuple[str, ...]] = {
 }
 
 
-def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterator[str]:
+TABLE = {name: program.command(name) for name in program.COMMANDS}
+
+
+def commands(table: Mapping[str, Command] = TABLE, above: str = "") -> Iterator[str]:
     for name, command in table.items():
         yield f"{above}{name}"
         yield from commands(command.commands, f"{name} ")
@@ -64,7 +67,7 @@ def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterat
 
 def entry(name: str) -> Command:
     first, *rest = name.split()
-    return COMMANDS[first].commands[rest[0]] if rest else COMMANDS[first]
+    return TABLE[first].commands[rest[0]] if rest else TABLE[first]
 
 
 def jobs() -> Iterator[tuple[str, Job]]:

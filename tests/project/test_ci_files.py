@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from scripts import nightly
-from taction.cli.main import COMMANDS, main
+from taction.cli.main import COMMANDS, command, main
 from taction.cli.running import made
 from taction.netlist_gen.scene.checks import Regression
 from taction.verification.studies.regression.run import Status
@@ -20,7 +20,7 @@ from tests.support.paths import ROOT
 
 GUIDE = (ROOT / "docs" / "ci.md").read_text("utf-8")
 WORKFLOW = yaml.safe_load((ROOT / ".github" / "workflows" / "taction.yml").read_text("utf-8"))
-REGRESS = made("regress", COMMANDS["regress"])
+REGRESS = made("regress", command("regress"))
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", GUIDE, re.DOTALL)
 
 
