@@ -220,6 +220,7 @@ def polynomial(inputs: list[str], coefficients: list[float]) -> str:
 
 
 ALLOWED = re.compile(r"[a-z0-9_ .,+\-*/(){}=:^<>!?&|]*")
+_ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
 _COMMENT = re.compile(r"\s*(?:;|//|(?:^|(?<=\s))\$).*")
 
 
@@ -265,7 +266,7 @@ def logical_lines(content: bytes) -> list[Line]:
         line = raw.strip("\x1a").removesuffix("\r").replace("\t", " ").strip(" ").lower()
         if line.startswith("*"):
             continue
-        line = _COMMENT.sub("", line)
+        line = _COMMENT.sub("", _ENDS.sub(".ends", line))
         if wrong := ALLOWED.sub("", line, count=1):
             raise RefusedError(number, f"the character {wrong[0]!r} is not accepted")
         line = " ".join(line.split())
@@ -282,7 +283,7 @@ def logical_lines(content: bytes) -> list[Line]:
     return found
 
 
-MODELS = ("d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "sw", "vswitch", "res")
+MODELS = ("d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "sw", "vswitch", "res", "r")
 _FIELD = re.compile(r"\{[^{}]*\}|[^\s=]+\s*=\s*(?:\{[^{}]*\}|[^\s={}]+)|[^\s{}=]+")
 _KEY = re.compile(r"[a-z][a-z0-9_]*")
 _POLY = re.compile(r"poly\s*\(\s*(\d+)\s*\)(.*)")
@@ -309,9 +310,9 @@ class Names:
     ) -> None:
         self.parameters, self.models, self.subcircuits = parameters, models, subcircuits
 
-    def has_model(self, name: str, kind: str) -> bool:
-        """Whether `name` is a model of this kind."""
-        return name in self.models and model_kind(self.models[name]) == kind
+    def has_model(self, name: str, *kinds: str) -> bool:
+        """Whether `name` is a model of one of these kinds."""
+        return name in self.models and model_kind(self.models[name]) in kinds
 
 
 def device(line: Line, names: Names) -> str:
@@ -427,6 +428,7 @@ def _smooth_switch(fields: list[str]) -> tuple[float, float, float, float]:
 
 WITHOUT_CARD: dict[str, Callable[[list[str]], object]] = {
     "res": _thermal,
+    "r": _thermal,
     "vswitch": _smooth_switch,
 }
 """Models whose devices are written without a model, and the check of their fields."""
@@ -452,7 +454,7 @@ def _nodes(fields: list[str], count: int) -> list[str]:
 def _passive(letter: str, rest: str, names: Names) -> str:
     fields = split_fields(rest)
     nodes = _nodes(fields, 2)
-    if letter == "r" and len(fields) > 3 and names.has_model(fields[2], "res"):
+    if letter == "r" and len(fields) > 3 and names.has_model(fields[2], "res", "r"):
         del fields[2]
     fields = [field for field in fields if field != "noiseless"]
     if len(fields) < 3:
@@ -526,10 +528,11 @@ def _semiconductor(letter: str, rest: str, names: Names) -> str:
     places = [k for k in range(least, min(most, len(fields) - 1) + 1) if fields[k] in names.models]
     if not places:
         raise ValueError(f"none of the fields is the model of a device {letter.upper()!r}")
-    nodes, after = _nodes(fields, places[-1]), fields[places[-1] + 1 :]
-    plain = [value(word, names) for word in after if "=" not in word]
-    if len(plain) > 1:
-        raise ValueError("more than one number after the model")
+    # `off` helps another simulator's iteration; it does not change the operating point.
+    nodes, after = _nodes(fields, places[-1]), [f for f in fields[places[-1] + 1 :] if f != "off"]
+    plain = [f"area={value(word, names)}" for word in after if "=" not in word]
+    if len(plain) > 1 or (plain and letter not in "dqj"):
+        raise ValueError("more numbers after the model than an area")
     given = assignments([word for word in after if "=" in word], names, _INSTANCE)
     return " ".join((*nodes, fields[places[-1]], *plain, *given))
 

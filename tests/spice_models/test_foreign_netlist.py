@@ -119,7 +119,7 @@ def test_a_missing_subcircuit_is_named_with_those_of_the_file() -> None:
 
 def test_the_end_of_file_mark_of_dos_is_no_character() -> None:
     """At the end, and between files that were joined."""
-    content = b".subckt p/1.a a b\r\nr1 a b 1k\r\n.ends\r\n\x1a\r\n\x1a* next\r\n\x1a\x1a"
+    content = b'.subckt p/1.a a b\r\nr1 a b 1k\r\n.ends* "Q"\r\n\x1a\r\n\x1a* next\r\n\x1a\x1a'
     assert read_subcircuit(content, "P/1.A", "m").lines == (
         ".subckt m_p_1_a a b",
         "r1 a b 1000.0",
@@ -207,7 +207,7 @@ ip5 0 p5 1m
 sp5 p5 0 in 0 sv
 gp6 0 p6 in 0 tbl(0 0 1 1m)
 rp6 p6 0 1k
-dp6 p6 0 dk
+dp6 p6 0 dk 1e-3 off
 v1 one 0 dc 1
 i1 0 r 1m
 r1 r 0 1k tc1=0

@@ -39,13 +39,14 @@ VENDOR = (
 TIGHT = ".options noopiter reltol=1e-7 abstol=1e-18 vntol=1e-12 chgtol=1e-21 gmin=1e-18"
 SWITCHED = (
     ".options reltol=1e-4",
-    ".options reltol=1e-3 method=gear",
-    ".options reltol=1e-2 gmin=1e-10",
+    ".options reltol=1e-3 gmin=1e-9",
+    ".options reltol=1e-2 method=gear abstol=1e-9 vntol=1e-4",
 )
 """Options for the large steps of vendors' models, likewise."""
 SERVO = ("Gslow 0 slow out 0 1e-6", "Rslow slow 0 1e6", "Cslow slow 0 1e9")
 PROBES = {"of_inn": "Vinn 1.0", "of_inp": "Vinp -1.0", "of_vcc": "Vcc -1.0"}
 """Nodes whose voltage is a current of the op-amp, A: into an input, and the supply's."""
+CLAMPED = 100.0  # ohm, between the source of a large step and diodes at the input
 LOAD = 10e3  # ohm, of a vendor's op-amp at its largest output
 _UNITS = common_facts(**dict.fromkeys(NEEDED, 1.0))
 
@@ -158,7 +159,7 @@ class VendorBench:
             *self.subcircuit.lines,
             f"Vcc vcc 0 dc {self.supply!r}",
             f"Vee vee 0 dc {-self.supply!r}",
-            f"Vinp inp 0 dc 0.0 ac {size['inp']!r} {step}".rstrip(),
+            f"Vinp {'far' if step else 'inp'} 0 dc 0.0 ac {size['inp']!r} {step}".rstrip(),
             instance(self.subcircuit, wired, self.compensation),
             "Vinn inn pin dc 0.0",  # its current is that of the pin
             self.options,
@@ -166,7 +167,7 @@ class VendorBench:
             "Eservo inn drive slow 0 1.0",
             f"Vdrive drive 0 dc 0.0 ac {size['inn']!r}",
             f"Iload 0 out dc 0.0 ac {size['out']!r}",
-            *([f"Rload out 0 {LOAD!r}"] if step else []),
+            *([f"Rload out 0 {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
             *(f"H{node} {node} 0 {source}" for node, source in PROBES.items()),
         ]
         return _deck(lines, analysis, (OUT, "inn", *PROBES))

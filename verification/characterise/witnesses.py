@@ -22,6 +22,7 @@ from taction.verification.engines.statespace.linearised.output_noise import nois
 from taction.verification.engines.statespace.transients.simulate import simulate as integrate
 
 Found = TypeVar("Found")
+EDGE = 1e-3  # of the period of large steps: a jump in no time stops many a vendor's model
 POINTS = 2000  # of a transient
 TIMEOUT = 120.0  # s, of one run of ngspice
 WIDE = Band(start=1e-3, steps=520, density=40)  # 1 mHz to 10 GHz: of a vendor's model
@@ -201,7 +202,7 @@ class Simulation:
         points = (
             f"{turn + delay!r} {value!r}"
             for turn, before, after in zip(turns, (0.0, 1, -1), (1, -1, 1), strict=True)
-            for delay, value in ((0.0, before * volts), (1e-4 * period, after * volts))
+            for delay, value in ((0.0, before * volts), (EDGE * period, after * volts))
         )
         step = f"pwl({' '.join(points)})"
         plan = Transient(3.0 * period, period / POINTS, initial="rest")
