@@ -152,7 +152,7 @@ def opamp_document(found: OpAmpFigures) -> object:
     """Return all figures of an op-amp."""
     from taction.verification.report.documents.plain import ShowDocument
 
-    return ShowDocument.of(found.opamp, found.notes, found.results)
+    return ShowDocument.of(found.opamp, found.origins, found.results)
 
 
 def model_document(found: ImportedModel) -> object:

@@ -33,6 +33,7 @@ ZERO_OR_MORE = (
     "output_resistance",
     "voltage_noise",
     "current_noise",
+    "voltage_noise_corner",
     "supply_current",
 )
 
@@ -96,6 +97,7 @@ class OpAmp:
     most_supply: float = math.inf
     voltage_noise: float = 0.0  # white, at the input of the gain stages, V/rtHz
     current_noise: float = 0.0  # white, into each input, A/rtHz
+    voltage_noise_corner: float = 0.0  # of its 1/f noise, Hz; 0: the sheet has none
     supply_current: float = 0.0  # quiescent, of one op-amp, A
     offset_voltage: float = 0.0  # adds to v+, V
     bias_current: float = 0.0  # mean of the currents into the inputs, A

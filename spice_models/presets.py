@@ -6,7 +6,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -46,10 +46,14 @@ def _text() -> str:
 
 
 @cache
+def _tables() -> dict[str, Any]:
+    return tomllib.loads(_text())
+
+
+@cache
 def load_presets() -> Mapping[str, OpAmp]:
     """Return the presets by name in the order of the data file, which is read once."""
-    tables = tomllib.loads(_text())
-    return MappingProxyType({name: opamp_of(name, table) for name, table in tables.items()})
+    return MappingProxyType({name: opamp_of(name, table) for name, table in _tables().items()})
 
 
 def opamp_of(name: str, figures: Mapping[str, Any]) -> OpAmp:
@@ -66,7 +70,7 @@ def opamp_of(name: str, figures: Mapping[str, Any]) -> OpAmp:
     >>> opamp_of("acme1", acme).gbw
     5000000.0
     """
-    table = dict(figures)
+    table = {key: value for key, value in figures.items() if key != "origin"}
     f_u = table.pop("unity_gain_bandwidth")
     table["guaranteed"] = tuple(table.get("guaranteed", {}).items())
     if "phase_margin" in table:
@@ -97,17 +101,46 @@ def _notes() -> dict[str, dict[str, str]]:
     return found
 
 
-def figure_notes(name: str) -> dict[str, str]:
-    """Return what the data file says about single figures of a preset, by their keys in the file.
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a figure of a preset comes from.
 
-    It says nothing about an op-amp of another package.
+    Attributes
+    ----------
+    document, limit : str
+        Title and revision of the document that prints the figure, and its guaranteed limit;
+        ``"derived"`` from other figures as the note says, or ``"assumed"``: in no public text that
+        was found. Empty where there is no limit.
+    note : str
+        What the data file says beside it.
+    """
+
+    document: str
+    limit: str
+    note: str
+
+
+def figure_origins(name: str) -> dict[str, Origin]:
+    """Return where the figures of a preset come from, by their keys in the file.
+
+    Nothing is known about an op-amp of another package.
 
     Examples
     --------
-    >>> figure_notes("ua741")["saturation"]
+    >>> figure_origins("ua741")["saturation"].note
     '14 V of 15 V into 10 kohm'
+    >>> figure_origins("ua741")["voltage_noise"].document
+    'assumed'
     """
-    return dict(_notes().get(name, {}))
+    table = _tables().get(name, {})
+    lists: Mapping[str, list[str]] = table.get("origin", {})
+    documents = {figure: document for document, figures in lists.items() for figure in figures}
+    notes = _notes().get(name, {})
+    return {
+        key: Origin(documents[key], documents.get(f"guaranteed.{key}", ""), notes.get(key, ""))
+        for key in documents
+        if not key.startswith("guaranteed.")
+    }
 
 
 def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:

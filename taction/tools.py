@@ -94,7 +94,7 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     'ua741'
     """
     from taction.netlist_gen.scene.open_tables import OPAMPS
-    from taction.spice_models.presets import figure_notes
+    from taction.spice_models.presets import figure_origins
     from taction.system.errors import Complaint, InputError, SimulationError, nearest_question
     from taction.verification.characterise.characterise import OpAmpFigures, characterise
     from taction.verification.characterise.witnesses import Equations, Simulation
@@ -111,7 +111,7 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     except SimulationError as error:
         progress(Notice(f"without ngspice: {error}"))
     results = {title: characterise(OPAMPS[name], each) for title, each in witnesses.items()}
-    return OpAmpFigures(OPAMPS[name], figure_notes(name), witnesses, results)
+    return OpAmpFigures(OPAMPS[name], figure_origins(name), witnesses, results)
 
 
 def import_model(

@@ -138,7 +138,7 @@ def test_what_cannot_be_drawn_is_refused_before_a_folder_is_made(tmp_path: Path)
 
 
 OLD = {"ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27"}
-NEW = {"lm324", "tl072", "opa2134", "ad711", "ad8065", "lt1028", "opa1612", "lmp7721"}
+NEW = {"lm324", "tl072", "tl074", "opa2134", "ad711", "ad8065", "lt1028", "opa1612", "lmp7721"}
 
 
 def test_the_list_has_every_preset() -> None:
@@ -153,7 +153,16 @@ def test_the_list_has_every_preset() -> None:
 @pytest.mark.usefixtures("ngspice")
 def test_one_op_amp_is_shown_with_what_its_model_does() -> None:
     shown = document(taction("models", "show", "ua741", "--json"))
-    assert shown["figures"]["slew_rate"] == {"value": 0.5e6, "unit": "V/s", "note": ""}
+    assert shown["figures"]["bias_current"] == {
+        "value": 80e-9,
+        "unit": "A",
+        "note": "",
+        "source": shown["figures"]["dc_gain"]["source"],
+        "guaranteed": 500e-9,
+        "guaranteed_source": shown["figures"]["bias_current"]["source"],
+    }
+    assert "SLOS009A" in shown["figures"]["bias_current"]["source"]
+    assert shown["figures"]["voltage_noise"]["source"] == "assumed"
     assert shown["figures"]["saturation"]["note"] == "14 V of 15 V into 10 kohm"
     swing = shown["measured"]["swing"]
     assert swing["stated"] == 14.0
@@ -164,8 +173,9 @@ def test_one_op_amp_is_shown_with_what_its_model_does() -> None:
 @pytest.mark.usefixtures("ngspice")
 def test_the_table_says_what_a_sheet_does_not_print() -> None:
     text = " ".join(taction("models", "show", "lf353").stdout.split())
-    assert "phase margin 60 degrees 60 degrees 60 degrees no figure: assumed" in text
-    assert "LF353-N Wide Bandwidth Dual JFET Input Operational Amplifier, SNOSBH3" in text
+    assert "phase margin 60 degrees 60 degrees 60 degrees assumed no figure: assumed" in text
+    assert "offset voltage 5 mV \N{LESS-THAN OR EQUAL TO} 10 mV" in text
+    assert "LF353-N Wide Bandwidth Dual JFET Input Operational Amplifier, SNOSBH3F, 2013" in text
 
 
 @pytest.mark.usefixtures("ngspice")

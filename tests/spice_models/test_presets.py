@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from taction import spice_models
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
-from taction.spice_models.presets import derive, figure_notes, load_presets
+from taction.spice_models.presets import derive, figure_origins, load_presets
 
 PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))
 OLD = ("ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27")
-NAMES = (*OLD, "lm324", "tl072", "opa2134", "ad711", "ad8065", "lt1028", "opa1612", "lmp7721")
+NEW = ("lm324", "tl072", "tl074", "opa2134", "ad711", "ad8065", "lt1028", "opa1612", "lmp7721", "opa189")
+NAMES = (*OLD, *NEW)
+NO_FIGURES = {"source", "external_part", "guaranteed", "origin"}
 
 
 @pytest.fixture
@@ -29,18 +33,54 @@ def test_every_preset_is_there_and_names_its_source() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_figures_are_those_of_the_file(name: str) -> None:
-    model, printed = load_presets()[name], dict(PRINTED[name])
+    model = load_presets()[name]
+    printed = {key: value for key, value in PRINTED[name].items() if key not in NO_FIGURES}
     f_u, margin = printed.pop("unity_gain_bandwidth"), printed.pop("phase_margin", 180.0)
     assert unity_gain_bandwidth(model) == pytest.approx(f_u, rel=1e-12)
     assert phase_margin(model) == pytest.approx(margin, abs=1e-9)
     assert {key: getattr(model, key) for key in printed} == printed
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_every_figure_and_limit_has_one_origin(name: str) -> None:
+    """A document with a publisher and a part, or one of two words; a derived figure says how."""
+    table = PRINTED[name]
+    limits = [f"guaranteed.{key}" for key in table.get("guaranteed", {})]
+    listed = [figure for figures in table["origin"].values() for figure in figures]
+    assert sorted(listed) == sorted([*(table.keys() - NO_FIGURES), *limits])
+    for document, figures in table["origin"].items():
+        assert figures
+        assert document in ("derived", "assumed") or re.fullmatch(
+            r"[A-Z][\w -]+, .*\d+.*", document
+        )
+    notes = {key: origin.note for key, origin in figure_origins(name).items()}
+    if name != "ideal":
+        assert all(notes[key] for key in table["origin"].get("derived", ()))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_guaranteed_limit_is_beyond_the_typical_figure(name: str) -> None:
+    model = load_presets()[name]
+    assert dict(model.guaranteed) == PRINTED[name].get("guaranteed", {})
+    for figure, limit in model.guaranteed:
+        typical = abs(getattr(model, figure))
+        least = figure in ("common_mode_rejection", "dc_gain")
+        assert limit < typical if least else limit > typical, figure
+
+
 def test_notes_are_those_beside_the_figures() -> None:
-    assert figure_notes("ideal") == {}
-    assert figure_notes("ua741")["current_noise"].startswith("no figure: shot noise of the sheet's")
-    assert figure_notes("lm324")["output_resistance"] == figure_notes("lm324")["phase_margin"]
-    assert figure_notes("ne5534")["output_resistance"].endswith("leaves a loop gain of 70")
+    notes = {name: figure_origins(name) for name in ("ua741", "lm324", "ne5534")}
+    assert notes["ua741"]["current_noise"].note.startswith("no figure: shot noise of the sheet's")
+    assert notes["lm324"]["output_resistance"].note == notes["lm324"]["phase_margin"].note
+    assert notes["ne5534"]["output_resistance"].note.endswith("leaves a loop gain of 70")
+    assert figure_origins("acme1") == {}
+
+
+def test_an_origin_names_the_documents_of_a_figure_and_of_its_limit() -> None:
+    origin = figure_origins("ad8065")["offset_voltage"]
+    assert origin.document == "assumed"
+    assert origin.limit.endswith("AD8065/AD8066 High Performance, 145 MHz FastFET Op Amps, Rev. E")
+    assert figure_origins("op27")["voltage_noise_corner"].limit == ""
 
 
 def test_every_real_part_has_every_figure() -> None:
@@ -49,6 +89,8 @@ def test_every_real_part_has_every_figure() -> None:
         "input_resistance",
         "differential_capacitance",
         "input_capacitance",
+        "voltage_noise_corner",
+        "guaranteed",
     }
     every = set().union(*PRINTED.values()) - optional
     for name in NAMES[1:]:
@@ -58,6 +100,11 @@ def test_every_real_part_has_every_figure() -> None:
 def test_ideal_is_a_gain_and_nothing_else() -> None:
     ideal = load_presets()["ideal"]
     assert ideal == OpAmp("ideal", 1e9, source=ideal.source)
+
+
+def test_the_tl074_is_four_tl072() -> None:
+    quad, dual = load_presets()["tl074"], load_presets()["tl072"]
+    assert quad == replace(dual, name="tl074", channels_per_package=4)
 
 
 def test_changed_gbw_takes_the_second_pole_along(ua741: OpAmp) -> None:

@@ -23,6 +23,7 @@ from taction.spice_models.imported import (
     check_pins,
 )
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from taction.spice_models.presets import Origin
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import Complaint, InputError, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
@@ -83,8 +84,8 @@ class OpAmpFigures(Result):
 
     Attributes
     ----------
-    notes : mapping of str to str
-        Where a stated figure comes from.
+    origins : mapping of str to Origin
+        Where the stated figures come from; empty for an op-amp of another package.
     witnesses : mapping of str to Witness
         What solves the test benches.
     results : mapping of str to tuple of Measured
@@ -94,7 +95,7 @@ class OpAmpFigures(Result):
     VIEW = "taction.verification.report.views.opamp:view"
 
     opamp: OpAmp = field(repr=False)
-    notes: Mapping[str, str] = field(repr=False)
+    origins: Mapping[str, Origin] = field(repr=False)
     witnesses: Mapping[str, Witness] = field(repr=False)
     results: Mapping[str, tuple[Measured, ...]] = field(repr=False)
 

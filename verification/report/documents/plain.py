@@ -10,6 +10,7 @@ from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, Package
 from taction.netlist_gen.board.circuit import Omission
 from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
+from taction.spice_models.presets import Origin
 from taction.system.array_types import Floats
 from taction.system.documents import (
     OPTIONAL,
@@ -28,7 +29,7 @@ from taction.system.documents import (
 from taction.verification.characterise.characterise import supply_of
 from taction.verification.reference import Solution
 from taction.verification.report.documents.verdict import Certificate
-from taction.verification.report.views.opamp import TITLES, Results, stated_figures
+from taction.verification.report.views.opamp import TITLES, Origins, Results, stated_figures
 from taction.verification.verdict.board_power import BoardPower
 from taction.verification.verdict.pruning import Pruning
 
@@ -225,6 +226,9 @@ class StatedFigure:
     value: Number
     unit: str
     note: Annotated[str, Note("what the sheet says beside it, or how it was derived")]
+    source: Annotated[str, Note("title and revision of a document, derived, or assumed")]
+    guaranteed: Annotated[Number, Note("its limit at 25 degrees; null: none is known")]
+    guaranteed_source: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,16 +253,20 @@ class ShowDocument:
     measured: Annotated[dict[str, MeasuredFigure], Note("by the name of the figure")]
 
     @classmethod
-    def of(cls, opamp: OpAmp, notes: Mapping[str, str], results: Results) -> ShowDocument:
-        """Return the stated and the measured figures; `notes` are those of the data sheet."""
+    def of(cls, opamp: OpAmp, origins: Origins, results: Results) -> ShowDocument:
+        """Return the stated and the measured figures."""
         measured: dict[str, dict[str, Any]] = {}
         for witness, found in results.items():
             for each in found:
                 known = {"unit": each.unit, "stated": each.stated}
                 measured.setdefault(each.name, known)[witness.replace(" ", "_")] = each.value
+        limits, unknown = dict(opamp.guaranteed), Origin("", "", "")
         figures = {
-            name: StatedFigure(value, TITLES[name][1], notes.get(name, ""))
+            name: StatedFigure(
+                value, TITLES[name][1], from_.note, from_.document, limits.get(name), from_.limit
+            )
             for name, value in stated_figures(opamp).items()
+            for from_ in (origins.get(name, unknown),)
         }
         values = {name: MeasuredFigure(**each) for name, each in measured.items()}
         return taken(cls, opamp, figures=figures, supply=supply_of(opamp), measured=values)

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
+from taction.spice_models.presets import Origin
 from taction.system.array_types import Floats
 from taction.verification.characterise.characterise import (
     STEP,
@@ -44,6 +45,7 @@ TITLES = {
     "offset_current": ("input offset current", "A"),
     "common_mode_rejection": ("common-mode rejection", "dB"),
     "voltage_noise": ("voltage noise", "V/rtHz"),
+    "voltage_noise_corner": ("corner of its 1/f noise", "Hz"),
     "current_noise": ("current noise", "A/rtHz"),
     "supply_current": ("supply current", "A"),
     "channels_per_package": ("op-amps in a package", ""),
@@ -55,6 +57,9 @@ MARKS = 25  # of the second witness on a curve
 SHOWN_SMALL, SHOWN_LARGE = 0.5, 0.6  # of the records of the steps
 SKIPPED = 1e-3  # of the shown record: the jump through the input's capacitance
 Results = Mapping[str, tuple[Measured, ...]]  # by the name of the witness
+Origins = Mapping[str, Origin]  # by the name of the figure
+WORDS = ("derived", "assumed")  # in the place of a document
+AT_LEAST = ("common_mode_rejection", "dc_gain")  # figures with a guaranteed minimum
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,11 +79,17 @@ def measure_curves(opamp: OpAmp, witness: Witness) -> Curves:
 
 def view(result: OpAmpFigures) -> Page:
     """Return the page of an op-amp."""
-    opamp, notes, results = result.opamp, result.notes, result.results
-    titles = ("figure", "data sheet", *results, "note")
-    table = Table("Figures", titles, tuple(_rows(opamp, notes, results)))
+    opamp, origins, results = result.opamp, result.origins, result.results
+    documents = list(_documents(opamp, origins))
+    titles = ("figure", "typical", "guaranteed", *results, "from", "note")
+    table = Table("Figures", titles, tuple(_rows(opamp, origins, documents, results)))
     benches = f"measured at \N{PLUS-MINUS SIGN}{supply_of(opamp):g} V on test benches"
     sources = [f"source: {opamp.source}"]
+    sources += [f"[{number}] {title}" for number, title in enumerate(documents, 1)]
+    if documents:
+        sources.append(
+            "assumed: in no public text of a sheet that was found; derived: see the note"
+        )
     if opamp.external_part:
         sources.append(f"every op-amp needs a {opamp.external_part}")
     sources.append(
@@ -120,17 +131,53 @@ def stated_figures(opamp: OpAmp) -> dict[str, float]:
     return {name: value for name, value in values.items() if value not in ABSENT}
 
 
-def _rows(opamp: OpAmp, notes: Mapping[str, str], results: Results) -> Iterator[tuple[Cell, ...]]:
+def _documents(opamp: OpAmp, origins: Origins) -> dict[str, None]:
+    """Return the documents that the shown figures name, in the order of the figures."""
+    shown = [origins[name] for name in stated_figures(opamp) if name in origins]
+    named = (title for origin in shown for title in (origin.document, origin.limit))
+    return dict.fromkeys(title for title in named if title and title not in WORDS)
+
+
+def _rows(
+    opamp: OpAmp, origins: Origins, documents: list[str], results: Results
+) -> Iterator[tuple[Cell, ...]]:
     measured = [{f.name: f.value for f in found} for found in results.values()]
+    limits, unknown = dict(opamp.guaranteed), Origin("", "", "")
+
+    def reference(document: str) -> str:
+        return f"[{documents.index(document) + 1}]" if document in documents else document
+
     for name, value in stated_figures(opamp).items():
         title, unit = TITLES[name]
+        origin = origins.get(name, unknown)
+        limit = _cell(limits.get(name), unit)
+        if limit.text:
+            bound = (
+                "\N{GREATER-THAN OR EQUAL TO}" if name in AT_LEAST else "\N{LESS-THAN OR EQUAL TO}"
+            )
+            limit = Cell(f"{bound} {limit.text}", limit.number)
+        named = dict.fromkeys(filter(None, map(reference, (origin.document, origin.limit))))
         cells = (_cell(found.get(name), unit) for found in measured)
-        yield Cell(title), _cell(value, unit), *cells, Cell(notes.get(name, ""))
+        yield (
+            Cell(title),
+            _cell(value, unit),
+            limit,
+            *cells,
+            Cell(" ".join(named)),
+            Cell(origin.note),
+        )
         if name == "saturation":
             supply = supply_of(opamp)
             cells = (_cell(found.get(SWING), "V") for found in measured)
             note = Cell(f"at \N{PLUS-MINUS SIGN}{supply:g} V")
-            yield Cell("output swing"), _cell(opamp.swing(supply), "V"), *cells, note
+            yield (
+                Cell("output swing"),
+                _cell(opamp.swing(supply), "V"),
+                Cell(""),
+                *cells,
+                Cell(""),
+                note,
+            )
 
 
 def _cell(value: float | None, unit: str) -> Cell:
