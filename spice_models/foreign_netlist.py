@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from taction.spice_models.foreign_devices import (
+    LONGEST,
     NAME,
     SUBCIRCUIT,
     Line,
@@ -64,6 +65,8 @@ def read_subcircuit(content: bytes, name: str, prefix: str) -> Subcircuit:
     lines: list[str] = []
     for old in order:
         lines += _write(blocks[old], whole, new, new[old])
+    if longest := [line for line in lines if len(line) > LONGEST]:
+        raise RefusedError(1, f"written anew, a card has over {LONGEST} characters", longest[0])
     if len(lines) > MOST_LINES:
         raise RefusedError(1, f"{len(lines)} cards; at most {MOST_LINES} are read")
     return Subcircuit(new[wanted], _ports(blocks[wanted]), tuple(lines))

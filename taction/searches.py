@@ -301,7 +301,7 @@ def new(
     lam : float, optional
         Lambda; by default 0.01 times the squared norm of T, or by --noise.
     opamp : str
-        Preset, with --matrix.
+        Preset.
     supply : str, optional
         Supply as ±12V, with --matrix.
     prune : float, optional
@@ -348,7 +348,7 @@ def new(
             raise InputError(option, Complaint("value", repr(value), "needs --matrix"))
     _refuse_existing(path, force=force)
     if matrix is None or strain is None:
-        template = Path(__file__).with_name("scene_template.toml").read_text(encoding="utf-8")
+        template = _template(opamp)
         stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in path.stem)
         write_atomically(path, template.replace("@NAME@", stem[:64] or "scene"))
         return NewScene(str(path), (str(path),))
@@ -369,6 +369,23 @@ def new(
     verdict = verify(load_scene(path).with_engine("statespace"), progress)
     written = tuple(map(str, (*fresh.files, path)))
     return NewScene(str(path), written, fresh, Scaled(fresh.scaling, verdict))
+
+
+def _template(opamp: str) -> str:
+    """Return the scene with comments for an op-amp, at a supply that it allows."""
+    from taction.netlist_gen.scene.open_tables import OPAMPS
+    from taction.system.errors import Complaint, InputError, nearest_question
+
+    if opamp not in OPAMPS:
+        hint = nearest_question(opamp, tuple(OPAMPS), 0.6)
+        text = f"no preset; {hint}known: {', '.join(OPAMPS)}"
+        raise InputError("--opamp", Complaint("NAME", repr(opamp), text))
+    text = Path(__file__).with_name("scene_template.toml").read_text(encoding="utf-8")
+    head, key, tail = text.partition('\nopamp = { base = "')
+    text = f"{head}{key}{opamp}{tail[tail.index(chr(34)) :]}"
+    if (volts := OPAMPS[opamp].most_supply) < 15.0:
+        text = text.replace('\nsupply = "±15V"', f'\nsupply = "±{volts:g}V"')
+    return text
 
 
 def _refuse_existing(path: Path, *, force: bool) -> None:

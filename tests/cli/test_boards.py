@@ -14,6 +14,7 @@ import pytest
 
 from taction.cli import boards
 from taction.netlist_gen.deck.dialects.table import DIALECTS
+from taction.netlist_gen.scene.scene import load_scene
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import document, taction
 
@@ -96,6 +97,20 @@ def test_a_new_scene_verifies(tmp_path: Path) -> None:
     file = tmp_path / "board.toml"
     taction("new", str(file))
     assert taction("verify", str(file), "--engine", "statespace").exit_code == 0
+
+
+@pytest.mark.parametrize(("name", "supply"), [("lm324", 15.0), ("ad8065", 12.0)])
+def test_a_new_scene_has_the_op_amp_that_is_asked_for(
+    name: str, supply: float, tmp_path: Path
+) -> None:
+    file = tmp_path / "board.toml"
+    assert taction("new", str(file), "--opamp", name).exit_code == 0
+    design = load_scene(file).design
+    assert (design.opamp.base, design.supply) == (name, supply)
+    unknown = taction("new", str(file), "--force", "--opamp", "lm342")
+    assert unknown.exit_code == 2
+    assert "'lm342': no preset; did you mean 'lm324'?" in " ".join(unknown.stderr.split())
+    assert load_scene(file).design.opamp.base == name
 
 
 def test_the_folder_holds_a_project(tmp_path: Path) -> None:
