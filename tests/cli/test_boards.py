@@ -153,7 +153,18 @@ def test_what_cannot_be_drawn_is_refused_before_a_folder_is_made(tmp_path: Path)
 
 
 OLD = {"ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27"}
-NEW = {"lm324", "tl072", "tl074", "opa2134", "ad711", "ad8065", "lt1028", "opa1612", "lmp7721"}
+NEW = {
+    "lm324",
+    "tl072",
+    "tl074",
+    "opa2134",
+    "ad711",
+    "ad8065",
+    "lt1028",
+    "opa1612",
+    "lmp7721",
+    "opa189",
+}
 
 
 def test_the_list_has_every_preset() -> None:

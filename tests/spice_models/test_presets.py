@@ -16,7 +16,18 @@ from taction.spice_models.presets import derive, figure_origins, load_presets
 
 PRINTED = tomllib.loads((Path(spice_models.__file__).parent / "presets.toml").read_text("utf-8"))
 OLD = ("ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27")
-NEW = ("lm324", "tl072", "tl074", "opa2134", "ad711", "ad8065", "lt1028", "opa1612", "lmp7721", "opa189")
+NEW = (
+    "lm324",
+    "tl072",
+    "tl074",
+    "opa2134",
+    "ad711",
+    "ad8065",
+    "lt1028",
+    "opa1612",
+    "lmp7721",
+    "opa189",
+)
 NAMES = (*OLD, *NEW)
 NO_FIGURES = {"source", "external_part", "guaranteed", "origin"}
 

@@ -52,6 +52,9 @@ def printed(name: str) -> dict[str, float]:
     figures = {key: value for key, value in PRINTED[name].items() if key in UNITS}
     if "saturation" in PRINTED[name]:
         figures["swing"] = min(15.0, PRINTED[name]["most_supply"]) - PRINTED[name]["saturation"]
+        # Without a limit, the swing across the output resistance is the largest current.
+        most = figures["swing"] / PRINTED[name]["output_resistance"]
+        figures["output_current"] = min(figures["output_current"], most)
     return {key: value for key, value in figures.items() if math.isfinite(value)}
 
 
