@@ -25,10 +25,10 @@ def test_the_table_has_engineering_units() -> None:
     result = taction("bom", CUSTOM)
     assert result.exit_code == 0
     text = " ".join(result.stdout.split())
-    for part in ("resistor 10 kohm 18", "capacitor 100 pF 4", "5 packages tl084, U1 to U5"):
+    for part in ("resistor 10 kohm 18", "capacitor 100 pF 4", "19 packages opa189, U1 to U19"):
         assert part in text
-    assert "spare op-amps: 1 in U5" in text
-    assert "op-amps 798 mW quiescent" in text  # 19 times 1.4 mA at 30 V
+    assert "spare op-amps" not in text
+    assert "op-amps 741 mW quiescent" in text  # 19 times 1.3 mA at 30 V
     assert "not a standard value: 18; set resistor_series" in text
 
 
@@ -44,9 +44,12 @@ def test_csv_and_json_agree_in_base_units(tmp_path: Path) -> None:
         assert row["Reference"].split(",") == part["references"]
         assert int(row["Quantity"]) == part["count"] == len(part["references"])
         assert (row["Preferred"] == "") is part["standard"]
-    assert (opamps["Reference"], opamps["Value"]) == ("U1,U2,U3,U4,U5", "TL084")
-    assert found["opamps"]["spare"] == 1
-    assert found["power"]["quiescent"] == pytest.approx(19 * 30 * 1.4e-3)
+    assert (opamps["Reference"], opamps["Value"]) == (
+        ",".join(f"U{k}" for k in range(1, 20)),
+        "OPA189",
+    )
+    assert found["opamps"]["spare"] == 0
+    assert found["power"]["quiescent"] == pytest.approx(19 * 30 * 1.3e-3)
 
 
 def test_netlist_and_verify_warn_about_the_same_parts() -> None:

@@ -77,7 +77,7 @@ def test_symbols_and_references() -> None:
     assert all(reference[-1].isdigit() for reference, *_ in parts)
     values = {fields(each)["Reference"]: fields(each)["Value"] for each in placed}
     assert (values["Rr_1"], values["Cc_1"], values["Ra_in_1"]) == ("2.5M", "100p", "10k")
-    assert values["U1"] == "TL084"
+    assert values["U1"] == "OPA189"
 
 
 def test_all_ends_are_on_the_grid_and_wires_are_straight() -> None:
@@ -108,11 +108,11 @@ def test_the_list_has_every_part_of_the_board_once() -> None:
     rows = list(csv.DictReader(files["custom-matrix-bom.csv"].splitlines()))
     listed = [name for row in rows for name in row["Reference"].split(",")]
     assert len(set(listed)) == len(listed) == sum(int(row["Qty"]) for row in rows)
-    # 66 resistors and 4 capacitors (docs/parts.md), 5 packages with 2 capacitors each
-    assert len(listed) == 66 + 4 + 5 + 10
+    # 66 resistors and 4 capacitors (docs/parts.md), 19 packages with 2 capacitors each
+    assert len(listed) == 66 + 4 + 19 + 38
     assert len(circuit.opamps) == 19
-    (opamps,) = (row for row in rows if row["MPN"] == "TL084")
-    assert opamps["Reference"] == "U1,U2,U3,U4,U5"
+    (opamps,) = (row for row in rows if row["MPN"] == "OPA189")
+    assert opamps["Reference"] == ",".join(f"U{k}" for k in range(1, 20))
 
 
 @pytest.mark.parametrize(("channel", "says"), [(0, "4 channels"), (5, "4 channels")])
