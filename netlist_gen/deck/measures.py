@@ -1,9 +1,9 @@
 """What a deck measures: ``.meas`` cards of a transient, ``.noise`` cards of the outputs.
 
 Rise time, settling time and overshoot are ``.meas`` cards. The definitions are those of
-`verification.readings.measurements`; the distance of each channel from its target, and the largest of
-them, are nodes of their own, so that one crossing, the last one, is the settling time. A simulator
-interpolates its points by straight lines.
+`verification.readings.measurements`; the distance of each channel from its target, and the largest
+of them, are nodes of their own, so that one crossing, the last one, is the settling time. A
+simulator interpolates its points by straight lines.
 
 A noise analysis has the noise of the sensors, and one ``.noise`` for each band.
 """
