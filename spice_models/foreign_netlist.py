@@ -11,9 +11,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from taction.spice_models.foreign_devices import (
-    LONGEST,
-    NAME,
-    SUBCIRCUIT,
     Line,
     Names,
     RefusedError,
@@ -23,6 +20,7 @@ from taction.spice_models.foreign_devices import (
     model_card,
     split_fields,
 )
+from taction.spice_models.foreign_expressions import LONGEST, NAME, SUBCIRCUIT
 
 CARDS = (".subckt", ".ends", ".model", ".param", ".end")
 MOST_LINES = 5000  # of all cards of a subcircuit and those that it calls

@@ -14,7 +14,7 @@ import pytest
 from taction import spice_models
 from taction.netlist_gen.analysis import Band
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.spice_models import presets
+from taction.spice_models import foreign_devices, foreign_expressions, presets
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
@@ -104,7 +104,7 @@ def test_a_noise_density_is_that_of_a_follower(ngspice: str) -> None:
 
 
 def test_the_examples_of_the_docstrings_hold() -> None:
-    for each in (module, presets):
+    for each in (module, presets, foreign_devices, foreign_expressions):
         result = doctest.testmod(each)
         assert (result.failed, result.attempted > 0) == (0, True)
 
