@@ -103,7 +103,7 @@ def new(*arguments: str) -> Result:
     return CliRunner().invoke(main, ["new", *arguments])
 
 
-@pytest.mark.parametrize("opamp", ["tl084", "ua741"])
+@pytest.mark.parametrize("opamp", ["tl084", "op27"])
 def test_the_scene_passes_at_once(
     tmp_path: Path, problem: tuple[Matrix, Matrix], opamp: str
 ) -> None:
@@ -114,6 +114,15 @@ def test_the_scene_passes_at_once(
     verdict = verify(load_scene(file).with_engine("statespace"))
     assert verdict.outcome.value == "pass"
     assert max(load.share for load in verdict.parts.loads) <= 0.9
+
+
+def test_bias_currents_that_leave_no_answer_are_refused(
+    tmp_path: Path, problem: tuple[Matrix, Matrix]
+) -> None:
+    """Of a uA741 up to 500 nA: with the least conductances that its outputs drive, 23 %."""
+    found = new(*write(tmp_path, *problem), "--opamp", "ua741", "-o", str(tmp_path / "board.toml"))
+    assert found.exit_code == 2
+    assert "expected an op-amp with smaller errors" in found.stderr
 
 
 def test_ngspice_verifies_it(tmp_path: Path, problem: tuple[Matrix, Matrix], ngspice: str) -> None:
