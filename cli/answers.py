@@ -169,7 +169,7 @@ def print_model(found: ImportedModel) -> None:
     put(f"{model['name']}, simulated at ±{show(model['supply'], 'V')}")
     for key, unit in IMPORTED:
         value = figures[key]
-        text = "no limit" if value is None else show(value, unit)
+        text = "none found" if value is None else show(value, unit)
         put(f"  {key.replace('_', ' '):22} {text}")
     for doubt in model["doubts"]:
         put(f"warning: {doubt}", markup=False)

@@ -276,7 +276,7 @@ class ShowDocument:
 class ImportedFigures:
     """What the simulation of an imported op-amp shows; phase margin in degrees, rejection in dB.
 
-    Null: the netlist has no such limit.
+    Null: the netlist has no such limit, or `doubts` says why it was not measured.
     """
 
     dc_gain: Number
