@@ -260,8 +260,7 @@ def montecarlo(
         draw_samples,
         half_width,
     )
-    from taction.verification.studies.tolerance.remedy import TARGET
-    from taction.verification.studies.tolerance.remedy_search import verified_remedy
+    from taction.verification.studies.tolerance.remedy import TARGET, verified_remedy
     from taction.verification.studies.tolerance.varied_board import prepare
     from taction.verification.studies.tolerance.yield_report import summarise_samples
     from taction.verification.verdict.progress import Notice

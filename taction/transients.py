@@ -242,7 +242,7 @@ def verify_files(
     ('pass', {'pass': 3})
     """
     from taction.system.errors import Interrupted
-    from taction.verification.studies.scene_files import scene_files
+    from taction.verification.studies.verify_files import scene_files
     from taction.verification.studies.verify_files import verify_files as verify_each
 
     describe: Callable[..., dict[str, Any]]

@@ -14,7 +14,7 @@ from lxml import etree
 
 from taction.cli.main import main
 from taction.verification.studies.sweep import result as sweep_result
-from taction.verification.studies.sweep.comparison import Comparison
+from taction.verification.studies.sweep.hybrid import Comparison
 from taction.verification.verdict.checks import Outcome
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES

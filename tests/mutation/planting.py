@@ -26,7 +26,7 @@ from taction.verification.readings.measurements import ChannelMeasure, Measureme
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.regression.baseline import observe
-from taction.verification.studies.regression.compare import compare_entry
+from taction.verification.studies.regression.run import compare_entry
 from taction.verification.verdict import recording, simulation
 from taction.verification.verdict.checks import Check, Outcome, overall
 from taction.verification.verdict.companion import measure_with_bounds

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from packaging.metadata import Metadata
 
-from taction.verification.studies.running.digests import own_code
+from taction.verification.studies.running.versions import own_code
 from tests.support.archives import FILES, MOVED, PACKAGES, build_archives
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
@@ -137,7 +137,7 @@ def test_the_list_of_packages_is_complete() -> None:
 def test_wheel_and_checkout_have_the_same_digest(site: Path, tmp_path: Path) -> None:
     """So a cluster whose workers have the wheel takes the work of a checkout."""
     script = (
-        "from taction.verification.studies.running.digests import own_code as f; print(f().hex())"
+        "from taction.verification.studies.running.versions import own_code as f; print(f().hex())"
     )
     run = installed(site, tmp_path, "-c", script)
     assert run.returncode == 0, run.stderr

@@ -56,12 +56,14 @@ from taction.verification.studies.tolerance.corners import worst_corners
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
-from taction.verification.studies.work_precision.convergence_order import Order
-from taction.verification.studies.work_precision.extent import Extent
+from taction.verification.studies.work_precision.errors import NORMS, ProblemErrors
 from taction.verification.studies.work_precision.methods import METHODS, Method
-from taction.verification.studies.work_precision.norms import NORMS
-from taction.verification.studies.work_precision.run_errors import ProblemErrors
-from taction.verification.studies.work_precision.study import SettingResult, WorkPrecisionStudy
+from taction.verification.studies.work_precision.study import (
+    Extent,
+    Order,
+    SettingResult,
+    WorkPrecisionStudy,
+)
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import Difference
 from taction.verification.verdict.record import Record

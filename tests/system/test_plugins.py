@@ -12,10 +12,9 @@ import pytest
 from taction.system import plugins
 from taction.system.errors import InputError
 from taction.system.plugins import OpenTable, names, offers
-from taction.verification.studies.running import digests, executors
-from taction.verification.studies.running.digests import own_code
+from taction.verification.studies.running import executors, versions
 from taction.verification.studies.running.executors import local
-from taction.verification.studies.running.versions import own_versions
+from taction.verification.studies.running.versions import own_code, own_versions
 from tests.support.paths import ROOT
 from tests.support.plugins import environment
 
@@ -121,7 +120,7 @@ def test_a_changed_plugin_makes_stored_results_outdated(plugin: Plugin) -> None:
     first = own_code(), own_versions(False)
     assert first[0] != alone[0]
     assert first[1].differences(alone[1]) == ["plug-ins: none instead of acme 1.0"]
-    script = f"from {digests.__name__} import own_code as f; print(f().hex())"
+    script = f"from {versions.__name__} import own_code as f; print(f().hex())"
     found = set()
     for source in (SOURCE, SOURCE + "# another\n", SOURCE):
         (folder / "acme.py").write_text(source, "utf-8")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 import taction
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.verification.studies.running.digests import digest
+from taction.verification.studies.running.versions import digest
 from tests.support.making import write_matrix_scene
 
 SOLVER = importlib.import_module("taction.verification.reference.solve")

@@ -31,7 +31,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference import Problem, solve
 from taction.verification.reference.changed_matrix import change_bound
 from taction.verification.reference.lambda_choice import RuleInputs, choose
-from taction.verification.studies.tolerance.rest_slopes import rest_slopes
+from taction.verification.studies.tolerance.steady_directions import rest_slopes
 from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
 
 GRADES = (0.01, 1e-3, 1e-4)  # tolerances of resistors that are sold, the cheapest first

@@ -11,7 +11,7 @@ from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file as check_file
 from taction.system.output_files import check_folder as check_folder
 from taction.system.output_files import is_special
-from taction.verification.studies.running.digests import files_of
+from taction.verification.studies.running.versions import files_of
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:

@@ -20,7 +20,7 @@ from typing import Any
 
 from taction.system.errors import Complaint, InputError, OutOfDisk
 from taction.system.foreign_files import read_ends
-from taction.verification.studies.running.digests import digest
+from taction.verification.studies.running.versions import digest
 from taction.verification.verdict.record import ERROR, Record
 
 APPLICATION = 0x7461_6374  # "tact", in the file's header

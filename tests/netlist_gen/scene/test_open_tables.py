@@ -12,7 +12,7 @@ from taction.netlist_gen.scene.axes import parse_axes, with_settings
 from taction.netlist_gen.scene.scene import Scene, parse_scene, scene_type
 from taction.netlist_gen.scene.writing import scene_text
 from taction.system.errors import InputError
-from taction.verification.studies.running.digests import digest
+from taction.verification.studies.running.versions import digest
 
 Plugin = Callable[..., Path]
 GROUPS = {

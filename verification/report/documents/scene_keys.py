@@ -16,7 +16,7 @@ from taction.system.documents import OPTIONAL
 from taction.system.errors import TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import printable
-from taction.verification.studies.running.digests import files_of
+from taction.verification.studies.running.versions import files_of
 from taction.verification.verdict.record import finite
 
 

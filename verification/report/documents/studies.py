@@ -22,9 +22,8 @@ from taction.verification.evidence.stress.compare import Comparison
 from taction.verification.evidence.stress.run import CaseRun, StressReport
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.studies.sweep.result import SweepResult
+from taction.verification.studies.work_precision.errors import NORMS, ProblemErrors
 from taction.verification.studies.work_precision.methods import Method
-from taction.verification.studies.work_precision.norms import NORMS
-from taction.verification.studies.work_precision.run_errors import ProblemErrors
 from taction.verification.studies.work_precision.study import (
     ERRORS,
     SettingResult,

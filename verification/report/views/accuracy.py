@@ -22,8 +22,8 @@ from taction.verification.report.blocks import (
 from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark
 from taction.verification.report.texts import figure, number_cell, quantity
 from taction.verification.report.views.origin import origin_section
+from taction.verification.studies.work_precision.errors import NORMS
 from taction.verification.studies.work_precision.methods import Method
-from taction.verification.studies.work_precision.norms import NORMS
 from taction.verification.studies.work_precision.study import (
     ERRORS,
     SettingResult,

@@ -33,8 +33,7 @@ from taction.verification.report.texts import (
     titled,
 )
 from taction.verification.report.views.origin import origin_section
-from taction.verification.studies.tolerance.remedy import Remedy
-from taction.verification.studies.tolerance.yield_report import Spread, YieldReport
+from taction.verification.studies.tolerance.yield_report import Remedy, Spread, YieldReport
 
 BINS = 40  # of a histogram, at most
 CULPRITS = 12  # parts of a chart

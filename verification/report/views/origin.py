@@ -8,8 +8,12 @@ from pathlib import Path
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.report.blocks import Facts, Section
-from taction.verification.studies.running.digests import digest, files_of, own_code
-from taction.verification.studies.running.versions import describe_machine
+from taction.verification.studies.running.versions import (
+    describe_machine,
+    digest,
+    files_of,
+    own_code,
+)
 
 Rows = tuple[tuple[str, str], ...]
 SHOWN = ("date", "taction", "python", "numpy", "scipy", "ngspice", "system", "processor", "cores")

@@ -24,7 +24,7 @@ from taction.system.documents import INLINE, plain, read, unknown_keys
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.reading_definitions import READINGS
-from taction.verification.studies.running.digests import files_of
+from taction.verification.studies.running.versions import files_of
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict

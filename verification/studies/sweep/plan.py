@@ -27,8 +27,7 @@ from taction.system.errors import Complaint, InputError, SimulatorNotFound, Simu
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.ideal_answer import read_scene
-from taction.verification.studies.running.digests import digest, files_of, own_code
-from taction.verification.studies.running.versions import simulator_name
+from taction.verification.studies.running.versions import digest, files_of, own_code, simulator_name
 from taction.verification.verdict.simulation import choose_engine
 
 ENGINE = "analysis.engine"

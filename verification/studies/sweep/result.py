@@ -20,8 +20,13 @@ from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file
 from taction.system.results import Result
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.comparison import compare_point
-from taction.verification.studies.sweep.hybrid import BOUNDARY, EXTREME, SAMPLE, confirmed_points
+from taction.verification.studies.sweep.hybrid import (
+    BOUNDARY,
+    EXTREME,
+    SAMPLE,
+    compare_point,
+    confirmed_points,
+)
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.studies.sweep.run import SweepCounts
 from taction.verification.verdict.checks import Outcome
@@ -49,7 +54,7 @@ def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
 
     ``values`` holds the values on the axes by name. A point with results of both engines has
     ``agreement`` (pass, fail or inconclusive), ``difference`` and ``disagreement``, see
-    `verification.studies.sweep.comparison`; a point that a hybrid sweep confirms by ngspice has
+    `verification.studies.sweep.hybrid`; a point that a hybrid sweep confirms by ngspice has
     ``chosen``, the reason. The other keys are those of a `Record`.
     """
     return (record for record in all_records(plan, store) if record is not None)

@@ -20,16 +20,20 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Bools
 from taction.system.errors import Interrupted, TactionError
 from taction.verification.studies.running.collecting import collected
-from taction.verification.studies.running.digests import digest, own_code
-from taction.verification.studies.running.versions import own_versions
+from taction.verification.studies.running.versions import digest, own_code, own_versions
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store, StoredResult
-from taction.verification.studies.sweep.announcement import announcement, duration, wall_time
-from taction.verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
+from taction.verification.studies.sweep.forecast import (
+    CostForecast,
+    RemainingTime,
+    announcement,
+    duration,
+    forecast_costs,
+    wall_time,
+)
 from taction.verification.studies.sweep.hybrid import confirmed_points
 from taction.verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
 from taction.verification.studies.sweep.point import Job, compute, failure
-from taction.verification.studies.sweep.remaining_time import RemainingTime
 from taction.verification.verdict.progress import Notice, Progress
 from taction.verification.verdict.record import ERROR
 

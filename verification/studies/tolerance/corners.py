@@ -23,8 +23,11 @@ from taction.system.errors import Complaint, InputError
 from taction.system.results import Result
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.worker import Workers
-from taction.verification.studies.tolerance.rest_slopes import largest_parts
-from taction.verification.studies.tolerance.steady_directions import Direction, steady_directions
+from taction.verification.studies.tolerance.steady_directions import (
+    Direction,
+    largest_parts,
+    steady_directions,
+)
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     Quantity,

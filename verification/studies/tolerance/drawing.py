@@ -17,7 +17,7 @@ from taction.system.array_types import Floats
 from taction.system.documents import plain, read
 from taction.system.errors import Complaint, InputError
 from taction.verification.studies.running.collecting import Pace
-from taction.verification.studies.running.digests import digest
+from taction.verification.studies.running.versions import digest
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.tolerance.varied_board import (

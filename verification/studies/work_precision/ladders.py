@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from itertools import zip_longest
 
 from taction.verification.studies.running.worker import FAILURES, Worker
-from taction.verification.studies.work_precision.method_runs import MethodRun, Task
-from taction.verification.studies.work_precision.methods import Method
+from taction.verification.studies.work_precision.methods import Method, MethodRun, Task
 
 REPEATS = 3
 SHARE = 0.5  # of the remaining time that one run may take

@@ -1,7 +1,9 @@
 """Error against run time of one scene for every engine, method and tolerance or step.
 
 `run_study` runs the ladders of `METHODS` and measures each run against references by other solvers;
-`WorkPrecisionStudy.cheapest` returns the fastest setting that reaches a given error.
+`WorkPrecisionStudy.cheapest` returns the fastest setting that reaches a given error. The part of
+the transient is chosen that the study can run in its budget, and the order of convergence is fitted
+to the asymptotic part of each ladder.
 """
 
 from __future__ import annotations
@@ -12,24 +14,208 @@ import time as clock
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.errors import SimulationError
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError, SimulationError
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
+from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.studies.running.worker import START_UP, Worker
-from taction.verification.studies.work_precision.convergence_order import Order, fit_order
-from taction.verification.studies.work_precision.extent import Extent, study_extent
+from taction.verification.studies.work_precision.errors import (
+    NORMS,
+    Errors,
+    ProblemErrors,
+    measure_runs,
+)
 from taction.verification.studies.work_precision.ladders import SettingRuns, run_ladders
-from taction.verification.studies.work_precision.method_runs import Task, load_integrators
-from taction.verification.studies.work_precision.methods import METHODS, Method
-from taction.verification.studies.work_precision.norms import NORMS, Errors
-from taction.verification.studies.work_precision.run_errors import ProblemErrors, measure_runs
+from taction.verification.studies.work_precision.methods import (
+    BASE_POINTS,
+    METHODS,
+    Method,
+    Task,
+    load_integrators,
+    ngspice,
+)
 from taction.verification.verdict.progress import Progress
+from taction.verification.verdict.transient_plan import (
+    AFTER_SETTLING,
+    FEWEST_PERIODS,
+    REMAINDER,
+    even_transient,
+)
+
+MAX_ERROR = 0.1  # a larger error is not asymptotic
+ABOVE_FLOOR = 10.0  # least error of a run, in errors of the reference
+SCATTER = 0.12  # rms deviation of ln(error) from a straight line, over its slope
+MIN_RUNS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A fitted order of convergence, ``error = constant * step^value``; None without an order."""
+
+    value: float | None
+    sigma: float | None  # standard uncertainty of `value`
+    constant: float | None  # error at a step of 1 s
+    points: tuple[int, ...]  # places in the ladder that the fit used
+    reason: str  # why points were left out, or why there is no order
+
+
+def fit_order(
+    steps: Sequence[float | None],
+    errors: Sequence[float | None],
+    floor: float,
+    names: Sequence[str],
+) -> Order:
+    """Fit a straight line to ``ln error`` over ``ln step`` where the ladder is asymptotic.
+
+    Points with an error above `MAX_ERROR` or below `ABOVE_FLOOR` times `floor` are left out. Of the
+    others the fit uses the longest sequence of neighbours near a straight line (`SCATTER`), the
+    finer one of two sequences of the same length.
+
+    Parameters
+    ----------
+    steps : sequence of float or None
+        Mean step of each run, s; coarse to fine. None where there is no run.
+    errors : sequence of float or None
+        Error of each run; None where it is unknown.
+    floor : float
+        Error of the reference.
+    names : sequence of str
+        Names of the runs in `Order.reason`.
+    """
+    usable, omissions = [], []
+    for place, (step, error) in enumerate(zip(steps, errors, strict=True)):
+        if step is None or error is None or not (step > 0.0 and math.isfinite(error)):
+            omissions.append(f"{names[place]} has no error")
+        elif error > MAX_ERROR:
+            omissions.append(f"{names[place]} is not asymptotic")
+        elif error < ABOVE_FLOOR * floor:
+            omissions.append(f"{names[place]} is at the reference's own error")
+        else:
+            usable.append(place)
+    x = np.log([float(steps[k] or 1.0) for k in usable])
+    y = np.log([float(errors[k] or 1.0) for k in usable])
+    for count in range(len(usable), MIN_RUNS - 1, -1):
+        for first in range(len(usable) - count, -1, -1):
+            part = slice(first, first + count)
+            line = _line(x[part], y[part])
+            if line is not None:
+                used = usable[part]
+                omissions += [f"{names[k]} is off the line" for k in usable if k not in used]
+                return Order(*line, tuple(used), "; ".join(omissions))
+    reason = f"fewer than {MIN_RUNS} runs on a straight line"
+    return Order(None, None, None, (), "; ".join([reason, *omissions]))
+
+
+def _line(x: Floats, y: Floats) -> tuple[float, float, float] | None:
+    """Return slope, uncertainty and constant; None if the points are not on a line."""
+    spread = x - x.mean()
+    width = float(spread @ spread)
+    if width <= 0.0:
+        return None
+    slope = float(spread @ y) / width
+    residual = y - y.mean() - slope * spread
+    scatter = float(np.sqrt(residual @ residual / max(len(x) - 2, 1)))
+    if slope <= 0.0 or scatter > SCATTER * slope:
+        return None
+    return slope, scatter / math.sqrt(width), float(np.exp(y.mean() - slope * x.mean()))
+
+
+RUNS = 2.0  # of each setting that fit in the budget
+NGSPICE_SHARE = 0.6  # of the time for the ladders
+MAX_PERIODS = 100.0  # of ringing; more periods show nothing new of a method
+UNTIMED_PERIODS = 30.0  # without ngspice, whose time per point sets the number
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Extent:
+    """The part of the transient that is studied."""
+
+    transient: Transient  # with `BASE_POINTS` points on a period of the fastest ringing
+    whole: float  # stop time of `verify`, s
+    period: float  # of the fastest ringing, or 2 pi / |p| of the fastest mode, s
+    pole: complex | None  # rightmost oscillating mode that the step excites, 1/s
+
+    @property
+    def text(self) -> str:
+        """The studied part in words."""
+        stop, periods = self.transient.stop, self.transient.stop / self.period
+        if stop >= self.whole:
+            return f"the whole transient, {stop:.4g} s, {periods:.3g} periods"
+        return (
+            f"the first {stop:.4g} s of {self.whole:.4g} s ({periods:.3g} of"
+            f" {self.whole / self.period:.4g} periods), all that the budget affords"
+        )
+
+
+def study_extent(
+    scene: Scene,
+    circuit: Circuit,
+    network: IdealNetwork,
+    methods: Iterable[Method],
+    seconds: float,
+) -> Extent:
+    """Choose the part that all ladders of `methods` can run in about `seconds`.
+
+    A short ngspice run measures the time per point.
+
+    Raises
+    ------
+    InputError, NoVerdictError
+        The board has no time scales, or ngspice fails.
+    """
+    scales = time_scales(circuit, initial=scene.analysis.initial)
+    period = BASE_POINTS * scales.max_step_for(BASE_POINTS)
+    whole = _whole(scene, scales, period)
+    if not math.isfinite(whole):
+        raise EngineError("the step excites no mode of this board at its outputs: nothing to study")
+    points = sum(sum(method.ladder) for method in methods if method.engine == "ngspice")
+    periods = UNTIMED_PERIODS
+    if points:
+        probe = _transient(scene, scales, min(whole, FEWEST_PERIODS * period))
+        task = Task(circuit, probe, network, np.zeros(0))
+        try:
+            run = ngspice(task, BASE_POINTS, seconds, "trapezoidal")
+        except TimeoutError:
+            raise EngineError(
+                f"the budget is too short for this board: ngspice needs more than {seconds:.3g} s"
+                f" for {FEWEST_PERIODS:g} periods of the ringing; a larger --budget gives it more"
+            ) from None
+        periods = NGSPICE_SHARE * seconds / (RUNS * points * run.seconds / max(run.steps, 1))
+    periods = min(max(periods, FEWEST_PERIODS), MAX_PERIODS)
+    stop = whole if whole < 1.1 * periods * period else float(f"{periods * period:.3g}")
+    return Extent(_transient(scene, scales, stop), whole, period, _pole(scales))
+
+
+def _transient(scene: Scene, scales: TimeScales, stop: float) -> Transient:
+    return even_transient(scene, scales, BASE_POINTS, stop)
+
+
+def _whole(scene: Scene, scales: TimeScales, period: float) -> float:
+    """Return the stop time of `verify`, s, without its upper limit."""
+    if scene.analysis.stop != "auto":
+        return scene.analysis.stop
+    rest = REMAINDER * scene.checks.steady_state.tolerance
+    settled = AFTER_SETTLING * scales.stop_for(rest)
+    growth = scales.growth_time
+    return max(growth if math.isfinite(growth) else settled, FEWEST_PERIODS * period)
+
+
+def _pole(scales: TimeScales) -> complex | None:
+    """Return the rightmost of the oscillating modes that the step excites."""
+    poles = [complex(-1.0 / r.decay, 2.0 * math.pi * r.frequency) for r in scales.ringing]
+    return max(poles, key=lambda pole: pole.real, default=None)
+
 
 BUDGET = 30.0  # s
 LADDERS = 0.7  # of the budget; the rest is for the references
@@ -63,7 +249,7 @@ class SettingResult:
     steps: int | None  # of one run
     factorisations: int | None  # of one run
     mean_step: float | None  # length of the record over its steps, s
-    errors: Errors  # by norm, see `taction.verification.studies.work_precision.norms`
+    errors: Errors  # by norm, see `taction.verification.studies.work_precision.errors`
     reference: str
     note: str  # message of the error
 

@@ -22,8 +22,12 @@ from taction.verification.report.views.montecarlo import _edges, sheet
 from taction.verification.report.views.sweep import Plane
 from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
 from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.tolerance.remedy import Remedy
-from taction.verification.studies.tolerance.yield_report import Sensitivity, Spread, YieldReport
+from taction.verification.studies.tolerance.yield_report import (
+    Remedy,
+    Sensitivity,
+    Spread,
+    YieldReport,
+)
 from tests.support.making import make_scene
 from tests.support.report_pages import STATESPACE, STUDIES, VERDICTS, page
 from tests.support.sweeping import grid_plan, make_sample

@@ -10,7 +10,7 @@ import pytest
 
 from taction.netlist_gen.scene.checks import Regression
 from taction.verification.studies.regression.baseline import Entry, Observation
-from taction.verification.studies.regression.compare import compare_entry
+from taction.verification.studies.regression.run import compare_entry
 from taction.verification.verdict.compare import Difference
 from tests.support.entries import channel, entry
 

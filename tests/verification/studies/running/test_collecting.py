@@ -18,7 +18,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.system.errors import Killed
 from taction.verification.studies.running.collecting import RUNS, for_each_file, repeated_if_killed
-from taction.verification.studies.running.digests import digest, own_code
+from taction.verification.studies.running.versions import digest, own_code
 from tests.support.making import make_scene
 from tests.support.paths import ROOT
 
@@ -128,7 +128,7 @@ def test_equal_circuits_have_equal_digests_in_any_process() -> None:
         "from taction.netlist_gen.scene.inverse_problem import make_problem\n"
         "from taction.netlist_gen.board.synthesis import synthesise\n"
         "from tests.support.making import make_scene\n"
-        "from taction.verification.studies.running.digests import digest\n"
+        "from taction.verification.studies.running.versions import digest\n"
         "scene = make_scene({'channels': 3})\n"
         "print(digest(synthesise(scene, make_problem(scene))).hex())\n"
     )

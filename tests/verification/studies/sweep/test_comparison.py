@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from taction.verification.studies.sweep.comparison import Comparison, compare_point
+from taction.verification.studies.sweep.hybrid import Comparison, compare_point
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import TRANSIENT_READINGS
 from tests.support.sweeping import make_check, make_record, reading

@@ -12,12 +12,17 @@ from taction.netlist_gen.scene.axes import parse_axes, with_values
 from taction.system.array_types import Floats
 from taction.system.errors import NoVerdictError
 from taction.verification.studies.running.worker import Workers
-from taction.verification.studies.sweep import cost_forecast as module
-from taction.verification.studies.sweep.announcement import announcement, duration, wall_time
-from taction.verification.studies.sweep.cost_forecast import CostForecast, forecast_costs
+from taction.verification.studies.sweep import forecast as module
+from taction.verification.studies.sweep.forecast import (
+    CostForecast,
+    RemainingTime,
+    announcement,
+    duration,
+    forecast_costs,
+    wall_time,
+)
 from taction.verification.studies.sweep.hybrid import sample
 from taction.verification.studies.sweep.plan import ENGINE, Plan, plan_sweep
-from taction.verification.studies.sweep.remaining_time import RemainingTime
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.progress import Clock
 from tests.support.making import make_scene

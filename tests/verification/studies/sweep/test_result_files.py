@@ -22,9 +22,8 @@ from taction.verification.report.views.sweep import view
 from taction.verification.studies.running import executors
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.cost_forecast import CostForecast
+from taction.verification.studies.sweep.forecast import CostForecast, RemainingTime
 from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.remaining_time import RemainingTime
 from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.sweep.run import SweepCounts
 from taction.verification.verdict.record import FIGURES

@@ -21,8 +21,7 @@ from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.corners import view
 from taction.verification.studies.tolerance.corners import Corner, named_corner, worst_corners
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
-from taction.verification.studies.tolerance.rest_slopes import rest_slopes
-from taction.verification.studies.tolerance.steady_directions import steady_directions
+from taction.verification.studies.tolerance.steady_directions import rest_slopes, steady_directions
 from taction.verification.studies.tolerance.varied_board import evaluate, prepare
 from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_scene
 

@@ -23,6 +23,7 @@ from taction.verification.studies.tolerance.drawing import (
     SampleStore,
     run_samples,
 )
+from taction.verification.studies.tolerance.remedy import YieldForecast
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     VariedBoard,
@@ -30,7 +31,6 @@ from taction.verification.studies.tolerance.varied_board import (
     prepare,
     quantities,
 )
-from taction.verification.studies.tolerance.yield_forecast import YieldForecast
 from taction.verification.studies.tolerance.yield_report import summarise_samples
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify

@@ -19,21 +19,25 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.montecarlo import view
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
-from taction.verification.studies.tolerance.remedy import Remedy
-from taction.verification.studies.tolerance.remedy_search import (
+from taction.verification.studies.tolerance.remedy import (
+    YieldForecast,
     find_remedy,
     improved,
     verified_remedy,
 )
-from taction.verification.studies.tolerance.rest_slopes import rest_slopes
+from taction.verification.studies.tolerance.steady_directions import rest_slopes
 from taction.verification.studies.tolerance.varied_board import (
     BoardSample,
     VariedBoard,
     evaluate,
     prepare,
 )
-from taction.verification.studies.tolerance.yield_forecast import YieldForecast
-from taction.verification.studies.tolerance.yield_report import draw, interval, summarise_samples
+from taction.verification.studies.tolerance.yield_report import (
+    Remedy,
+    draw,
+    interval,
+    summarise_samples,
+)
 from taction.verification.verdict.error_budget import outputs_at_rest
 from tests.support.studying import QUIET, one_thread, small_scene
 from tests.support.sweeping import make_sample

@@ -23,16 +23,18 @@ from taction.verification.report.views.accuracy import view
 from taction.verification.studies.running.worker import Worker
 from taction.verification.studies.work_precision import ladders
 from taction.verification.studies.work_precision import study as study_module
-from taction.verification.studies.work_precision.convergence_order import fit_order
-from taction.verification.studies.work_precision.method_runs import MethodRun, Task
-from taction.verification.studies.work_precision.methods import METHODS, Method
-from taction.verification.studies.work_precision.norms import (
+from taction.verification.studies.work_precision.errors import (
     NORMS,
     ErrorScale,
     make_scale,
     measure_errors,
 )
-from taction.verification.studies.work_precision.study import WorkPrecisionStudy, run_study
+from taction.verification.studies.work_precision.methods import METHODS, Method, MethodRun, Task
+from taction.verification.studies.work_precision.study import (
+    WorkPrecisionStudy,
+    fit_order,
+    run_study,
+)
 from tests.support.making import ringing_scene
 
 BUDGET = 120.0  # s: far more than it takes, also on a machine that is busy

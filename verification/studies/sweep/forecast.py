@@ -1,16 +1,11 @@
-"""Forecast of the processor time of every point of a sweep, from the plans of a few points.
-
-The number of steps of ngspice grows without limit towards the stability boundary, since the longer
-a mode rings, the longer is the record. So two smooth quantities are interpolated over the grid: the
-growth rate of the rightmost pole, and the time of the steps times this rate. The points of a coarse
-grid are planned, then those that are dear according to the interpolation.
-"""
+"""How long a sweep will take: the forecast before it begins, and the time that is left."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +13,7 @@ import numpy as np
 from taction.netlist_gen.scene.axes import with_values
 from taction.system.array_types import Bools, Floats, Indices
 from taction.system.errors import TactionError
+from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.sweep.hybrid import has_order, next_to_the_boundary, sample
 from taction.verification.studies.sweep.plan import ENGINE, Plan
 from taction.verification.verdict.design import design_board
@@ -221,3 +217,157 @@ def _interpolated(rows: Floats, weights: Sequence[Floats]) -> Floats:
 def _steps(grid: Floats) -> Floats:
     """Return the time of the steps of ngspice from rows (P, 4) of `_Planner`, s."""
     return np.asarray(np.exp(grid[:, 2]) / np.maximum(np.abs(grid[:, 3]), TINY))
+
+
+INTERVAL = 0.2  # s between two estimates
+
+
+class RemainingTime:
+    """Follows the points of a sweep and estimates the time until all of them are computed.
+
+    The processes take the points in the order in which the sweep submits them. A point that is done
+    calibrates the forecast of its engine by the time that it took; a point that began before any
+    other was done does not, since the processes start in that time.
+
+    Parameters
+    ----------
+    forecast : CostForecast
+        Estimated processor time of every point.
+    left : mapping of str to ndarray (P,)
+        The points to compute, by engine.
+    processes : callable
+        Number of processes at work.
+    clock : callable, optional
+        Returns the time, s.
+    """
+
+    def __init__(
+        self,
+        forecast: CostForecast,
+        left: Mapping[str, Bools],
+        processes: Callable[[], int],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._forecast, self._processes, self._clock = forecast, processes, clock
+        self._left = {engine: np.array(places) for engine, places in left.items()}
+        self._waiting: deque[tuple[str, int]] = deque()
+        self._running: dict[tuple[str, int], tuple[float, bool]] = {}  # start; if it calibrates
+        self._taken = dict.fromkeys(left, 0.0)
+        self._expected = dict.fromkeys(left, 0.0)
+        self._warm = False
+        self._last = (-INTERVAL, 0.0)
+
+    def replace(self, engine: str, left: Bools) -> None:
+        """Set the points that are left for `engine`, (P,)."""
+        self._left[engine] = np.array(left)
+
+    def submit(self, engine: str, place: int) -> None:
+        """Count a point that waits for a process."""
+        self._waiting.append((engine, place))
+        self._begin()
+
+    def finish(self, engine: str, place: int) -> None:
+        """Count a point that is done, or that needs no computation."""
+        self._left[engine][place] = False
+        if (engine, place) in self._waiting:
+            self._waiting.remove((engine, place))
+        elif (engine, place) in self._running:
+            start, calibrates = self._running.pop((engine, place))
+            if calibrates:
+                self._taken[engine] += self._clock() - start
+                self._expected[engine] += float(self._forecast.seconds[engine][place])
+            self._warm = True
+            self._begin()
+
+    def seconds(self) -> float:
+        """Return the remaining time, s."""
+        now = self._clock()
+        then, seconds = self._last
+        if now - then < INTERVAL:
+            return max(seconds - (now - then), 0.0)
+        total, longest = 0.0, 0.0
+        for engine, left in self._left.items():
+            rest = self._ratio(engine) * self._forecast.seconds[engine] * left
+            for (other, place), (start, _) in self._running.items():
+                if other == engine:
+                    rest[place] = max(rest[place] - (now - start), 0.0)
+            total, longest = total + float(rest.sum()), max(longest, float(rest.max(initial=0.0)))
+        seconds = max(total / max(self._processes(), 1), longest)
+        self._last = (now, seconds)
+        return seconds
+
+    def _begin(self) -> None:
+        """Give waiting points to free processes."""
+        while self._waiting and len(self._running) < max(self._processes(), 1):
+            self._running[self._waiting.popleft()] = (self._clock(), self._warm)
+
+    def _ratio(self, engine: str) -> float:
+        """Return wall time over forecast, of `engine` if it has results, else of all engines."""
+        expected, taken = self._expected[engine], self._taken[engine]
+        if not expected:
+            expected, taken = sum(self._expected.values()), sum(self._taken.values())
+        return taken / expected if expected else self._forecast.slowness
+
+
+LONG = 10.0  # s: another engine is proposed for a longer sweep
+FASTER = 20.0  # times as fast: the state-space engine is proposed
+SLOW = 300.0  # s for ngspice at every point: the hybrid engine is proposed
+HYBRID = "--engine hybrid, ngspice only at the decisive points"
+
+
+def announcement(
+    plan: Plan, forecast: CostForecast, left: Mapping[str, Bools], stored: int, workers: Workers
+) -> str:
+    """Return the line before a sweep.
+
+    Parameters
+    ----------
+    left : mapping of str to ndarray (P,)
+        The points to compute, by engine; of a hybrid sweep the expected points of ngspice.
+    stored : int
+        Number of points that need no computation.
+    """
+    text = "1 point" if plan.total == 1 else f"{plan.total} points"
+    if plan.hybrid:
+        text += f" and ngspice at about {int(left['ngspice'].sum())} of them"
+    if stored:
+        text += f", {stored} results are stored"
+    processes = workers.processes()
+    where = "1 process" if processes == 1 else f"{processes} processes"
+    seconds = wall_time(forecast, left, workers)
+    text += f": about {duration(seconds)} in {where}"
+    if "ngspice" not in plan.engines:
+        return text
+    every = np.ones(plan.points, dtype=np.bool_)
+    exact = wall_time(forecast, {"statespace": every}, workers)
+    if seconds >= max(LONG, FASTER * exact):
+        text += f"; --engine statespace: about {duration(exact)}"
+    if not plan.hybrid and wall_time(forecast, {"ngspice": left["ngspice"]}, workers) > SLOW:
+        both = {"statespace": every, "ngspice": forecast.confirmed(plan)}
+        text += f"; {HYBRID}: about {duration(wall_time(forecast, both, workers))}"
+    return text
+
+
+def wall_time(forecast: CostForecast, places: Mapping[str, Bools], workers: Workers) -> float:
+    """Return the estimated wall time of the points `places` by engine, s.
+
+    One point is computed by one process, so the time is at least that of the dearest point.
+    """
+    costs = [forecast.seconds[engine][marked] for engine, marked in places.items()]
+    total = sum(float(cost.sum()) for cost in costs)
+    longest = max(float(cost.max(initial=0.0)) for cost in costs)
+    processes = max(workers.processes(), 1)
+    return forecast.slowness * (workers.start_up + max(total / processes, longest))
+
+
+def duration(seconds: float) -> str:
+    """Return a duration for people, about two digits.
+
+    Examples
+    --------
+    >>> [duration(seconds) for seconds in (0.3, 42.4, 700.0, 9000.0)]
+    ['1 s', '42 s', '12 min', '2.5 h']
+    """
+    if seconds < 100.0:
+        return f"{max(round(seconds), 1)} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
