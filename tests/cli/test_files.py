@@ -16,6 +16,7 @@ from lxml import html
 
 from taction.cli.command import Command
 from taction.cli.main import COMMANDS, main
+from taction.cli.main import command as entry
 from taction.verification.evidence.paper import reproduce
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
@@ -83,7 +84,10 @@ def folder(boards: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return boards
 
 
-def commands(table: Mapping[str, Command] = COMMANDS, above: str = "") -> Iterator[Entry]:
+EVERY = {name: entry(name) for name in COMMANDS}
+
+
+def commands(table: Mapping[str, Command] = EVERY, above: str = "") -> Iterator[Entry]:
     """Every command and those below it, by their names."""
     for name, command in table.items():
         yield f"{above}{name}", command
