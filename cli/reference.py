@@ -39,7 +39,8 @@ SCENE = """\
 kind = "tactile"
 channels = 3
 [design]
-capacitance = "20pF"
+capacitance = "100pF"
+opamp = "opa189"
 [checks]
 settling_time = "1ms"
 """
@@ -53,7 +54,7 @@ SCENE_FILE: dict[str, Any] = {
 NUMBER = "settling_time"
 EXAMPLES: tuple[dict[str, Any], ...] = (
     {
-        "task": "verify a board with C = 20 pF and read its settling time, s",
+        "task": "verify a board with C = 100 pF and read its settling time, s",
         "files": {"board.toml": SCENE},
         "call": "taction verify board.toml --json",
         "schema": "verify-2",

@@ -164,7 +164,7 @@ def sweep(
     ...     jobs=1,
     ... )
     >>> result
-    SweepResult('paper-breadboard', C x opamp.base: 4 points, 3 fail, 1 pass)
+    SweepResult('paper-breadboard', C x opamp.base: 4 points, 4 fail)
     >>> result.to_pandas()["stable"].tolist()
     [False, True, True, True]
     """

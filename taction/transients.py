@@ -169,7 +169,15 @@ def verify(
     >>> import taction
     >>> taction.verify("scenes/paper-breadboard.toml", engine="statespace").outcome.value
     'pass'
-    >>> scene = taction.Scene.from_arrays([[2.0, 0.5], [0.5, 1.0]], [1.0, 1.0], capacitance="1nF")
+    >>> scene = taction.Scene.from_arrays(
+    ...     [[2.0, 0.5], [0.5, 1.0]],
+    ...     [1.0, 1.0],
+    ...     lam=0.1,
+    ...     gain="100kohm",
+    ...     unit_conductance="10uS",
+    ...     capacitance="1nF",
+    ...     opamp="opa189",
+    ... )
     >>> verdicts = taction.verify(scene, engine="statespace", strains=[[0.2, 0.1], [0.1, 0.3]])
     >>> [verdict.outcome.value for verdict in verdicts]
     ['pass', 'pass']

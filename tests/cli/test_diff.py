@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from taction.spice_models.input_errors import NONE
 from taction.verification.studies.difference import compare_verdicts
 from tests.support.entries import write_fast
 from tests.support.paths import DATA, SCENES
@@ -30,7 +31,7 @@ def test_keys_come_first_with_their_defaults_then_readings_beyond_the_bounds(
     tmp_path: Path,
 ) -> None:
     first = write_fast(tmp_path / "a.toml")
-    second = write_fast(tmp_path / "b.toml", capacitance="20pF", more='opamp = "lf353"\n')
+    second = write_fast(tmp_path / "b.toml", capacitance="20pF", opamp="lf353")
     found = document(result := taction("diff", str(first), str(second), "--json"))
     assert result.exit_code == 1
     keys = {key["key"]: key for key in found["keys"]}
@@ -47,7 +48,7 @@ def test_keys_come_first_with_their_defaults_then_readings_beyond_the_bounds(
     assert rise["difference"] == rise["second"] - rise["first"] > 0
     assert rise["beyond"] is True
     text = taction("diff", str(first), str(second)).stdout
-    assert text.index("design.capacitance") < text.index("u_2 rise time")
+    assert text.index("design.capacitance") < text.index("rise time")
 
 
 def test_stored_documents_are_compared_without_a_run(tmp_path: Path) -> None:
@@ -73,13 +74,19 @@ def test_a_verdict_of_version_1_is_read(tmp_path: Path) -> None:
     stored = str(DATA / "verdict-of-version-1.json")
     assert json.loads(Path(stored).read_text())["taction"]["schema"] == "verify-1"
     scene, today = str(SCENES / "custom-matrix.toml"), tmp_path / "today.json"
-    run = taction("verify", scene, "--engine", "statespace", "--json")
+    as_then = ["opamp=tl084", "opamp.input_errors=none", "unit_voltage=1V"]
+    settings = [word for text in as_then for word in ("--set", f"design.{text}")]
+    run = taction("verify", scene, *settings, "--engine", "statespace", "--json")
     today.write_text(run.stdout, encoding="utf-8")
     found = document(result := taction("diff", stored, str(today), "--json"))
     assert result.exit_code == 0
     assert len(found["readings"]) > 30
     assert not [each for each in found["readings"] if each["beyond"] is not False]
-    assert {key["key"] for key in found["keys"]} == {"design.exponential_slope"}
+    assert {key["key"] for key in found["keys"]} == {
+        "design.exponential_slope",
+        "design.opamp.input_errors",
+        *(f"design.opamp.{name}" for name in NONE),
+    }
 
 
 def test_a_file_of_the_same_name_with_another_content_is_a_difference(tmp_path: Path) -> None:

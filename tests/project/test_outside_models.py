@@ -67,7 +67,11 @@ class Outside:
 
 OPAMP = Outside("Add an op-amp", "acme1", 'opamp = "acme1"', "opamp.base", "tl084")
 AMPLIFIER = Outside(
-    "Add a signal amplifier", "cubic", 'opamp = "tl084"\namplifier = "cubic"', "amplifier", "sinh"
+    "Add a signal amplifier",
+    "cubic",
+    'opamp = { base = "tl084", input_errors = "none" }\namplifier = "cubic"',
+    "amplifier",
+    "sinh",
 )
 BOTH = pytest.mark.parametrize("outside", [OPAMP, AMPLIFIER], ids=["op-amp", "amplifier"])
 

@@ -50,11 +50,19 @@ engine = "statespace"
 settling_time = {{ band = 0.01, max = "{limit}" }}
 [design]
 capacitance = "{capacitance}"
-opamp = {{ base = "ua741", input_errors = "none" }}
+opamp = {{ base = "{opamp}", input_errors = "none" }}
 """
 
 
-def write_fast(path: Path, *, limit: str = "1s", capacitance: str = "10pF", more: str = "") -> Path:
+def write_fast(
+    path: Path,
+    *,
+    limit: str = "1s",
+    capacitance: str = "10pF",
+    opamp: str = "ua741",
+    more: str = "",
+) -> Path:
     """Write a scene of three channels that is verified in some hundredths of a second."""
-    path.write_text(FAST.format(limit=limit, capacitance=capacitance) + more, encoding="utf-8")
+    text = FAST.format(limit=limit, capacitance=capacitance, opamp=opamp) + more
+    path.write_text(text, encoding="utf-8")
     return path

@@ -33,6 +33,7 @@ span = 2.0
 [design]
 gain = "1Mohm"
 lambda = 0.5
+opamp = { base = "ua741", input_errors = "none" }
 [analysis]
 engine = "even_steps"
 [checks]

@@ -94,7 +94,8 @@ def test_a_stored_sweep_is_not_computed_again(scene: Path, tmp_path: Path) -> No
 
 
 def test_arrays_are_swept_in_other_processes() -> None:
-    made = taction.Scene.from_arrays([[1.0, 0.5], [0.5, 1.0]], [0.2, 0.1], capacitance="1nF")
+    parts = {"capacitance": "1nF", "gain": "100kohm", "unit_conductance": "10uS", "opamp": "opa189"}
+    made = taction.Scene.from_arrays([[1.0, 0.5], [0.5, 1.0]], [0.2, 0.1], lam=0.1, **parts)
     result = taction.sweep(made, over={"C": ["1nF", "2nF"]}, engine="statespace", jobs=2)
     assert result.to_pandas()["outcome"].tolist() == ["pass", "pass"]
 

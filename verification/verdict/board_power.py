@@ -69,7 +69,7 @@ def board_power(board: LinearBoard) -> BoardPower:
     >>> import taction
     >>> scene = taction.load_scene("scenes/custom-matrix.toml")
     >>> round(board_power(LinearBoard(taction.synthesise(scene))).quiescent, 3)  # W, all op-amps
-    0.798
+    0.741
     """
     circuit, rest = board.circuit, board.equilibrium
     ends, ohms = zip(*_resistors(circuit), strict=True)
