@@ -199,9 +199,10 @@ def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
         if model.external_part:
             number = sum(cell.model == model.name for cell in circuit.opamps)
             yield f"{number} times the {model.external_part} of {choice.base}"
-    if circuit.currents:
-        yield f"{len(circuit.currents)} current sources of the strain, switched on at t = 0"
-    yield from (f"the voltage source {source.name!r}" for source in circuit.voltages)
+    if circuit.strains:
+        kind = "current" if circuit.currents else "voltage"
+        yield f"{len(circuit.strains)} {kind} sources of the strain, switched on at t = 0"
+    yield from (f"the voltage source {source.name!r}" for source in circuit.constant_voltages)
     if circuit.transistors:
         pair = scene.design.antilog.transistors
         yield f"{len(circuit.transistors) // 2} matched pairs {pair}"

@@ -36,6 +36,7 @@ class Role:
     BIAS_RESISTOR = "resistor of a bias current"
     CONSTRAINT_RESISTOR = "resistor s of a constraint amplifier"
     INVERTER_RESISTOR = "resistor of an inverter"
+    STRAIN_RESISTOR = "resistor 1/G0 from a strain voltage"
     STAGE = "part of an antilog stage"
     STRAY = "stray capacitance"
     FORWARD = "matrix from the signal amplifiers to the constraint nodes"
@@ -266,11 +267,12 @@ class NoiseCurrent(Part):
 
 @dataclass(frozen=True, slots=True)
 class VoltageSource(Part):
-    """A constant voltage from ground to `node`."""
+    """A voltage from ground to `node`: constant, or `switched` on at t = 0."""
 
     letter: ClassVar[str] = "V"
     node: str
     volts: float
+    switched: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -495,7 +497,26 @@ class Circuit(Result):
         """Whether the board without strain may rest at other voltages than zero."""
         errors = any(model.input_errors for model in self.models.values())
         nonlinear = self.has_nonlinear_amplifiers
-        return bool(self.voltages or nonlinear or errors or self.has_imported)
+        return bool(self.constant_voltages or nonlinear or errors or self.has_imported)
+
+    @property
+    def constant_voltages(self) -> tuple[VoltageSource, ...]:
+        """The voltages that are on at all times."""
+        return tuple(source for source in self.voltages if not source.switched)
+
+    @property
+    def strains(self) -> tuple[CurrentSource | VoltageSource, ...]:
+        """The sources that are switched on at t = 0."""
+        return *self.currents, *(source for source in self.voltages if source.switched)
+
+    @property
+    def without_strain(self) -> Circuit:
+        """The board with no strain: its resistors from strain voltages end at ground."""
+        nodes = {source.node for source in self.strains if isinstance(source, VoltageSource)}
+        resistors = tuple(
+            replace(part, a=GROUND) if part.a in nodes else part for part in self.resistors
+        )
+        return replace(self, currents=(), voltages=self.constant_voltages, resistors=resistors)
 
     def __repr__(self) -> str:
         size = sizes(len(self.outputs), len(self.constraint_nodes))

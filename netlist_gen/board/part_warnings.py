@@ -42,6 +42,7 @@ _INVERTER = _Kind(
     "a smaller design.inverter_resistance",
     "a larger design.inverter_resistance",
 )
+_STRAIN = _Kind("strain resistors", _MATRIX.less.partition(",")[0], _MATRIX.more)
 _DIVIDER = _Kind(
     "resistors of the antilog stages",
     "a larger design.antilog.reference_current",
@@ -52,6 +53,7 @@ _KINDS = {
     Role.BIAS_RESISTOR: _FEEDBACK,
     Role.CONSTRAINT_RESISTOR: _GAIN,
     Role.INVERTER_RESISTOR: _INVERTER,
+    Role.STRAIN_RESISTOR: _STRAIN,
     Role.STAGE: _DIVIDER,
 }
 

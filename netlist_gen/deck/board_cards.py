@@ -1,4 +1,4 @@
-"""The cards of a board: header, parameters, and all parts but the strain currents."""
+"""The cards of a board: header, parameters, and all parts but the sources of the strain."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def board_text(
     noisy: bool,
     parameters: Parameters = NO_PARAMETERS,
 ) -> tuple[str, dict[str, str]]:
-    """Return the text of all parts except the current sources, and the text of further files."""
+    """Return the text of all parts but the sources of the strain, and the text of further files."""
     if matrix_file is not None:
         return _split(circuit, matrix_file, noisy, parameters)
     lines = [*_amplifiers(circuit), *matrix_lines(circuit.matrices)]
@@ -219,7 +219,9 @@ def _text(circuit: Circuit, before: Iterable[str], after: Iterable[str], noisy: 
     cells = "\n".join(
         _opamp_text(model, grounded[model.name], circuit.supply, noisy) for model in models
     )
-    biases = [f"V{bias.name} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.voltages]
+    biases = [
+        f"{bias.card} {bias.node} {GROUND} {bias.volts!r}" for bias in circuit.constant_voltages
+    ]
     cards = [model_card(model) for model in circuit.transistor_models.values()]
     head = [".title taction board", *header_lines(circuit), *cards, *before, ""]
     return "\n".join(head) + cells + "\n".join([*after, *biases, ""])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.analysis import Analysis, Noise, Tolerances, Transient
-from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.circuit import GROUND, Circuit, VoltageSource
 from taction.spice_models.transistor import ZERO_CELSIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -123,7 +123,11 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
     from the strain currents, whatever the units of matrix and strain are.
     """
     volts, siemens = circuit.value("U0"), circuit.value("G0")
-    amps = max((abs(source.amps) for source in circuit.currents), default=0.0) or siemens * volts
+    each = (
+        siemens * source.volts if isinstance(source, VoltageSource) else source.amps
+        for source in circuit.strains
+    )
+    amps = max(map(abs, each), default=0.0) or siemens * volts
     return Tolerances(
         relative=relative,
         current=max(1e-3 * relative * amps, VENDORS_AMPS * circuit.has_imported),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from taction.netlist_gen.analysis import Analysis, Noise, Transient
-from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.circuit import GROUND, Circuit, VoltageSource
 from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, board_text
 from taction.netlist_gen.deck.checks import check_circuit, check_request, tolerances
 from taction.netlist_gen.deck.dialects.dialect import NATIVE, Dialect, Request, starts_from_rest
@@ -113,7 +113,7 @@ def write_deck(
     language = _language(dialect, circuit, parameters, measures)
     noisy = isinstance(analysis, Noise)
     parts, files = board_text(circuit, matrix_file, noisy, parameters)
-    added = [*_current_sources(circuit, analysis), *_measures(circuit, analysis, measures)]
+    added = [*_strains(circuit, analysis), *_measures(circuit, analysis, measures)]
     board = language.cards(parts + "\n".join(added))
     request = Request(circuit, analysis, nodes, tolerances(circuit, relative), solver)
     text = "\n".join([board, *language.closing(request)])
@@ -146,13 +146,16 @@ def _measures(circuit: Circuit, analysis: Analysis, measures: Measures | None) -
     return measure_lines(circuit, measures, analysis.stop)
 
 
-def _current_sources(circuit: Circuit, analysis: Analysis) -> list[str]:
-    """Return the strain currents, the only parts that depend on `analysis`."""
-    values = [repr(source.amps) for source in circuit.currents]
+def _strains(circuit: Circuit, analysis: Analysis) -> list[str]:
+    """Return the sources of the strain, the only parts that depend on `analysis`."""
+    ramp = ""
     if isinstance(analysis, Transient) and starts_from_rest(circuit, analysis):
         ramp = repr(analysis.begin)
-        values = [f"PWL(0 0 {ramp} {value})" for value in values]
-    return [
-        f"I{source.name} {GROUND} {source.node} {value}"
-        for source, value in zip(circuit.currents, values, strict=True)
-    ]
+    lines = []
+    for source in circuit.strains:
+        if isinstance(source, VoltageSource):
+            ends, value = (source.node, GROUND), repr(source.volts)
+        else:
+            ends, value = (GROUND, source.node), repr(source.amps)
+        lines.append(" ".join([source.card, *ends, f"PWL(0 0 {ramp} {value})" if ramp else value]))
+    return lines

@@ -223,7 +223,11 @@ class _Drawing:
         for place, package in enumerate(sorted(used)):
             self.supply((x + 30 * (place % 2), y + 34 * (place // 2)), f"U{package}")
         y += 34 * ((len(used) + 1) // 2)
-        for place, source in enumerate(self.circuit.voltages):
+        drawn_nets = {label.text for label in self.sheet.labels}
+        sources = [
+            each for each in self.circuit.voltages if not each.switched or each.node in drawn_nets
+        ]
+        for place, source in enumerate(sources):
             drawn = self.down(self.catalogue.part(source), (x + 24 * place, y))
             (left, top) = drawn.pin(0)
             end = self.sheet.wire((left, top), (left, top - 3), (left + 2, top - 3))

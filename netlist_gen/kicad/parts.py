@@ -108,6 +108,8 @@ class Catalogue:
         """Return a part with two ends; its field Deck has the name in the deck."""
         symbol, key, unit, letter, words = KINDS[type(part)]
         value: float = getattr(part, key)
+        if isinstance(part, boards.VoltageSource) and part.switched:
+            words = KINDS[boards.CurrentSource][-1]
         fields = {"Deck": part.card, "Exact": f"{value!r} {unit}", "Description": words}
         if words in ("resistor", "capacitor"):
             share = None if self.scene is None else tolerance_of(self.scene, words, part.card)

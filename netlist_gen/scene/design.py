@@ -186,7 +186,12 @@ class Design(Model):
     supply: SupplyVolts = Field(15.0, description="both supply voltages of the op-amps, as '±15V'")
     stray_capacitance: FaradsOrZero = 1e-11
     sensor_noise: CurrentDensityOrZero = Field(
-        0.0, description="of every strain current, white; for the check 'noise'"
+        0.0, description="of every strain, white; for the check 'noise'"
+    )
+    strain_input: Literal["current", "voltage"] = Field(
+        "current",
+        description="source of every strain: a current into its summing node, or eps U0 through a"
+        " resistor 1/G0",
     )
     inverter_resistance: Ohms = 1e4
     prune: Annotated[Real, Field(ge=0, lt=1)] = Field(

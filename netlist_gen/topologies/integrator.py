@@ -4,7 +4,7 @@ For ideal op-amps eq (9), in its corrected form, holds exactly::
 
     signal node n      op-amp, R || C from v_n to the summing node x_n
     signal amplifier   inverter (linear) or antilog stage, a_n = -u_n
-    constraint node k  op-amp, feedback s, strain current into c_k; w_k = s G0 (T u - eps U0)_k
+    constraint node k  op-amp, feedback s, strain into c_k; w_k = s G0 (T u - eps U0)_k
     matrix forward     T_kn > 0: a_n -> c_k     T_kn < 0: +u_n -> c_k
     matrix feedback    T_kn > 0: w_k -> x_n     T_kn < 0: -w_k -> x_n
     bias               I_b as Ve through R into x_n (entropy only)

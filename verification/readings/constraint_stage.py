@@ -56,6 +56,9 @@ def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
     if circuit.has_imported:
         return None
     load = np.sum(1.0 / circuit.forward.ohms, axis=1)
+    sinks = circuit.forward.sinks
+    for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
+        load[sinks.index(part.b)] += 1.0 / part.ohms
     row = int(np.argmax(load)) + 1
     stage = _alone(circuit, row, float(load[row - 1]))
     bare = _without_capacitance(stage)

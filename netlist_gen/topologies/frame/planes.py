@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from taction.netlist_gen.board.circuit import (
+    GROUND,
     Circuit,
     CurrentSource,
     Fact,
@@ -24,6 +25,7 @@ from taction.netlist_gen.board.circuit import (
     ResistorMatrix,
     Role,
     SignalAmplifier,
+    VoltageSource,
 )
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.preferred_values import nearest
@@ -99,7 +101,7 @@ class Planes(Topology):
         stage = AntilogStage.of(scene, model) if design.antilog.has_devices else None
         board = Board(scene, facts, ohms, negative, parts, stage)
         sinks = self._signal_plane(board)
-        self._constraint_plane(board, problem.strain * facts["G0"].value * facts["U0"].value)
+        self._constraint_plane(board, problem.strain)
         self._connect(board, sinks)
         return Circuit(
             name=scene.name,
@@ -160,23 +162,36 @@ class Planes(Topology):
             if inverts:
                 board.plus_u[n] = other
 
-    def _constraint_plane(self, board: Board, amps: Floats) -> None:
-        """Place constraint nodes, strain currents `amps` (M,) and inverters of w."""
+    def _constraint_plane(self, board: Board, strain: Floats) -> None:
+        """Place constraint nodes, the sources of `strain` (M,) and inverters of w."""
         parts, design = board.parts, board.scene.design
         inverted = board.negative if self.feedback_inverts else ~board.negative
         needs_inverter = np.any(board.present & inverted, axis=1).tolist()
-        currents = amps.tolist()
         for k in board.sensors:
             parts.opamp(f"c_{k}", f"c_{k}", f"w_{k}")
             parts.resistor(
                 Role.CONSTRAINT_RESISTOR, f"s_{k}", (f"w_{k}", f"c_{k}"), design.gain, "gain"
             )
-            if currents[k - 1] != 0:
-                parts.currents.append(CurrentSource(f"eps_{k}", f"c_{k}", currents[k - 1]))
+            self._strain(board, k, float(strain[k - 1]))
             if design.sensor_noise > 0.0:
                 parts.noises.append(NoiseCurrent(f"eps_{k}", f"c_{k}", design.sensor_noise))
             if needs_inverter[k - 1]:
                 parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
+
+    def _strain(self, board: Board, k: int, strain: float) -> None:
+        """Place the source of the strain of sensor `k`, in volts with a resistor 1/G0.
+
+        Without strain the resistor ends at ground, so that the noise gain is that of the others.
+        """
+        parts, name, sink = board.parts, f"eps_{k}", f"c_{k}"
+        conductance, unit = (board.facts[fact].value for fact in ("G0", "U0"))
+        if board.scene.design.strain_input == "voltage":
+            node = f"e_{k}" if strain else GROUND
+            parts.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)
+            if strain:
+                parts.voltages.append(VoltageSource(name, node, strain * unit, switched=True))
+        elif strain:
+            parts.currents.append(CurrentSource(name, sink, strain * conductance * unit))
 
     def _connect(self, board: Board, sinks: tuple[str, ...]) -> None:
         """Place both resistor matrices; the feedback ends at `sinks`, one node a channel."""
@@ -199,7 +214,7 @@ class Planes(Topology):
         pruning = pruning_omission(problem.matrix, scene.design.prune)
         if pruning is not None:
             yield pruning
-        yield from _left_out_of_the_matrix(problem, kept)
+        yield from _left_out_of_the_matrix(problem, kept, scene.design.strain_input)
         linear = scene.design.amplifier == "linear"
         yield from _inverters("u", "columns", kept.T, "positive" if linear else "negative")
         rows = kept[kept.any(axis=1)]
@@ -254,7 +269,9 @@ def pruning_omission(matrix: Floats, fraction: float) -> Omission | None:
     return Omission(f"{2 * count} pruned matrix resistors", why)
 
 
-def _left_out_of_the_matrix(problem: InverseProblem, T: Floats) -> Iterator[Omission]:
+def _left_out_of_the_matrix(
+    problem: InverseProblem, T: Floats, strain_input: str
+) -> Iterator[Omission]:
     zeros = int(np.count_nonzero(problem.matrix == 0))
     if zeros:
         yield Omission(f"{2 * zeros} matrix resistors", f"{zeros} entries of T are zero")
@@ -264,7 +281,7 @@ def _left_out_of_the_matrix(problem: InverseProblem, T: Floats) -> Iterator[Omis
         yield Omission(f"{rows} constraint nodes", why)
     silent = int(np.count_nonzero((problem.strain == 0) & T.any(axis=1)))
     if silent:
-        yield Omission(f"{silent} strain currents", "their strain is zero")
+        yield Omission(f"{silent} strain {strain_input}s", "their strain is zero")
 
 
 def _inverters(signal: str, lines: str, entries: Floats, sign: str) -> Iterator[Omission]:

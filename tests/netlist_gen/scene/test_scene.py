@@ -87,10 +87,11 @@ def test_the_template_is_the_defaults(tmp_path: Path) -> None:
     assert scene.checks.model_copy(update=kept) == default.checks
     assert scene.tolerances == default.tolerances
     parts = {"capacitance", "resistance", "gain", "unit_conductance", "unit_voltage"}
-    parts |= {"opamp", "resistor_series"}
+    parts |= {"opamp", "resistor_series", "strain_input"}
     left = (design.model_dump(exclude=parts) for design in (scene.design, default.design))
     assert next(left) == next(left)
     assert scene.design.opamp.input_errors == "typical"
+    assert scene.design.strain_input == "voltage"
 
 
 def test_the_parts_of_the_template_can_be_bought(tmp_path: Path) -> None:

@@ -227,7 +227,7 @@ def strained_along(board: LinearBoard, pole: complex) -> Circuit:
         for node, value in zip(present, amps.tolist(), strict=True)
         if value
     ]
-    return replace(circuit, currents=tuple(currents))
+    return replace(circuit.without_strain, currents=tuple(currents))
 
 
 def _span(pole: complex, fastest: float) -> tuple[float, float]:

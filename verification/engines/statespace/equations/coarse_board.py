@@ -93,13 +93,13 @@ def _units(descriptor: Descriptor) -> Ints:
     """Return the channel or sensor of each unknown; -1 for voltage sources.
 
     Two unknowns belong together if an element connects them that is neither a resistor matrix nor
-    a voltage source.
+    a constant voltage source; a source of a strain belongs to its sensor.
     """
     from scipy.sparse import coo_array, csgraph
 
     source = np.zeros(descriptor.size, dtype=np.bool_)
     single = np.bincount(descriptor.local.rows, minlength=descriptor.size) == 1
-    source[single & descriptor.determined] = True
+    source[single & descriptor.determined & (descriptor.switched == 0.0)] = True
     source[descriptor.devices.output] = False
     pairs = [(t.rows, t.columns) for t in (descriptor.local, descriptor.mass)]
     pairs.append((descriptor.devices.input, descriptor.devices.output))

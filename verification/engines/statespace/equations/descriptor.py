@@ -104,7 +104,7 @@ class Descriptor:
     couplings : tuple of Coupling
         The rest of K.
     switched, constant : ndarray (size,)
-        b = switched (current sources, on from t = 0) + constant (voltage sources).
+        b = switched (sources of the strain, on from t = 0) + constant (other voltage sources).
     determined : ndarray of bool (size,)
         Rows that state a voltage instead of a current balance.
     devices : Devices
@@ -184,7 +184,7 @@ class Descriptor:
         return product
 
     def drive(self, *, sources_on: bool) -> Floats:
-        """Return b with the current sources on or off, shape (size,)."""
+        """Return b with the sources of the strain on or off, shape (size,)."""
         return self.constant + self.switched if sources_on else self.constant
 
     def place(self, name: str) -> int:
@@ -269,7 +269,9 @@ class Stamper:
         """Stamp the laws of ideal sources; return b: switched and constant part, (size,)."""
         c, size = self.circuit, len(self.places)
         nodes = self.nodes(v.node for v in c.voltages)
-        self.constant_laws.append((nodes, np.array([v.volts for v in c.voltages])))
+        volts = np.array([v.volts for v in c.voltages])
+        switched = np.array([v.switched for v in c.voltages], dtype=np.bool_)
+        self.constant_laws.append((nodes, np.where(switched, 0.0, volts)))
         for places in (nodes, devices.output):
             self.laws.add(places, places, -np.ones(len(places)))
         into = self.nodes(i.node for i in c.currents)
@@ -279,6 +281,7 @@ class Stamper:
         for places, values in self.constant_currents:
             np.add.at(b[1], places, values)
         b[:, list(self.fixed)] = 0.0
+        np.add.at(b[0], nodes[switched], volts[switched])
         for places, values in self.constant_laws:
             np.add.at(b[1], places, values)
         return b[0, :size], b[1, :size]
