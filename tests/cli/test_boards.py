@@ -202,8 +202,8 @@ def test_one_op_amp_is_shown_with_what_its_model_does() -> None:
 @pytest.mark.usefixtures("ngspice")
 def test_the_table_says_what_a_sheet_does_not_print() -> None:
     text = " ".join(taction("models", "show", "lf353").stdout.split())
-    assert "no figure: assumed as of the LF356, the same kind of input stage" in text
-    assert "offset voltage 5 mV \N{LESS-THAN OR EQUAL TO} 10 mV" in text
+    assert "no figure: assumed as of the LF356" in text
+    assert "\N{LESS-THAN OR EQUAL TO} 10 mV" in text
     assert "LF353-N Wide Bandwidth Dual JFET Input Operational Amplifier, SNOSBH3F, 2013" in text
 
 

@@ -55,7 +55,7 @@ MADE: dict[str, dict[str, Any]] = {
     "sinh": {"amplifier": "sinh", "exponential_slope": 0.3},
     "softplus": {"amplifier": "softplus", "exponential_slope": 0.3},
 }
-STEP, STEPS = 2.5e-8, 400  # s: the boards' fastest ringing has a period of some microseconds
+STEP, STEPS = 1e-8, 1000  # s: the fastest op-amp, an OPA189, has a bandwidth of 14 MHz
 
 
 def scene_of(name: str) -> Scene:
