@@ -289,7 +289,10 @@ def fresh_scene(
     data = {
         "name": name[:64] or "scene",
         "problem": arrays,
-        "design": {"amplifier": "linear", "opamp": OPAMP, **asked, "lambda": chosen},
+        "design": {
+            **{"amplifier": "linear", "strain_input": "voltage", "opamp": OPAMP},
+            **{**asked, "lambda": chosen},
+        },
         "checks": LOOSE,
     }
     scaling = scale(parse_scene(data, output), share)
