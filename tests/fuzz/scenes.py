@@ -28,7 +28,7 @@ from tests.support.entries import FAST
 from tests.support.paths import SCENES
 
 BASES = [file.read_bytes() for file in sorted(SCENES.glob("*.toml"))]
-BASES += [FAST.format(limit="1s", capacitance="10pF").encode()] * 6
+BASES += [FAST.format(limit="1s", capacitance="10pF", opamp="ua741").encode()] * 6
 EDITS = (SCALE_EDIT, SCALE_EDIT, SCALE_EDIT, VALUE_EDIT, LINE_EDIT, *BYTE_EDITS[:4])
 MATRIX = SCENES / "custom-matrix"
 MOST_ENTRIES = 3000  # of T: larger boards are parsed, not built

@@ -219,7 +219,7 @@ SECOND_WITNESS = (
         "an equilibrium of the wrong branch: without strain",
         "equilibrium of the state space",
         planting.in_the_linearisation(at_rest),
-        MATRIX,
+        ELEVEN,
         STATE_SPACE,
         (STEADY,),
     ),
