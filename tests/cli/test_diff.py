@@ -76,6 +76,7 @@ def test_a_verdict_of_version_1_is_read(tmp_path: Path) -> None:
     scene, today = str(SCENES / "custom-matrix.toml"), tmp_path / "today.json"
     as_then = ["opamp=tl084", "opamp.input_errors=none", "unit_voltage=1V"]
     settings = [word for text in as_then for word in ("--set", f"design.{text}")]
+    settings += ["--set", "analysis.points_per_period=30"]
     run = taction("verify", scene, *settings, "--engine", "statespace", "--json")
     today.write_text(run.stdout, encoding="utf-8")
     found = document(result := taction("diff", stored, str(today), "--json"))
@@ -84,6 +85,7 @@ def test_a_verdict_of_version_1_is_read(tmp_path: Path) -> None:
     assert not [each for each in found["readings"] if each["beyond"] is not False]
     assert {key["key"] for key in found["keys"]} == {
         "design.exponential_slope",
+        "design.strain_input",
         "design.opamp.input_errors",
         *(f"design.opamp.{name}" for name in NONE),
     }
