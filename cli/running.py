@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -44,8 +45,12 @@ def made(name: str, command: Command) -> click.Command:
 def run(command: Command, given: dict[str, Any]) -> None:
     """Run a command with its options, show the result, and end with the exit status."""
     job = (command.other and command.other(given)) or command.job
-    known = signature(job.function)
-    call = Call({name: value for name, value in given.items() if name in known}, given)
+    # Of an option without a value the function's own default counts.
+    known = {name: each.default for name, each in signature(job.function).items()}
+    asked = {name: value for name, value in given.items() if name in known}
+    unset = {name for name, value in asked.items() if value is None and known[name] is not None}
+    unset -= {name for name in unset if known[name] is inspect.Parameter.empty}
+    call = Call(asked | {name: known[name] for name in unset}, given)
     _check(command, job, given)
     if "scene" in given:
         _ask(given["scene"])

@@ -115,7 +115,7 @@ def _ask_limits(call: Call) -> None:
     scene = given["scene"] = read_scene(given["scene"])
     names = ("settling", "rise", "overshoot", "noise", "margin", "supply")
     request = request_of(
-        given["opamps"] or "", given["c_range"] or "", given["gain_range"] or "", given["points"],
+        given["opamps"], given["c_range"], given["gain_range"], given["points"],
         **{name: given[name] for name in names},
     )  # fmt: skip
     plan = choice_plan(scene, request)

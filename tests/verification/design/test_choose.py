@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -215,3 +216,12 @@ def test_a_folder_with_files_is_refused(tmp_path: Path) -> None:
     found = CliRunner().invoke(main, ["choose", FILE, "-o", str(tmp_path)])
     assert found.exit_code == 2
     assert "not empty" in found.stderr
+
+
+def test_the_command_tries_every_op_amp_without_an_option(tmp_path: Path) -> None:
+    words = ["choose", FILE, "--settling", "1ms", "--points", "1", "--jobs", "1", "--json"]
+    found = CliRunner().invoke(main, [*words, "--store", str(tmp_path / "a.sqlite")])
+    assert found.exit_code in (0, 1), found.stderr
+    document = json.loads(found.stdout)
+    names = {name for name, each in OPAMPS.items() if math.isfinite(each.gbw)}
+    assert {each["values"]["design.opamp.base"] for each in document["designs"]} == names
