@@ -25,8 +25,9 @@ SHEETS = {
     "TL084": (("2", "3", "1"), ("6", "5", "7"), ("9", "10", "8"), ("13", "12", "14")),
     "TL072": (("2", "3", "1"), ("6", "5", "7")),
     "UA741": (("2", "3", "6"),),
+    "OPA189": (("2", "3", "6"),),
 }
-RAILS = {"TL084": ("4", "11"), "TL072": ("8", "4"), "UA741": ("7", "4")}
+RAILS = {"TL084": ("4", "11"), "TL072": ("8", "4"), "UA741": ("7", "4"), "OPA189": ("7", "4")}
 # What a drawing of one channel cannot avoid: signals of other channels, and the op-amps of other
 # channels in the same packages.
 EXPECTED = {
