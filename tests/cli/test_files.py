@@ -20,7 +20,7 @@ from taction.cli.main import command as entry
 from taction.verification.evidence.paper import reproduce
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
-from tests.support.running import document, python, taction
+from tests.support.running import NO_BYTECODE, document, python, taction
 
 VENDOR = ROOT / "tests" / "data" / "fet100.cir"
 PINS = ("--subckt", "FET100", "--pins", "inp,inn,vcc,vee,out")
@@ -236,7 +236,7 @@ def run(*words: str, limit: int | None = None) -> subprocess.CompletedProcess[st
         if limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    return python("-m", "taction", *words, preexec_fn=limited)
+    return python("-m", "taction", *words, preexec_fn=limited, env=NO_BYTECODE)
 
 
 def without_times(text: str) -> list[dict[str, object]]:

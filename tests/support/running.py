@@ -27,6 +27,11 @@ def document(result: Result) -> Any:
     return json.loads(result.stdout, parse_constant=refuse)
 
 
+# Where no file may be large, Python of before 3.12.8 stores its compiled modules cut short, and
+# every later process that imports them ends with "marshal data too short".
+NO_BYTECODE = {"PYTHONDONTWRITEBYTECODE": "1"}
+
+
 def python(*words: str, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run Python with these words; `options` go to `subprocess.run`, `env` beside our variables."""
     variables = {**os.environ, "PYTHONPATH": str(ROOT), **options.pop("env", {})}

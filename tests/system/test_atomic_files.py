@@ -32,7 +32,7 @@ def test_a_disk_that_is_full_leaves_the_old_file_whole(tmp_path: Path) -> None:
     file = tmp_path / "baseline.json"
     file.write_text("old")
     run = subprocess.run(
-        [sys.executable, "-c", FULL, str(file)], capture_output=True, text=True, check=True
+        [sys.executable, "-B", "-c", FULL, str(file)], capture_output=True, text=True, check=True
     )
     assert str(file) in run.stdout
     assert "File too large" in run.stdout

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.support.paths import ROOT, SCENES
+from tests.support.running import NO_BYTECODE
 
 MARK = "TACTION_TORTURE"  # environment variable of every process that a study starts
 TIMES = {"seconds", "estimated_seconds", "timing", "ran"}
@@ -79,6 +80,7 @@ class Place:
     def start(self, study: Study, largest_file: int | None = None) -> subprocess.Popen[str]:
         """Start the command of `study`; `largest_file` is a limit in bytes, as a full disk."""
         own = {MARK: str(self.folder), "TMPDIR": str(self.temporary), "PYTHONPATH": str(ROOT)}
+        own |= NO_BYTECODE
         with (self.folder / "stdout").open("wb") as out, (self.folder / "stderr").open("wb") as err:
             process = subprocess.Popen(
                 [sys.executable, "-m", "taction", *study.words, "--json"],
