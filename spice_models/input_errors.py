@@ -29,7 +29,9 @@ TYPICAL = 0.67  # standard deviations: the size that half of the parts keep
 Level = Literal["typical", "max", "none"]
 
 
-def spread(figure: str, typical: float, most: float | None) -> Spread:
+def spread(
+    figure: str, typical: float, most: float | None, unconfirmed: Collection[str] = ()
+) -> Spread:
     """Return the distribution of one figure of `NONE`.
 
     Parameters
@@ -38,6 +40,8 @@ def spread(figure: str, typical: float, most: float | None) -> Spread:
         As in the data file; dB of a common-mode rejection.
     most : float or None
         The largest size that the sheet guarantees, of a rejection the least.
+    unconfirmed : collection of str
+        Figures and limits, as in `OpAmp.assumed`.
 
     Examples
     --------
@@ -51,16 +55,18 @@ def spread(figure: str, typical: float, most: float | None) -> Spread:
         most = None if most is None else 10.0 ** (-most / 20.0)
     if most is None:
         return Spread(0.0, abs(typical) / TYPICAL, assumed=True)
+    assumed = f"guaranteed.{figure}" in unconfirmed
     if figure == "bias_current":
-        return Spread(typical, abs(abs(most) - abs(typical)) / MOST)
-    return Spread(0.0, abs(most) / MOST)
+        sigma = abs(abs(most) - abs(typical)) / MOST
+        return Spread(typical, sigma, assumed or figure in unconfirmed)
+    return Spread(0.0, abs(most) / MOST, assumed)
 
 
 def spreads(opamp: OpAmp) -> dict[str, Spread]:
     """Return the distributions of the input errors that an op-amp has, by figure."""
     most = dict(opamp.guaranteed)
     return {
-        name: spread(name, getattr(opamp, name), most.get(name))
+        name: spread(name, getattr(opamp, name), most.get(name), opamp.assumed)
         for name, none in NONE.items()
         if getattr(opamp, name) != none
     }
@@ -89,7 +95,8 @@ def with_input_errors(opamp: OpAmp, level: Level, given: Mapping[str, float]) ->
     for name, each in kept.items():
         values[name] = _most(name, each) if level == "max" else getattr(opamp, name)
     values |= given
-    missing = () if level == "none" else tuple(n for n in NONE if n not in found and n not in given)
+    known = {*found, *given, *opamp.assumed}  # an assumed zero is no missing figure
+    missing = () if level == "none" else tuple(name for name in NONE if name not in known)
     return replace(
         opamp,
         input_errors=values != NONE,

@@ -33,7 +33,6 @@ ZERO_OR_MORE = (
     "output_resistance",
     "voltage_noise",
     "current_noise",
-    "voltage_noise_corner",
     "supply_current",
 )
 
@@ -47,7 +46,7 @@ class Spread:
     mean, sigma : float
         V or A; of the common-mode error the voltage at the input over the common-mode voltage.
     assumed : bool
-        Whether the sheet has no largest size.
+        Whether the sheet has no largest size, or it is not confirmed.
     """
 
     mean: float
@@ -97,7 +96,7 @@ class OpAmp:
     most_supply: float = math.inf
     voltage_noise: float = 0.0  # white, at the input of the gain stages, V/rtHz
     current_noise: float = 0.0  # white, into each input, A/rtHz
-    voltage_noise_corner: float = 0.0  # of its 1/f noise, Hz; 0: the sheet has none
+    voltage_noise_corner: float | None = None  # of its 1/f noise, Hz; None: not known
     supply_current: float = 0.0  # quiescent, of one op-amp, A
     offset_voltage: float = 0.0  # adds to v+, V
     bias_current: float = 0.0  # mean of the currents into the inputs, A
@@ -111,6 +110,9 @@ class OpAmp:
     input_errors: bool = False  # whether the macromodel has offset, bias and common-mode error
     rejection_sign: float = 1.0  # of the common-mode error
     guaranteed: tuple[tuple[str, float], ...] = ()  # limits of figures by the sheet, 25 degrees C
+    assumed: tuple[
+        str, ...
+    ] = ()  # figures and limits ("guaranteed.NAME") that no document confirms
     varying: tuple[tuple[str, Spread], ...] = ()  # distributions of the input errors
     not_known: tuple[str, ...] = ()  # input errors that should be there, and no sheet has
     imported: ImportedOpAmp | None = None  # a vendor's macromodel in the place of ours
@@ -123,7 +125,8 @@ class OpAmp:
         for figure in ABOVE_ZERO:
             if not getattr(self, figure) > 0.0:
                 raise ValueError(f"{figure} = {getattr(self, figure)!r}: must be above 0")
-        for figure in ZERO_OR_MORE:
+        known = () if self.voltage_noise_corner is None else ("voltage_noise_corner",)
+        for figure in (*ZERO_OR_MORE, *known):
             if not 0.0 <= getattr(self, figure) < math.inf:
                 raise ValueError(f"{figure} = {getattr(self, figure)!r}: must be finite, 0 or more")
         for figure in ("offset_voltage", "bias_current", "offset_current"):
@@ -181,6 +184,11 @@ class OpAmp:
     def is_current_limited(self) -> bool:
         """Whether the macromodel has a limit of the output current."""
         return self.large_signal and self.limits_current and self.has_largest_current
+
+    @property
+    def flicker_noise(self) -> float:
+        """Density of the 1/f part of the voltage noise times the frequency, V²."""
+        return self.voltage_noise**2 * (self.voltage_noise_corner or 0.0)
 
     @property
     def is_limited(self) -> bool:

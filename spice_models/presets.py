@@ -30,6 +30,7 @@ FIGURES = (
     "most_supply",
     "voltage_noise",
     "current_noise",
+    "voltage_noise_corner",
     "supply_current",
     "channels_per_package",
     "offset_voltage",
@@ -73,6 +74,7 @@ def opamp_of(name: str, figures: Mapping[str, Any]) -> OpAmp:
     table = {key: value for key, value in figures.items() if key != "origin"}
     f_u = table.pop("unity_gain_bandwidth")
     table["guaranteed"] = tuple(table.get("guaranteed", {}).items())
+    table["assumed"] = tuple(figures.get("origin", {}).get("assumed", ()))
     if "phase_margin" in table:
         poles = poles_from_phase_margin(table["dc_gain"], f_u, table.pop("phase_margin"))
         table["gbw"], table["second_pole"] = poles

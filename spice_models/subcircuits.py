@@ -169,7 +169,8 @@ def _noise(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool, plus: st
     Each source is a resistor between a node of its own and ground. The thermal voltage of ``Rne``
     is the voltage noise, which ``Ene`` adds to `plus` behind the input impedances; the thermal
     current of ``Rnn`` (and ``Rnp``) is the current noise, which ``Gnn`` (``Gnp``) copies into the
-    input.
+    input. The 1/f part of the voltage noise is a current of ``Rne``, too: the density of its model
+    ``flicker`` is ``kf |I|^af / f``, with ``af = 0`` whatever the current I.
     """
     if model.current_noise > 0.0:
         resistance = THERMAL / model.current_noise**2
@@ -179,7 +180,11 @@ def _noise(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool, plus: st
             cell.VCCS(f"n{letter}", "0", pin, node, "0", transconductance=1.0 / resistance)
     if model.voltage_noise == 0.0:
         return plus
-    cell.R("ne", "ne", "0", model.voltage_noise**2 / THERMAL)
+    resistance, flickering = model.voltage_noise**2 / THERMAL, {}
+    if model.flicker_noise > 0.0:
+        flickering = {"raw_spice": "flicker"}
+        cell.model("flicker", "r", kf=model.flicker_noise / resistance**2, af=0)
+    cell.R("ne", "ne", "0", resistance, **flickering)
     cell.VCVS("ne", "inpe", plus, "ne", "0", voltage_gain=1.0)
     return "inpe"
 

@@ -15,6 +15,7 @@ from pydantic_core import CoreSchema
 
 from taction.netlist_gen.scene.fields import (
     Count,
+    Hertz,
     Model,
     NonNegative,
     Positive,
@@ -25,6 +26,7 @@ from taction.netlist_gen.scene.fields import (
 )
 from taction.system.reading_definitions import SETTLING_BAND, TIMES
 
+LOWEST = 0.1  # Hz; data sheets print the 1/f noise from here to 10 Hz
 AGREE = 1e-3  # of the step amplitude: how far the engines may differ where a scene says nothing
 LONG = 0.1  # s; boards of op-amps settle in microseconds to milliseconds
 
@@ -96,9 +98,14 @@ class RiseTimeCheck(UpperLimit):
 
 
 class NoiseCheck(UpperLimit):
-    """Output noise of every channel at rest, rms over all frequencies, V."""
+    """Output noise of every channel at rest, rms, V, over all frequencies or above the lowest."""
 
     max: Volts
+    lowest: Hertz | None = Field(
+        None,
+        description="the lowest frequency that counts: an observation of T seconds sees nothing"
+        f" below 1/T. By default {LOWEST:g} Hz where op-amps have 1/f noise, else 0",
+    )
 
 
 class StabilityCheck(Model):

@@ -24,6 +24,7 @@ from taction.netlist_gen.scene.fields import (
     FaradsOrZero,
     FileName,
     Hertz,
+    HertzOrZero,
     LambdaOrRule,
     Model,
     Ohms,
@@ -128,6 +129,9 @@ class OpAmpChoice(Model):
     most_supply: Volts | None = None
     voltage_noise: VoltageDensityOrZero | None = Field(None, description="of the input, white")
     current_noise: CurrentDensityOrZero | None = Field(None, description="of each input, white")
+    voltage_noise_corner: HertzOrZero | None = Field(
+        None, description="below it the 1/f part of the voltage noise is the larger one; 0: none"
+    )
     supply_current: AmpsOrZero | None = Field(None, description="of one op-amp without load")
     channels_per_package: Count | None = Field(None, description="op-amps in one package")
     input_errors: InputErrors = Field(

@@ -97,6 +97,7 @@ VoltsPerSecond = Annotated[float, Unit("V/s")]
 VoltageDensityOrZero = Annotated[float, Unit("V/rtHz", zero=True)]
 CurrentDensityOrZero = Annotated[float, Unit("A/rtHz", zero=True)]
 Hertz = Annotated[float, Unit("Hz")]
+HertzOrZero = Annotated[float, Unit("Hz", zero=True)]
 Seconds = Annotated[float, Unit("s")]
 SecondsOrAuto = Annotated[Literal["auto"] | float, Unit("s", word="auto")]
 LambdaOrRule = Annotated[

@@ -134,7 +134,8 @@ def own_value(scene: Scene, key: Key) -> float | None:
         return phase_margin(choose_opamp(scene))
     table, _, last = key.path.rpartition(".")
     if table == "design.opamp" and key.kind == "real":
-        return float(getattr(choose_opamp(scene), last))
+        figure = getattr(choose_opamp(scene), last)
+        return None if figure is None else float(figure)
     value = attrgetter("design.lam" if key.path == "design.lambda" else key.path)(scene)
     if table == "design" and key.kind == "real" and not isinstance(value, int | float):
         facts = topology_of(scene).facts(scene).values()

@@ -114,7 +114,9 @@ def test_a_preset_has_the_noise_of_its_figures(ngspice: str, tmp_path: Path, mod
     difference = (
         R if math.isinf(model.input_resistance) else R / (1 + 2 * R / model.input_resistance)
     )
-    wanted = math.hypot(model.voltage_noise, math.sqrt(2.0) * model.current_noise * difference)
+    flicker = 1.0 + (model.voltage_noise_corner or 0.0) / result["frequency"][0]
+    e_n = model.voltage_noise * math.sqrt(flicker)
+    wanted = math.hypot(e_n, math.sqrt(2.0) * model.current_noise * difference)
     found = result["onoise_spectrum"][0]
     assert found == pytest.approx(wanted * model.dc_gain, rel=1e-5, abs=1e-30)
 

@@ -165,7 +165,7 @@ def characterise(opamp: OpAmp, witness: Witness) -> tuple[Measured, ...]:
         only = replace(_linear(opamp), input_errors=True, bias_current=0.0, offset_current=0.0)
         found["offset_voltage"] = (witness.rest(Bench(only)), opamp.offset_voltage)
     if opamp.voltage_noise:
-        quiet = replace(_linear(opamp), current_noise=0.0)
+        quiet = replace(_linear(opamp), current_noise=0.0, voltage_noise_corner=None)
         density = witness.noise(Bench(quiet), NOISE)
         found["voltage_noise"] = (density, opamp.voltage_noise)
     return tuple(Measured(name, UNITS[name], *found[name]) for name in UNITS if name in found)

@@ -375,7 +375,7 @@ def error_budget(
         chain.link("antilog", how, outputs_at_rest(design.board))
     _transient(chain, recording)
     if noise is not None:
-        how = "rms at rest over all frequencies: resistors, op-amps and sensors; not in the sum"
+        how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
         chain.parts.append(ErrorPart("noise", noise.known, how))
     whole = None
     if chain.first is not None:

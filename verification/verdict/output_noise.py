@@ -12,8 +12,10 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Band, Noise
 from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, SimulationError
+from taction.system.quantities import show
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.verdict.planned_board import PlannedBoard
@@ -24,8 +26,8 @@ COARSEST = 20  # steps per decade; finer bands have this times a power of 2
 MOST_STEPS = 20_000
 
 
-def noise_bands(poles: Complexes) -> tuple[Band, ...]:
-    """Return bands for the integral of a spectrum with these poles, 1/s.
+def noise_bands(poles: Complexes, lowest: float = 0.0) -> tuple[Band, ...]:
+    """Return bands for the integral of a spectrum with these poles, 1/s, above `lowest`, Hz.
 
     A spectrum changes over the distance from ``j 2 pi f`` to the nearest pole. With the defaults
     Simpson's rule errs by less than 1e-3 of the integral, and so does what lies outside the bands.
@@ -43,7 +45,7 @@ def noise_bands(poles: Complexes) -> tuple[Band, ...]:
     (20, 40960)
     """
     sizes = np.abs(poles) / math.tau
-    f, last = BELOW * float(sizes.min()), ABOVE * float(sizes.max())
+    f, last = lowest or BELOW * float(sizes.min()), ABOVE * max(float(sizes.max()), lowest)
     bands, left = list[Band](), MOST_STEPS
     while f < last:
         density, steps, start = _density(f, poles), 0, f
@@ -72,7 +74,7 @@ MAYBE_UNSTABLE = "the board may be unstable, and an unstable board has no noise 
 
 @dataclass(frozen=True, slots=True)
 class OutputNoise:
-    """Noise of every channel over all frequencies, from the state-space engine.
+    """Noise of every channel, from the state-space engine.
 
     Attributes
     ----------
@@ -86,6 +88,10 @@ class OutputNoise:
         Op-amps with poles whose voltage noise is not given.
     noiseless : tuple of str
         Ideal op-amps: without poles and without voltage noise.
+    lowest : float
+        The lowest frequency that counts, Hz.
+    flickering, unknown_corners : tuple of str
+        Op-amps with 1/f noise, and named ones whose sheet has no corner of it.
     """
 
     rms: tuple[float, ...] = ()
@@ -94,25 +100,50 @@ class OutputNoise:
     simulated: float | None = None
     unstated: tuple[str, ...] = ()
     noiseless: tuple[str, ...] = ()
+    lowest: float = 0.0
+    flickering: tuple[str, ...] = ()
+    unknown_corners: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, design: PlannedBoard) -> OutputNoise | None:
         """Find the noise of the board of `design`; None if its scene has no limit for it."""
-        if design.scene.checks.noise is None:
+        limit, models = design.scene.checks.noise, design.circuit.models.values()
+        if limit is None:
             return None
+        flickering = tuple(model.name for model in models if model.flicker_noise > 0.0)
+        lowest = limit.lowest or (LOWEST if flickering else 0.0)
         if not design.poles.known_stable:
             return cls(unknown=UNSTABLE if design.poles.known_unstable else MAYBE_UNSTABLE)
         try:
-            rms, error = output_noise(design.board)
+            rms, error = output_noise(design.board, lowest)
             ngspice = design.engine == "ngspice"
-            simulated = _simulated(design, int(rms.argmax())) if ngspice else None
+            simulated = _simulated(design, int(rms.argmax()), lowest) if ngspice else None
         except (EngineError, SimulationError) as problem:
             return cls(unknown=f"the noise is not known: {problem}")
-        models = design.circuit.models.values()
         silent = [model for model in models if model.voltage_noise == 0.0]
         unstated = tuple(model.name for model in silent if math.isfinite(model.gbw))
         noiseless = tuple(model.name for model in silent if math.isinf(model.gbw))
-        return cls(tuple(rms.tolist()), tuple(error.tolist()), "", simulated, unstated, noiseless)
+        return cls(
+            tuple(rms.tolist()),
+            tuple(error.tolist()),
+            simulated=simulated,
+            unstated=unstated,
+            noiseless=noiseless,
+            lowest=lowest,
+            flickering=flickering,
+            unknown_corners=tuple(
+                model.name
+                for model in models
+                if model.voltage_noise > 0.0 and model.voltage_noise_corner is None
+            ),
+        )
+
+    @property
+    def band(self) -> str:
+        """The frequencies that count, in words."""
+        if not self.lowest:
+            return "over all frequencies"
+        return f"above {show(self.lowest, 'Hz')}" + (", with 1/f noise" if self.flickering else "")
 
     @property
     def worst(self) -> int:
@@ -135,9 +166,9 @@ class OutputNoise:
         return 0.0 if self.simulated is None else abs(self.simulated - self.largest)
 
 
-def _simulated(design: PlannedBoard, channel: int) -> float:
-    """Return the noise of a channel from ngspice, V."""
-    bands = noise_bands(design.board.state_space.eigenvalues)
+def _simulated(design: PlannedBoard, channel: int, lowest: float) -> float:
+    """Return the noise of a channel above a frequency from ngspice, V."""
+    bands = noise_bands(design.board.state_space.eigenvalues, lowest)
     node = design.circuit.outputs[channel].node
     deck = write_deck(design.circuit, Noise(bands), saved=[node])
     with start(deck, find_simulator(), timeout=design.scene.analysis.timeout) as run:

@@ -154,6 +154,7 @@ UNSTATED = (
     " '20nV/rtHz', or take a preset that has one (taction models)"
 )
 NOISELESS = "op-amp {} is ideal and has no noise: only resistors and sensors count"
+NO_CORNER = "1/f noise of op-amp {} not known (design.opamp.voltage_noise_corner), so left out"
 NOISE_AGREES = 0.01  # of the noise: the largest difference of the two engines
 
 
@@ -166,13 +167,15 @@ def noise(evidence: Evidence) -> Check | None:
         return undecided("noise", "V", found.unknown, limited.max)
     value, error = found.largest, found.error[found.worst] + found.difference
     outcome = at_most(value, error, limited.max)
-    reason = f"channel {found.worst + 1} at rest, rms over all frequencies"
+    reason = f"channel {found.worst + 1} at rest, rms {found.band}"
     if found.difference > NOISE_AGREES * value:
         outcome = Outcome.INCONCLUSIVE
         reason = joined(reason, f"ngspice differs by {percent(found.difference / value)}")
     elif outcome is Outcome.PASS and found.unstated:
         outcome = Outcome.INCONCLUSIVE
         reason = joined(reason, UNSTATED.format(", ".join(found.unstated)))
+    if found.unknown_corners:
+        reason = joined(reason, NO_CORNER.format(", ".join(found.unknown_corners)))
     if found.noiseless:
         reason = joined(reason, NOISELESS.format(", ".join(found.noiseless)))
     return Check("noise", outcome, value, error, limited.max, None, "V", reason)

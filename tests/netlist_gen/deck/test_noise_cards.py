@@ -30,7 +30,7 @@ def test_a_noise_deck_is_the_board_and_its_noise() -> None:
     added = [line for line in noisy if line not in plain]
     kinds = {line.split()[0].split("_")[0] for line in added}
     model = {"Rd", "Rnn", "Gnn", "Rne", "Ene", "G1", "R1", "R2", "Ro"}
-    assert kinds == {*model, "Rnoise", "Gnoise", "Vnoise", ".save", ".noise"}
+    assert kinds == {*model, ".model", "Rnoise", "Gnoise", "Vnoise", ".save", ".noise"}
     assert [line for line in added if line.startswith(".noise")] == [
         ".noise v(v_1) Vnoise dec 20 10.0 1000.0",
         ".noise v(v_1) Vnoise dec 40 1000.0 100000000.0",

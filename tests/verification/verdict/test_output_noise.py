@@ -94,6 +94,40 @@ def test_both_engines_agree_on_every_source_by_itself(source: str, amplifier: st
         assert from_ngspice(loud, channel) == pytest.approx(rms[channel], rel=1e-3)
 
 
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(("corner", "lowest"), [("1kHz", "0.1Hz"), ("1MHz", "10Hz"), (0, "20kHz")])
+def test_both_engines_agree_on_a_band(corner: str, lowest: str) -> None:
+    """Where 1/f noise is most of the noise, and where white noise below the band counts."""
+    design = {
+        "opamp": {"base": "tl084", "voltage_noise": "1uV/rtHz", "voltage_noise_corner": corner}
+    }
+    scene = small(checks={"noise": {"max": "1V", "lowest": lowest}}, **design).with_engine(
+        "ngspice"
+    )
+    verdict = verify(scene)
+    check = next(check for check in verdict.checks if check.name == "noise")
+    assert verdict.noise.difference < 1e-3 * check.value
+    assert "above" in check.reason
+    assert ("1/f" in check.reason) is (corner != 0)
+    if corner == "1MHz":
+        assert check.value > 2.0 * output_noise(LinearBoard(synthesise(small())))[0].max()
+
+
+def test_the_lowest_frequency_is_stated() -> None:
+    """By default that of data sheets where an op-amp has 1/f noise; the key replaces it."""
+
+    def found(opamp: Any, **keys: Any) -> OutputNoise:
+        scene = small(checks={"noise": {"max": "1mV"} | keys}, opamp=opamp)
+        return verify(scene.with_engine("statespace")).noise
+
+    assert found("op27").band == "above 100 mHz, with 1/f noise"
+    assert found("op27", lowest="2Hz").band == "above 2 Hz, with 1/f noise"
+    silenced = found({"base": "op27", "voltage_noise_corner": 0})
+    assert silenced.band == "over all frequencies"
+    assert found("op27").largest > silenced.largest
+    assert found("ua741").unknown_corners == ("ua741",)
+
+
 def test_noise_follows_its_sources() -> None:
     """White sources of different kinds add up in power."""
 
@@ -235,7 +269,7 @@ def test_an_ideal_opamp_says_what_its_noise_is(
     check = next(check for check in verify(scene).checks if check.name == "noise")
     assert check.outcome is outcome
     assert reason in check.reason
-    assert ("ideal" in check.reason) is ("voltage_noise" not in opamp)
+    assert ("ideal" in check.reason.split("; 1/f")[0]) is ("voltage_noise" not in opamp)
 
 
 POLES = {

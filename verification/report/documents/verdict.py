@@ -218,11 +218,13 @@ class NoisePart:
     unit: str
     ngspice: Number
     reason: str
+    lowest: Annotated[float, "Hz"]
 
     @classmethod
     def of(cls, noise: OutputNoise) -> NoisePart:
         """Return the noise."""
-        return cls(noise.rms, noise.error, "V", noise.simulated, noise.unknown)
+        known = noise.rms, noise.error, "V", noise.simulated, noise.unknown
+        return cls(*known, noise.lowest)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Noise of the outputs at rest, over all frequencies, by the Lyapunov equation.
+"""Noise of the outputs at rest, over a band of frequencies, by the Lyapunov equation.
 
 ``x' = A x + B w`` with white noise w of covariance W has the covariance P of its states with
 ``A P + P A^T = -B W B^T``, and an output ``c x`` the variance ``c P c^T``.
@@ -9,16 +9,24 @@ element by element. One Y of all outputs, ``C^T C`` in the place of ``c^T c``, b
 of each: ``|Y_ij|² <= Y_ii Y_jj``. ``sum B W B^T Y`` is the sum of all variances, too: the
 difference of the two is added to the bound.
 
+Above a lowest frequency w (rad/s) the modes of A weight P. The spectrum of an output is
+``2 Re c (jf - A)^-1 P c^T``, and its integrals have the logarithm ``L = log(1 + j A / w)``. The
+variance is ``Re c H P c^T``, for white noise with ``H = (2/pi) j L``, and for noise of the density
+``W / f`` with ``H = -4 A^-1 L``; without a lowest frequency that one has no end. H is computed
+twice, by the modes of A and of its transpose: their difference is added to the bound.
+
 The sources: a resistor has the thermal current ``4 k T / R`` (A²/Hz). An op-amp has a voltage
 noise, which adds to the input of its gain stages behind the input impedances, and a current noise
-into each input that is not on ground. The impedances of an op-amp's model are no resistors of the
-part: they make no noise of their own. A transistor has the shot noise ``2 q I`` of collector and
-base current, and the thermal noise of its bulk resistance.
+into each input that is not on ground. Where its sheet has a corner, the voltage noise has a 1/f
+part, too, with the same density at the corner. The impedances of an op-amp's model are no resistors
+of the part: they make no noise of their own. A transistor has the shot noise ``2 q I`` of collector
+and base current, and the thermal noise of its bulk resistance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -26,7 +34,7 @@ import numpy as np
 from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.spice_models.thermal_noise import THERMAL
 from taction.spice_models.transistor import ELECTRON, NOMINAL
-from taction.system.array_types import EPS, Floats, Ints
+from taction.system.array_types import EPS, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.cell_stamps import (
     gain_stage,
@@ -69,6 +77,15 @@ def noise_intensities(
         row, gain = gain_stage(circuit.models[cell.model], cell, descriptor)
         density[row, row] += (gain * circuit.models[cell.model].voltage_noise) ** 2
     return 0.5 * density[:size, :size]
+
+
+def flicker_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
+    """Return the 1/f noise of each row times the frequency, as `noise_intensities`, (size,)."""
+    density = np.zeros(descriptor.size)
+    for cell in circuit.opamps:
+        row, gain = gain_stage(circuit.models[cell.model], cell, descriptor)
+        density[row] += gain**2 * circuit.models[cell.model].flicker_noise
+    return 0.5 * density
 
 
 def _resistors(density: Floats, circuit: Circuit, descriptor: Descriptor) -> None:
@@ -114,14 +131,19 @@ REFINED = 3  # solutions: the first, and its refinements
 SOURCES = 2  # columns of the equations of a board before those of the noise
 
 
-def output_noise(board: LinearBoard) -> tuple[Floats, Floats]:
+def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Floats]:
     """Return the noise of every output of a stable board, rms, V, and bounds on the errors, (N,).
+
+    Parameters
+    ----------
+    lowest : float
+        The lowest frequency that counts, Hz.
 
     Raises
     ------
     EngineError
-        A large or unstable board, noise of unlimited bandwidth at an output, or rounding as large
-        as the noise; also as `linearise`.
+        A large or unstable board, noise of unlimited bandwidth at an output, 1/f noise without a
+        lowest frequency, or rounding as large as the noise; also as `linearise`.
 
     Examples
     --------
@@ -140,6 +162,9 @@ def output_noise(board: LinearBoard) -> tuple[Floats, Floats]:
     if board.circuit.has_imported:
         raise EngineError("the noise of an imported op-amp is not known to the state-space engine")
     density = noise_intensities(board.circuit, descriptor, board.equilibrium.values)
+    flicker = flicker_intensities(board.circuit, descriptor)
+    if flicker.any() and not lowest > 0.0:
+        raise EngineError("1/f noise has no end at 0 Hz: a lowest frequency is needed")
     live = np.flatnonzero(density.diagonal())
     inputs = np.zeros((descriptor.size, SOURCES + len(live)))
     inputs[live, SOURCES + np.arange(len(live))] = 1.0
@@ -153,8 +178,14 @@ def output_noise(board: LinearBoard) -> tuple[Floats, Floats]:
     W = density[np.ix_(live, live)]
     C, D = space.rows([out.node for out in outputs])
     B, D = space.B[:, SOURCES:], D[:, SOURCES:]
-    variance, error = _variance(space.A, B @ W @ B.T, C)
-    direct = np.einsum("ki,ij,kj->k", D, W, D) * np.abs(poles).max(initial=0.0)
+    w, fastest = math.tau * lowest, float(np.abs(poles).max(initial=0.0))
+    variance, error = _variance(space.A, B @ W @ B.T, C, _white(w) if w else None)
+    direct = np.einsum("ki,ij,kj->k", D, W, D) * fastest
+    if flicker.any():
+        V = flicker[live]
+        more, doubt = _variance(space.A, (B * V) @ B.T, C, _flicker(w))
+        variance, error = variance + more, error + doubt
+        direct += 2.0 * math.log1p(fastest / w) * (D**2 @ V)
     if (endless := np.flatnonzero(direct > DIRECT * np.abs(variance))).size:
         raise EngineError(
             f"the noise of output {outputs[endless[0]].node} has no limit of its bandwidth: no"
@@ -167,8 +198,33 @@ def output_noise(board: LinearBoard) -> tuple[Floats, Floats]:
     return rms, rms - np.sqrt(variance - errors)
 
 
-def _variance(A: Floats, Q: Floats, C: Floats) -> tuple[Floats, float]:
-    """Return ``C P C^T`` of ``A P + P A^T = -Q``, by rows of C, and a bound on each error."""
+Weight = Callable[[Complexes], Complexes]
+
+
+def _white(w: float) -> Weight:
+    """Return the share of each mode in white noise above w, rad/s."""
+    return lambda poles: (2j / math.pi) * np.log1p(1j * poles / w)
+
+
+def _flicker(w: float) -> Weight:
+    """Return the share of each mode in noise of the density ``W / f`` above w, rad/s, in s."""
+    return lambda poles: -4.0 / poles * np.log1p(1j * poles / w)
+
+
+def _weights(A: Floats, weight: Weight) -> Floats:
+    """Return the real part of a function of A, by its modes."""
+    poles, right = np.linalg.eig(A)
+    weighted = np.linalg.solve(right.T, (right * weight(poles)).T).T
+    return np.asarray(weighted.real)
+
+
+def _variance(
+    A: Floats, Q: Floats, C: Floats, weight: Weight | None = None
+) -> tuple[Floats, float]:
+    """Return ``C P C^T`` of ``A P + P A^T = -Q``, by rows of C, and a bound on each error.
+
+    With a `weight`, P is weighted with this function of A.
+    """
     from scipy.linalg import matrix_balance
 
     balanced: Any = matrix_balance(A, permute=False, separate=True)
@@ -177,11 +233,14 @@ def _variance(A: Floats, Q: Floats, C: Floats) -> tuple[Floats, float]:
     Q, C = Q / np.outer(scale, scale), C * scale
     P = equation.solve(Q)
     Y = equation.solve(C.T @ C, adjoint=True)
+    remainder, doubt = _remainder(A, P, Q), 0.0
+    if weight is not None:
+        first, second = _weights(A, weight), _weights(A.T.copy(), weight).T
+        doubt = float(np.abs(np.einsum("ki,ij,kj->k", C, (first - second) @ P, C)).max(initial=0.0))
+        P, Y = first @ P, Y @ first
     variance = np.einsum("ki,ij,kj->k", C, P, C)
     reach = np.sqrt(np.maximum(Y.diagonal(), 0.0))
-    return variance, float(
-        reach @ _remainder(A, P, Q) @ reach + abs(variance.sum() - np.sum(Q * Y))
-    )
+    return variance, float(reach @ remainder @ reach + abs(variance.sum() - np.sum(Q * Y)) + doubt)
 
 
 class _Lyapunov:

@@ -22,7 +22,12 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.output_noise import _variance, output_noise
+from taction.verification.engines.statespace.linearised.output_noise import (
+    _flicker,
+    _variance,
+    _white,
+    output_noise,
+)
 from tests.support.boards import bare
 from tests.support.making import make_scene, matrix_problem
 
@@ -84,6 +89,52 @@ def test_a_follower_has_its_voltage_noise_over_its_bandwidth(gain: float) -> Non
     circuit = replace(circuit, resistors=(Resistor("r", "in", "0", 1e-9),))
     wanted = e_n * gain / (1 + gain) * math.sqrt(math.pi / 2 * gbw * (1 + 1 / gain))
     assert noise(circuit) == pytest.approx(wanted, rel=1e-7)
+
+
+@pytest.mark.parametrize("corner", [0.0, 100.0, 1e5])
+@pytest.mark.parametrize("lowest", [1e-3, 0.1, 1e3, 5e6])
+def test_a_follower_above_a_frequency(corner: float, lowest: float) -> None:
+    """One pole f_b: white ``f_b (pi/2 - atan x)``, 1/f noise ``ln(1 + 1/x²) / 2`` each corner.
+
+    With ``x = lowest / f_b``: the integrals of ``1 / (1 + (f/f_b)²)`` and of the same over f.
+    """
+    e_n, gbw, gain = 5e-9, 2e6, 1e5
+    model = OpAmp("pole", gain, gbw=gbw, voltage_noise=e_n, voltage_noise_corner=corner)
+    circuit = stage(model, opamps=(OpAmpCell("u", model.name, "in", "out", "out"),))
+    circuit = replace(circuit, resistors=(Resistor("r", "in", "0", 1e-9),))
+    f_b = gbw * (1 + 1 / gain)
+    white = f_b * (math.pi / 2 - math.atan(lowest / f_b))
+    flicker = corner * math.log1p((f_b / lowest) ** 2) / 2
+    wanted = e_n * gain / (1 + gain) * math.sqrt(white + flicker)
+    (rms,), (error,) = output_noise(LinearBoard(circuit), lowest)
+    assert rms == pytest.approx(wanted, rel=1e-7)
+    assert error < 1e-9 * rms
+
+
+def test_flicker_noise_without_a_lowest_frequency_is_refused() -> None:
+    with pytest.raises(EngineError, match="1/f noise has no end at 0 Hz"):
+        output_noise(two_channels(opamp="op27"))
+
+
+def test_the_bound_above_a_frequency_holds_on_stiff_boards(rng: np.random.Generator) -> None:
+    """As below, and each pair of modes has its integrals in closed form.
+
+    ``2 Re a / ((jw + r)(-jw + s)) = 2 Re a (1/(jw + r) + 1/(-jw + s)) / (r + s)``.
+    """
+    rates, w = np.geomspace(1.0, 1e8, 12), 30.0
+    U = np.linalg.qr(rng.standard_normal((12, 12)))[0]
+    F = rng.standard_normal((12, 12)) * np.sqrt(rates)[:, None]
+    Q, c = F @ F.T, rng.standard_normal((3, 12))
+    for weight, alone in (
+        (_white(w), np.arctan(rates / w) * 2.0 / math.pi),
+        (_flicker(w), 2.0 * np.log1p((rates / w) ** 2) / rates),
+    ):
+        pairs = 0.5 * np.add.outer(alone, alone) / np.add.outer(rates, rates)
+        exact = np.einsum("ki,ij,kj->k", c, Q * pairs, c)
+        A = -U @ np.diag(rates) @ U.T
+        found, error = _variance(A, U @ Q @ U.T, c @ U.T, weight)
+        assert (np.abs(found - exact) <= error).all()
+        assert (error < 1e-4 * exact).all()
 
 
 def test_the_bound_holds_on_stiff_boards(rng: np.random.Generator) -> None:
