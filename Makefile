@@ -5,11 +5,12 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress nightly fuzz torture docs notebooks man schemas lint format bench lock build clean
+.PHONY: help setup ready demo check test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress nightly fuzz torture docs notebooks man schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
 ARGS ?=
+RELEASE ?=
 
 # One thread a process: BLAS threads on top of parallel tests only fight over the cores.
 export OMP_NUM_THREADS ?= 1
@@ -19,20 +20,24 @@ help: ## list the targets (the default)
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## .venv from pinned versions, ngspice where missing; tries again what failed before
-	@bash scripts/setup.sh --again
+	@bash scripts/setup.sh dev --again
 
 ready:
-	@bash scripts/setup.sh
+	@bash scripts/setup.sh dev
 
-demo: ready ## set up, then verify the seven-channel breadboard
+demo: ## set up what a user needs, then verify the seven-channel breadboard
+	@bash scripts/setup.sh demo
 	.venv/bin/taction verify scenes/paper-breadboard.toml
 
 test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
 	@bash scripts/gnucap.sh .venv/.gnucap-tried
 	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(ARGS)
 
+check: ready ## before each commit: lint, types and the tests of what changed, in under 90 s
+	@$(PYTHON_IN_VENV) scripts/check.py $(ARGS)
+
 test-bare: ## demo and all tests in a minimal Debian, made as root by mmdebstrap; nothing is installed there by hand
-	@bash scripts/bare.sh $(if $(ARGS),"$(ARGS)")
+	@RELEASE=$(RELEASE) bash scripts/bare.sh $(if $(ARGS),"$(ARGS)")
 
 test-browser: ready ## the reports in a headless Chromium, which is installed where missing
 	@browser=$$(bash scripts/chromium.sh) && TACTION_BROWSER=$$browser $(PYTHON_IN_VENV) -m pytest -n $(JOBS) tests/browser $(ARGS)

@@ -4,23 +4,29 @@
 # the last commit is put in, with the machine's settings of pip and apt. So a run shows whether the
 # set-up scripts install what they need. Only as root; the folder is removed at the end.
 #
-# bare.sh [COMMAND ...]    each COMMAND is a line for bash; the default is "make demo" "make test"
+# bare.sh [COMMAND ...]    each COMMAND is a line for bash; the default is "make demo" "make test".
+# RELEASE=trixie names another release of Debian. Exit status 1 if a command failed, 3 if there
+# could be no such system.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/system.sh
 source scripts/system.sh
 
 if [ "$(id -u)" -ne 0 ] || ! command -v apt-get >/dev/null; then
-    say "a bare system needs root and apt; nothing was tested"
-    exit 1
+    say "a bare system needs root and apt; nothing was tested in one"
+    exit 3
 fi
 if [ "${TACTION_BARE:-}" != inside ]; then # mounts of its own, which end with this process
+    if ! unshare --mount true 2>/dev/null; then
+        say "a bare system needs mounts of its own, which this machine refuses; nothing was tested in one"
+        exit 3
+    fi
     TACTION_BARE=inside exec unshare --mount --propagation private bash "$0" "$@"
 fi
 if ! command -v mmdebstrap >/dev/null; then
     say "installing mmdebstrap"
     apt_get update || true
-    apt_install mmdebstrap
+    apt_install mmdebstrap || exit 3
 fi
 
 [ $# -gt 0 ] || set -- "make demo" "make test"
@@ -40,7 +46,7 @@ trap 'exit 130' INT
 trap 'exit 143' TERM
 
 # Debian's own suites only: what the machine got from elsewhere, or from backports, is not bare.
-release=$(. /etc/os-release && printf '%s' "$VERSION_CODENAME")
+release=${RELEASE:-$(. /etc/os-release && printf '%s' "$VERSION_CODENAME")}
 mirror=$(awk '/^URIs:/ { print $2; exit } /^deb / { for (i = 2; i <= NF; i++) if ($i ~ /^http/) { print $i; exit } }' \
     /etc/apt/sources.list.d/debian.sources /etc/apt/sources.list 2>/dev/null | head -n 1)
 settings=()
@@ -51,11 +57,10 @@ began=$SECONDS
 say "making a minimal Debian $release"
 mmdebstrap --quiet --variant=apt --include=ca-certificates,git,make,python3,python3-venv \
     "${settings[@]}" "$release" "$bare" "deb $mirror $release main" \
-    "deb $mirror $release-updates main"
+    "deb $mirror $release-updates main" || exit 3
 say "made in $((SECONDS - began)) s, $(du -sm "$bare" | cut -f 1) MB"
 
-mount -t proc proc "$bare/proc"
-mount --rbind /dev "$bare/dev"
+mount -t proc proc "$bare/proc" && mount --rbind /dev "$bare/dev" || exit 3
 cp /etc/resolv.conf /etc/hosts "$bare/etc/" 2>/dev/null || true
 home=${HOME:-/root} # the same inside, so that settings of pip are found
 mkdir -p "$bare/usr/local/share/ca-certificates" "$bare$home"

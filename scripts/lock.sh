@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Write requirements/runtime.txt and requirements/dev.txt anew: the newest versions that
-# pyproject.toml allows, resolved by the oldest Python we support, every transitive one pinned.
+# Write requirements/*.txt anew: the newest versions that pyproject.toml allows, resolved by the
+# oldest Python we support, every transitive one pinned. demo.txt adds to runtime.txt what a
+# checkout needs to write reports and to be installed in editable form, dev.txt the rest.
 # With --keep what is pinned stays, and only new packages get a version.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -19,13 +20,16 @@ from pathlib import Path
 
 project = tomllib.loads(Path("pyproject.toml").read_text("utf-8"))["project"]
 folder = Path(sys.argv[1])
+extras = project["optional-dependencies"]
+build = [line for line in extras["dev"] if line.startswith("setuptools")]
 (folder / "runtime.in").write_text("\n".join(project["dependencies"]))
-(folder / "dev.in").write_text("\n".join(project["optional-dependencies"]["dev"]))
+(folder / "demo.in").write_text("\n".join([*extras["plot"], *extras["report"], *build]))
+(folder / "dev.in").write_text("\n".join(extras["dev"]))
 EOF
 
 constraints=()
 if [[ ${1-} == --keep ]]; then
-    constraints=(-c requirements/runtime.txt -c requirements/dev.txt)
+    constraints=(-c requirements/dev.txt)
 fi
 
 freeze() { "$python" -m pip freeze --all --exclude pip; }
@@ -35,8 +39,11 @@ freeze() { "$python" -m pip freeze --all --exclude pip; }
 say "resolving the runtime packages"
 "$python" -m pip install -q "${constraints[@]}" -r "$work/runtime.in"
 freeze >"$work/runtime.txt"
+say "resolving the packages of the demonstration"
+"$python" -m pip install -q "${constraints[@]}" -c "$work/runtime.txt" -r "$work/demo.in"
+freeze >"$work/demo.txt"
 say "resolving the development packages"
-"$python" -m pip install -q "${constraints[@]}" -c "$work/runtime.txt" -r "$work/dev.in"
+"$python" -m pip install -q "${constraints[@]}" -c "$work/demo.txt" -r "$work/dev.in"
 freeze >"$work/all.txt"
 
 {
@@ -44,7 +51,12 @@ freeze >"$work/all.txt"
     cat "$work/runtime.txt"
 } >requirements/runtime.txt
 {
-    echo "# Tests, checks and the build. Written by \`make lock\`; do not edit."
+    echo "# Reports, and the editable install. Written by \`make lock\`; do not edit."
     echo "-r runtime.txt"
-    grep -vxFf "$work/runtime.txt" "$work/all.txt"
+    grep -vxFf "$work/runtime.txt" "$work/demo.txt"
+} >requirements/demo.txt
+{
+    echo "# Tests, checks and the build. Written by \`make lock\`; do not edit."
+    echo "-r demo.txt"
+    grep -vxFf "$work/demo.txt" "$work/all.txt"
 } >requirements/dev.txt

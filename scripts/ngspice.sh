@@ -36,7 +36,7 @@ if [ -e "$MARK" ] && [ "${2:-}" != --again ]; then
     exit 0
 fi
 if may_install; then
-    say "installing ngspice"
+    say "step 3 of 3: installing ngspice"
     install_newest ngspice || true
 else
     say "no root, sudo or apt-get here: ngspice stays as it is"

@@ -3,7 +3,8 @@
     python scripts/nightly.py [STEP ...]     run all steps, or these; record them
     python scripts/nightly.py --stale        name the steps that were not green with these sources
 
-`docs/nightly.toml` has, for each step, the hash of the sources, the day and whether it was green.
+`docs/nightly.toml` has, for each step, the hash of the sources, the day, the machine, the time that
+it took and whether it was green.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ from __future__ import annotations
 import argparse
 import datetime
 import hashlib
+import json
 import os
+import platform
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -31,6 +35,8 @@ STEPS = {
     "random-scenes": ("make", "test", "ARGS=tests/verification"),
     "fuzz": ("make", "fuzz"),
     "torture": ("make", "torture"),
+    "bare": ("make", "test-bare", "ARGS=make test-browser test-kicad test-install docs"),
+    "newer-debian": ("make", "test-bare", "RELEASE=trixie", "ARGS=make demo test"),
 }
 # Ten times as many random scenes and seeds as in every commit.
 MORE = {"random-scenes": {"TACTION_RANDOM_SCENES": "200", "TACTION_ROUNDING_SCALE": "10"}}
@@ -71,14 +77,19 @@ def stale(entries: dict[str, dict[str, Any]], sources: str) -> list[str]:
     return found
 
 
-def record(name: str, sources: str, green: bool) -> None:
+def record(name: str, sources: str, green: bool, seconds: float) -> None:
     """Write the end of a step; the entries of the others stay."""
-    day = datetime.datetime.now(datetime.UTC).date().isoformat()
-    entries = recorded() | {name: {"sources": sources, "day": day, "green": green}}
+    entry = {
+        "sources": sources,
+        "day": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "minutes": round(seconds / 60.0),
+        "green": green,
+    }
     text = HEAD
-    for step, entry in sorted(entries.items()):
-        text += f'\n["{step}"]\nsources = "{entry["sources"]}"\nday = "{entry["day"]}"\n'
-        text += f"green = {str(entry['green']).lower()}\n"
+    for step, values in sorted((recorded() | {name: entry}).items()):
+        lines = (f"{key} = {json.dumps(value)}\n" for key, value in values.items())
+        text += f'\n["{step}"]\n' + "".join(lines)
     RECORD.write_text(text, encoding="utf-8")
 
 
@@ -99,9 +110,10 @@ def main() -> int:
     failed = []
     for name in asked.steps or STEPS:
         print(f"== {name}", flush=True)
+        began = time.monotonic()
         environment = os.environ | {"CI": "true"} | MORE.get(name, {})
         green = subprocess.run(STEPS[name], cwd=ROOT, env=environment).returncode == 0
-        record(name, sources, green)
+        record(name, sources, green, time.monotonic() - began)
         failed += [] if green else [name]
     print(f"nightly: red: {', '.join(failed) or 'none'}")
     return int(bool(failed))

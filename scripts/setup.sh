@@ -1,12 +1,17 @@
 #!/usr/bin/env bash
 # Make the checkout ready to work: .venv from the pinned versions in requirements/, taction itself
 # in editable form, ngspice where it is missing. When nothing has changed since the last run it
-# returns at once; `--again` also retries an ngspice installation that failed before.
+# returns at once.
+#
+# setup.sh demo [--again]    what a user needs: taction, plots and reports
+# setup.sh dev [--again]     the tools of developers, too; `--again` retries an ngspice installation
+#                            that failed before
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/system.sh
 source scripts/system.sh
 
+LEVEL=$1
 VENV=.venv
 STAMP=$VENV/.set-up
 # A caller's own Python or pip settings must not leak into the environment we build.
@@ -20,8 +25,11 @@ fingerprint() {
 
 is_recent() { "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; }
 
+# The stamp has the level and the fingerprint of what is installed; `dev` holds all of `demo`.
 is_current() {
-    [ -f "$STAMP" ] && [ "$(<"$STAMP")" = "$(fingerprint)" ] && is_recent $VENV/bin/python
+    local level found
+    [ -f "$STAMP" ] && read -r level found <"$STAMP" && [ "$found" = "$(fingerprint)" ] &&
+        { [ "$level" = "$LEVEL" ] || [ "$level" = dev ]; } && is_recent $VENV/bin/python
 }
 
 find_python() {
@@ -44,7 +52,7 @@ has_ensurepip() { "$1" -c 'import ensurepip, venv' 2>/dev/null; }
 create_venv() {
     local python package
     python=$(find_python)
-    say "creating $VENV with $("$python" --version)"
+    say "step 1 of 3: $VENV with $("$python" --version)"
     if ! has_ensurepip "$python"; then
         package=python$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')-venv
         say "this Python has no ensurepip; installing $package"
@@ -66,8 +74,13 @@ create_venv() {
 }
 
 fill_venv() {
-    say "installing the pinned packages (a minute or so)"
-    $VENV/bin/python -m pip install -q -r requirements/dev.txt
+    local files=(requirements/runtime.txt requirements/demo.txt) about="half a minute"
+    [ "$LEVEL" = dev ] && files+=(requirements/dev.txt) about="a minute or two"
+    say "step 2 of 3: $(cat "${files[@]}" | grep -c ==) pinned packages, about $about"
+    # A terminal shows pip's own progress.
+    local quiet=(-q)
+    [ -t 2 ] && quiet=()
+    $VENV/bin/python -m pip install "${quiet[@]}" -r "requirements/$LEVEL.txt"
     # `compat` is a plain path entry: the default import hook costs every start 10 ms.
     $VENV/bin/python -m pip install -q --no-deps --no-build-isolation \
         --config-settings editable_mode=compat -e .
@@ -83,8 +96,7 @@ if ! is_current; then
             create_venv
         fi
         fill_venv
-        fingerprint >"$STAMP"
-        say "$VENV is ready"
+        echo "$LEVEL $(fingerprint)" >"$STAMP"
     fi
 fi
-bash scripts/ngspice.sh "$VENV/.ngspice-tried" "$@"
+bash scripts/ngspice.sh "$VENV/.ngspice-tried" "${@:2}"

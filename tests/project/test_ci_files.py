@@ -11,7 +11,7 @@ import click
 import pytest
 import yaml
 
-from scripts import nightly
+from scripts import check, nightly
 from taction.cli.main import COMMANDS, command, main
 from taction.cli.running import made
 from taction.netlist_gen.scene.checks import Regression
@@ -53,7 +53,7 @@ def test_the_workflow_runs_what_anybody_can_run() -> None:
 
 def test_ci_run_compares_the_scenes_after_the_tests() -> None:
     lines = (ROOT / ".ci" / "run").read_text().splitlines()
-    assert lines.index("step regress") > lines.index("step test")
+    assert lines.index("step regress") > lines.index("tests")
     others = ("simulators", "pythons", "browser", "install", "kicad")
     assert {f"step test-{name}" for name in others} <= set(lines)
     makefile = (ROOT / "Makefile").read_text("utf-8")
@@ -71,6 +71,16 @@ def test_a_step_of_the_night_is_stale_until_it_is_green_with_these_sources() -> 
     entries["torture"] = green | {"green": False}
     assert nightly.stale(entries, "ab") == ["fuzz: never run", "torture: red on 2026-01-02"]
     assert "processors: green on 2026-01-02, with other sources" in nightly.stale(entries, "cd")
+
+
+def test_a_check_before_a_commit_runs_the_tests_of_what_changed() -> None:
+    found = check.tests_of(["verification/verdict/verify.py", "tests/cli/test_files.py"])
+    names = [file.relative_to(ROOT / "tests").as_posix() for file in found]
+    assert names[0] == "cli/test_files.py"
+    assert names[1].startswith("verification/verdict/test_verify")
+    assert "verification/studies/test_sweep.py" not in names[:3]
+    assert check.tests_of(["README.md"]) == check.tests_of(["docs/../README.md"])
+    assert check.tests_of([]) == []
 
 
 def test_the_hook_is_one_that_pre_commit_can_read() -> None:
