@@ -80,7 +80,8 @@ fill_venv() {
     # A terminal shows pip's own progress.
     local quiet=(-q)
     [ -t 2 ] && quiet=()
-    $VENV/bin/python -m pip install "${quiet[@]}" -r "requirements/$LEVEL.txt"
+    # Modules that nothing imports need no bytecode: it is 100 MB of the demonstration.
+    $VENV/bin/python -m pip install --no-compile "${quiet[@]}" -r "requirements/$LEVEL.txt"
     # `compat` is a plain path entry: the default import hook costs every start 10 ms.
     $VENV/bin/python -m pip install -q --no-deps --no-build-isolation \
         --config-settings editable_mode=compat -e .
