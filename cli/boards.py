@@ -11,6 +11,7 @@ import click
 
 import taction
 from taction.cli.command import (
+    ANY_PART,
     ENGINE,
     JOBS,
     OUTPUT,
@@ -62,7 +63,8 @@ def _verify(call: Call, progress: Callable[[str], None]) -> _Verified:
         settings=options["settings"],
         progress=progress,
     )
-    remedies = taction.what_to_change(verdict, changes=options["changes"], progress=progress)
+    given = {name: options[name] for name in ("changes", "any_part")}
+    remedies = taction.what_to_change(verdict, **given, progress=progress)
     document: dict[str, Any] = {}
     if call.as_json or options["margins"] or options["annotate"]:
         name = "verdict_document" + "_with_margins" * bool(options["margins"])
@@ -172,6 +174,7 @@ VERIFY = Command(
         ),
         replace(JOBS, of="verify_files"),
         option("changes", type=click.FloatRange(0), metavar="SECONDS", of="what_to_change"),
+        replace(ANY_PART, of="what_to_change"),
         option(
             "verbose",
             "-v",
@@ -409,6 +412,7 @@ NEW = Command(
         option("opamp", metavar="NAME"),
         option("supply", metavar="VOLTS"),
         option("prune", type=click.FloatRange(0, 1, max_open=True)),
+        ANY_PART,
     ),
 )
 MODELS = Command(

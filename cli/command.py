@@ -307,6 +307,7 @@ SCENE = argument("scene")
 ENGINE = option("engine", type=EngineChoice(ENGINES))
 JOBS = option("jobs", type=click.IntRange(1, 4096))
 CLUSTER = option("cluster", metavar="tcp://HOST:PORT")
+ANY_PART = option("any_part", is_flag=True)
 OUTPUT = option("output", "-o", "--output", type=click.Path(dir_okay=False), writes=True)
 
 

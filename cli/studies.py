@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from taction.cli.command import (
+    ANY_PART,
     CLUSTER,
     ENGINE,
     ENGINES,
@@ -100,6 +101,7 @@ TUNE = Command(
         option("reach", type=click.FloatRange(1, 1000, min_open=True)),
         option("overshoot", type=click.FloatRange(0, min_open=True)),
         option("margin", type=click.FloatRange(1, 100)),
+        ANY_PART,
     ),
 )
 
@@ -157,6 +159,7 @@ CHOOSE = Command(
         option("c_range", metavar="LOW:HIGH"),
         option("gain_range", metavar="LOW:HIGH"),
         option("points", type=click.IntRange(1, 101)),
+        ANY_PART,
         folder("output", "-o"),
         option("store", metavar="FILE", type=click.Path(dir_okay=False), writes=True),
         JOBS,
@@ -176,6 +179,7 @@ SCALE = Command(
         option("share", type=click.FloatRange(0, 0.9, min_open=True)),
         option("opamp", metavar="NAME"),
         option("supply", metavar="VOLTS"),
+        ANY_PART,
         OUTPUT,
     ),
 )

@@ -22,6 +22,7 @@ def tune(
     reach: float = 20.0,
     overshoot: float | None = None,
     margin: float | None = None,
+    any_part: bool = False,
     progress: Progress = lambda stage: None,
 ) -> Tuned:
     """Find the values with the least settling time, at the scene's lambda, and verify the design.
@@ -42,6 +43,8 @@ def tune(
         Largest overshoot, fraction of the step; by default the scene's limit, or 0.05.
     margin : float, optional
         Factor by which C must be able to shrink; by default the scene's margin.
+    any_part : bool
+        Accept parts beyond the limits of real ones.
     progress : callable, optional
         Receives the name of each stage.
 
@@ -73,7 +76,7 @@ def tune(
     named = over.split(",") if isinstance(over, str) else over
     keys = [key.strip() for key in named if key.strip()]
     limits = {"overshoot": overshoot, "margin": margin, "reach": reach}
-    tuning = run(read_scene(scene), keys, **limits, progress=progress)
+    tuning = run(read_scene(scene), keys, **limits, any_part=any_part, progress=progress)
     return Tuned(tuning, verify(tuning.scene, progress), reach)
 
 
@@ -90,6 +93,7 @@ def choose(
     c_range: str = "",
     gain_range: str = "",
     points: int = 9,
+    any_part: bool = False,
     output: str | Path | None = None,
     store: str | Path | None = None,
     jobs: int | None = None,
@@ -126,6 +130,8 @@ def choose(
         By default the scene's gain from a tenth to ten times its value.
     points : int
         Values of C and of gain.
+    any_part : bool
+        Accept parts beyond the limits of real ones.
     output : path, optional
         Write the best three designs as scene files into FOLDER.
     store : path, optional
@@ -167,6 +173,7 @@ def choose(
     >>> len(found.designs)
     4
     """
+    from taction.netlist_gen.board.part_warnings import ANY_PART
     from taction.system.errors import Complaint, InputError
     from taction.system.output_files import make_folder
     from taction.verification.design.choose import (
@@ -194,7 +201,7 @@ def choose(
     plan = choice_plan(original, request)
     with Store(":memory:" if store is None else str(store)) as results:
         computed(plan, results, jobs=jobs, cluster=cluster, progress=progress)
-        ranked = designs(plan, results)
+        ranked = designs(plan, results, ANY_PART if any_part else None)
     best = best_designs(ranked)
     scenes = [design_scene(plan, original, design, k) for k, design in enumerate(best, 1)]
     said = [confirmed(one) for one in scenes]
@@ -213,6 +220,7 @@ def scale(
     share: float = 0.5,
     opamp: str | None = None,
     supply: str | float | None = None,
+    any_part: bool = False,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> Scaled:
@@ -231,6 +239,8 @@ def scale(
         Preset in the place of the scene's op-amp.
     supply : str or float, optional
         Supply in the place of the scene's, as ±12V.
+    any_part : bool
+        Accept parts beyond the limits of real ones.
     output : path, optional
         Write the scene with the proposed scalings.
     progress : callable, optional
@@ -254,6 +264,7 @@ def scale(
     >>> taction.scale("scenes/tuned-breadboard.toml").outcome
     'pass'
     """
+    from taction.netlist_gen.board.part_warnings import ANY_PART
     from taction.netlist_gen.scene.axes import with_values
     from taction.verification.design.scaling import Scaled
     from taction.verification.design.scaling import scale as run
@@ -263,7 +274,7 @@ def scale(
     changes = {"design.opamp": opamp, "design.supply": supply}
     asked = with_values(read_scene(scene), {k: v for k, v in changes.items() if v is not None})
     progress("scalings")
-    scaling = run(asked, share)
+    scaling = run(asked, share, accepted=ANY_PART if any_part else None)
     verdict = verify(scaling.scene.with_engine("statespace"), progress)
     if output is not None:
         _write_scene(scaling.scene, output)
@@ -280,6 +291,7 @@ def new(
     opamp: str = "opa2134",
     supply: str | None = None,
     prune: float | None = None,
+    any_part: bool = False,
     force: bool = False,
     progress: Progress = lambda stage: None,
 ) -> NewScene:
@@ -306,6 +318,8 @@ def new(
         Supply as ±12V, with --matrix.
     prune : float, optional
         design.prune.
+    any_part : bool
+        Accept parts beyond the limits of real ones.
     force : bool
         Overwrite FILE.
     progress : callable, optional
@@ -361,6 +375,7 @@ def new(
         noise=noise,
         lam=lam,
         design={key: value for key, value in design.items() if value is not None},
+        any_part=any_part,
     )
     for name in fresh.files:
         _refuse_existing(name, force=force)

@@ -268,7 +268,11 @@ def verify_files(
 
 
 def what_to_change(
-    verdict: Verdict, *, changes: float = 4.0, progress: Progress = lambda stage: None
+    verdict: Verdict,
+    *,
+    changes: float = 4.0,
+    any_part: bool = False,
+    progress: Progress = lambda stage: None,
 ) -> Remedies | None:
     """Return the nearest changes of the design that mend a failed verdict; None for any other.
 
@@ -280,6 +284,8 @@ def what_to_change(
         Time limit of the search for changes that mend a failed verdict; 0: no search.
 
         In seconds; a simulation that has begun is finished.
+    any_part : bool
+        Propose also parts beyond the limits of real ones.
     progress : callable, optional
         Receives the name of the stage.
 
@@ -305,7 +311,7 @@ def what_to_change(
     from taction.verification.design.remedies import find_remedies
 
     progress("what to change")
-    return find_remedies(verdict, changes)
+    return find_remedies(verdict, changes, any_part=any_part)
 
 
 def diff(

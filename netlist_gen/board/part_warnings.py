@@ -1,9 +1,10 @@
-"""Warnings about resistors and capacitors that are hard to buy or do not work as drawn."""
+"""The limits of real parts, and warnings about parts of a board that break them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,66 +12,149 @@ from taction.netlist_gen.board.circuit import Circuit, Resistor, Role
 from taction.system.array_types import Floats
 from taction.system.quantities import show
 
-# An op-amp that drives 2.5 V into less must deliver more than 25 mA, the short-circuit current of
-# the common types, and its output resistance (20 to 125 ohm) is no longer small beside the load.
-LEAST_OHMS = 100.0
-# Above, the leakage of a board without guard rings (about 10 Gohm) passes 0.5 % of the current, the
-# bias current of a uA741 (80 nA) makes an offset of volts, and few makers sell 1 % resistors.
-MOST_OHMS = 50e6
+LEAST_OHMS, MOST_OHMS = 10.0, 10e6  # of a resistor that a proposal may have
+SAME = 1.0 + 1e-9  # ratio of values that count as equal
+ROUNDING = 1.05  # the most that E24 moves a value by
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A limit of a real part, and why it is one."""
+
+    way: str  # "above" or "below": the values beyond it
+    value: float
+    unit: str
+    reason: str
+    label: str = ""  # in the place of value and unit
+
+
+LIMITS = {
+    "most ohms": Limit(
+        "above",
+        MOST_OHMS,
+        "ohm",
+        "few makers sell 1 % resistors above; a bias current of 30 nA makes an error of 0.3 V; the"
+        " leakage of a board without guard rings, about 10 Gohm, is beside 0.1 %",
+    ),
+    "least ohms": Limit(
+        "below", LEAST_OHMS, "ohm", "contacts and tracks, about 50 mohm, are beside 0.5 %"
+    ),
+    "stray": Limit(
+        "below", 0.0, "F", "the layout sets the dynamics, not the part", "the stray capacitance"
+    ),
+    "most strain": Limit(
+        "above", 10e-3, "A", "the op-amps must take the current of the source beside their loads"
+    ),
+    "least strain": Limit(
+        "below", 10e-9, "A", "the leakage of a board, 100 pA at 1 V, is above 1 % of every source"
+    ),
+    "most supply": Limit("above", 18.0, "V", "common op-amps stand no more than 36 V in total"),
+    "least supply": Limit("below", 2.25, "V", "common op-amps do not work below 4.5 V in total"),
+    "output current": Limit(
+        "above", 20e-3, "A", "common op-amps deliver 20 to 40 mA into a short circuit"
+    ),
+    "common mode": Limit(
+        "above", 0.8, "", "inputs of common op-amps work up to 3 V from ±15 V", "80 % of the supply"
+    ),
+}
+"""What proposals keep, and what `verify` warns of. An op-amp with an output current or a supply of
+its own has these in the place of the table's."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """Resistors that one key of the scene sets."""
+    """Values that the same keys of the scene set: their limits, each with its remedy."""
 
     what: str
-    less: str  # remedy for values above `MOST_OHMS`
-    more: str  # remedy for values below `LEAST_OHMS`
+    remedies: tuple[tuple[str, str], ...]
 
 
-_MATRIX = _Kind(
+def _resistors_kind(what: str, less: str, more: str) -> _Kind:
+    return _Kind(what, (("most ohms", less), ("least ohms", more)))
+
+
+_MATRIX = _resistors_kind(
     "matrix resistors",
     "a larger design.unit_conductance, or design.prune, which leaves out small entries of T",
     "a smaller design.unit_conductance",
 )
-_FEEDBACK = _Kind(
+_FEEDBACK = _resistors_kind(
     "resistors R", "a smaller design.resistance", "a larger design.resistance or a smaller lambda"
 )
-_GAIN = _Kind("resistors s", "a smaller design.gain", "a larger design.gain")
-_INVERTER = _Kind(
+_GAIN = _resistors_kind("resistors s", "a smaller design.gain", "a larger design.gain")
+_INVERTER = _resistors_kind(
     "inverter resistors",
     "a smaller design.inverter_resistance",
     "a larger design.inverter_resistance",
 )
-_STRAIN = _Kind("strain resistors", _MATRIX.less.partition(",")[0], _MATRIX.more)
-_DIVIDER = _Kind(
+_STRAIN_RESISTORS = _resistors_kind(
+    "strain resistors",
+    "a larger design.unit_conductance",
+    "a smaller design.unit_conductance",
+)
+_DIVIDER = _resistors_kind(
     "resistors of the antilog stages",
     "a larger design.antilog.reference_current",
     "a larger design.antilog.divider_resistance or emitter_resistance",
+)
+_CAPACITORS = _Kind(
+    "capacitors C",
+    (
+        (
+            "stray",
+            "a larger design.capacitance, or a layout with a smaller design.stray_capacitance",
+        ),
+    ),
+)
+_STRAIN = _Kind(
+    "strain currents",
+    (("most strain", "a smaller design.unit_conductance or design.unit_voltage"),),
+)
+_LARGEST_STRAIN = _Kind(  # a small strain beside a large one needs no source that is accurate
+    "largest strain currents",
+    (("least strain", "a larger design.unit_conductance or design.unit_voltage"),),
+)
+_SUPPLY = _Kind(
+    "supplies of op-amps",
+    (("most supply", "a smaller design.supply"), ("least supply", "a larger design.supply")),
+)
+_CURRENT = _Kind(
+    "output currents of op-amps at rest",
+    (("output current", "a smaller design.unit_voltage or design.unit_conductance"),),
+)
+_COMMON = _Kind(
+    "common-mode voltages at rest",
+    (("common mode", "a smaller design.unit_voltage or a larger design.supply"),),
 )
 _KINDS = {
     Role.SIGNAL_RESISTOR: _FEEDBACK,
     Role.BIAS_RESISTOR: _FEEDBACK,
     Role.CONSTRAINT_RESISTOR: _GAIN,
     Role.INVERTER_RESISTOR: _INVERTER,
-    Role.STRAIN_RESISTOR: _STRAIN,
+    Role.STRAIN_RESISTOR: _STRAIN_RESISTORS,
     Role.STAGE: _DIVIDER,
 }
+Rest = Callable[[str], float]  # the voltage of a node at rest, V
 
 
-def part_warnings(circuit: Circuit) -> tuple[str, ...]:
+def part_warnings(circuit: Circuit, rest: Rest | None = None) -> tuple[str, ...]:
     """Return one warning for each kind of part and limit that parts of `circuit` break.
 
     Each has the number of parts, the extreme value with the name of its part, and a remedy.
+
+    Parameters
+    ----------
+    rest : callable, optional
+        The voltages of the nodes at rest, V; without it currents and common modes are not judged.
 
     Examples
     --------
     >>> import taction
     >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
     >>> print(part_warnings(taction.synthesise(scene))[0][:65])
-    60 of 74 matrix resistors are above 50 Mohm, up to 247.3 Mohm (Rf
+    60 of 74 matrix resistors are above 10 Mohm, up to 247.3 Mohm (Rf
     """
-    return tuple(broken.text for broken in broken_limits(circuit).values())
+    return tuple(broken.text for broken in broken_limits(circuit, rest).values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,22 +165,70 @@ class BrokenLimit:
     factor: float
 
 
-def broken_limits(circuit: Circuit) -> dict[str, BrokenLimit]:
+@dataclass(frozen=True, slots=True)
+class AcceptedParts:
+    """What a proposal may have beyond the limits: what the scene itself has, but for rounding.
+
+    Attributes
+    ----------
+    own : mapping of str to BrokenLimit
+        What the scene has, by the kind of part and the limit.
+    any_part : bool
+        Whether any part may be proposed.
+    """
+
+    own: Mapping[str, BrokenLimit]
+    any_part: bool = False
+
+    def refused(self, broken: Mapping[str, BrokenLimit]) -> str:
+        """Return which parts are beyond a limit, and farther than those of the scene."""
+        return ", ".join(
+            name
+            for name, limit in broken.items()
+            if not self.any_part
+            and (name not in self.own or limit.factor > ROUNDING * self.own[name].factor)
+        )
+
+
+ANY_PART = AcceptedParts({}, any_part=True)
+
+
+def broken_limits(circuit: Circuit, rest: Rest | None = None) -> dict[str, BrokenLimit]:
     """Return the warnings by the kind of part and the limit that it breaks.
 
     Examples
     --------
     >>> import taction
     >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
-    >>> list(broken_limits(taction.synthesise(scene)))
-    ['matrix resistors above 50 Mohm']
+    >>> list(broken_limits(taction.synthesise(scene)))[0]
+    'matrix resistors above 10 Mohm'
     """
-    found = [pair for parts in _by_kind(circuit) for pair in _resistors(*parts)]
-    return dict([*found, *_capacitors(circuit)])
+    strays = [part.farads for part in circuit.capacitors_of(Role.STRAY)]
+    stray = max(strays, default=0.0)
+    limits = LIMITS | {
+        "stray": replace(
+            LIMITS["stray"], value=stray, label=f"the stray capacitance of {show(stray, 'F')}"
+        )
+    }
+    found = {}
+    for kind, values, name in (*_by_kind(circuit), *_at_rest(circuit, rest)):
+        for key, remedy in kind.remedies:
+            broken = _broken(kind, limits[key], values, name, remedy)
+            if broken is not None:
+                label = LIMITS[key].label or show(LIMITS[key].value, LIMITS[key].unit)
+                found[f"{kind.what} {LIMITS[key].way} {label}"] = broken
+    return found
 
 
-def _by_kind(circuit: Circuit) -> Iterator[tuple[_Kind, Floats, Callable[[int], str]]]:
-    """Yield the values of each kind, ohm, infinite where there is no resistor, and their names."""
+_Values = tuple[_Kind, Floats, Callable[[int], str]]
+
+
+def _named(kind: _Kind, values: dict[str, float]) -> _Values:
+    return kind, np.array(list(values.values())), list(values).__getitem__
+
+
+def _by_kind(circuit: Circuit) -> Iterator[_Values]:
+    """Yield the values of each kind, infinite where there is no part, and their names."""
     yield (
         _MATRIX,
         np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices]),
@@ -108,8 +240,44 @@ def _by_kind(circuit: Circuit) -> Iterator[tuple[_Kind, Floats, Callable[[int], 
             if part.card in circuit.named(role):
                 kinds.setdefault(kind, []).append(part)
     for kind, parts in kinds.items():
-        names = [part.card for part in parts]
-        yield kind, np.array([part.ohms for part in parts]), names.__getitem__
+        yield _named(kind, {part.card: part.ohms for part in parts})
+    signal = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
+    yield _named(_CAPACITORS, {part.card: part.farads for part in signal})
+    amps = {source.card: abs(source.amps) for source in circuit.currents if source.amps}
+    yield _named(_LARGEST_STRAIN, dict(sorted(amps.items(), key=lambda item: -item[1])[:1]))
+    volts = {source.node: source for source in circuit.voltages if source.switched}
+    for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
+        if (source := volts.get(part.a)) is not None:
+            amps[source.card] = abs(source.volts) / part.ohms
+    yield _named(_STRAIN, amps)
+    supplied = {
+        cell.card: circuit.supply
+        for cell in circuit.opamps
+        if math.isinf(circuit.models[cell.model].most_supply)
+        and circuit.models[cell.model].is_limited
+    }
+    yield _named(_SUPPLY, supplied)
+
+
+def _at_rest(circuit: Circuit, rest: Rest | None) -> Iterator[_Values]:
+    """Yield the output currents, A, and the common modes, shares of the supply, of the op-amps."""
+    if rest is None:
+        return
+    judged = {  # the others have a check with their own figure
+        cell.output: cell.card
+        for cell in circuit.opamps
+        if not math.isfinite(circuit.models[cell.model].output_current)
+        or not circuit.models[cell.model].output_resistance
+    }
+    amps = dict.fromkeys(judged.values(), 0.0)
+    groups = (circuit.resistors, *(matrix.resistors() for matrix in circuit.matrices))
+    for part in (part for group in (groups if judged else ()) for part in group):
+        for near, far in ((part.a, part.b), (part.b, part.a)):
+            if near in judged:
+                amps[judged[near]] += (rest(near) - rest(far)) / part.ohms
+    yield _named(_CURRENT, {name: abs(value) for name, value in amps.items()})
+    common = {c.card: c.noninverting for c in circuit.opamps if c.noninverting != "0"}
+    yield _named(_COMMON, {name: abs(rest(n)) / circuit.supply for name, n in common.items()})
 
 
 def _card(circuit: Circuit, place: int) -> str:
@@ -122,36 +290,22 @@ def _card(circuit: Circuit, place: int) -> str:
     raise IndexError(place)
 
 
-def _resistors(
-    kind: _Kind, ohms: Floats, name: Callable[[int], str]
-) -> Iterator[tuple[str, BrokenLimit]]:
-    present = np.isfinite(ohms)
-    factors = np.where(present, ohms, 1.0)
-    for factor, limit, way, remedy in (
-        (factors / MOST_OHMS, f"above {show(MOST_OHMS, 'ohm')}", "up", kind.less),
-        (LEAST_OHMS / factors, f"below {show(LEAST_OHMS, 'ohm')}", "down", kind.more),
-    ):
-        wrong = present & (factor > 1.0)
-        if wrong.any():
-            place = int(np.where(wrong, factor, 0.0).argmax())
-            text = (
-                f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {kind.what} are {limit},"
-                f" {way} to {show(float(ohms[place]), 'ohm')} ({name(place)}); remedy: {remedy}"
-            )
-            yield f"{kind.what} {limit}", BrokenLimit(text, float(factor[place]))
-
-
-def _capacitors(circuit: Circuit) -> Iterator[tuple[str, BrokenLimit]]:
-    """Yield a warning if C is below the stray capacitance: then the layout sets the dynamics."""
-    strays = [part.farads for part in circuit.capacitors_of(Role.STRAY)]
-    signal = {p.card: p.farads for p in circuit.capacitors_of(Role.SIGNAL_CAPACITOR)}
-    small = [name for name, value in signal.items() if value < max(strays, default=0.0)]
-    if small:
-        name = min(small, key=signal.__getitem__)
-        text = (
-            f"{len(small)} of {len(signal)} capacitors C are below the stray capacitance of"
-            f" {show(max(strays), 'F')}, down to {show(signal[name], 'F')} ({name}); remedy: a"
-            " larger design.capacitance, or a layout with a smaller design.stray_capacitance"
-        )
-        factor = max(strays) / signal[name]
-        yield "capacitors C below the stray capacitance", BrokenLimit(text, factor)
+def _broken(
+    kind: _Kind, limit: Limit, values: Floats, name: Callable[[int], str], remedy: str
+) -> BrokenLimit | None:
+    """Return what breaks a limit; None if nothing does."""
+    present = np.isfinite(values) & (values > 0.0)
+    sizes = np.where(present, values, 1.0)
+    factor = sizes / limit.value if limit.way == "above" else limit.value / sizes
+    wrong = present & (factor > SAME)
+    if not wrong.any():
+        return None
+    place = int(np.where(wrong, factor, 0.0).argmax())
+    beyond = f"{limit.way} {limit.label or show(limit.value, limit.unit)}"
+    direction = "up" if limit.way == "above" else "down"
+    text = (
+        f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {kind.what} are {beyond},"
+        f" {direction} to {show(float(values[place]), limit.unit)} ({name(place)});"
+        f" remedy: {remedy}"
+    )
+    return BrokenLimit(text, float(factor[place]))

@@ -54,7 +54,7 @@ def test_csv_and_json_agree_in_base_units(tmp_path: Path) -> None:
 
 def test_netlist_and_verify_warn_about_the_same_parts() -> None:
     board = str(SCENES / "paper-breadboard.toml")
-    says = "60 of 74 matrix resistors are above 50 Mohm, up to 247.3 Mohm (Rf_1_7)"
+    says = "60 of 74 matrix resistors are above 10 Mohm, up to 247.3 Mohm (Rf_1_7)"
     netlist = taction("netlist", board, "--json")
     assert f"warning: {says}" in netlist.stderr
     verify = document(taction("verify", board, "--engine", "statespace", "--json"))

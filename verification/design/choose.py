@@ -12,12 +12,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from taction.netlist_gen.board.part_warnings import BrokenLimit, broken_limits
+from taction.netlist_gen.board.part_warnings import AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Axis, Point, with_values
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.design import OpAmpChoice
-from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import find_key
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
@@ -31,7 +31,13 @@ from taction.system.errors import (
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
 from taction.verification.design.ranges import Range, read_ends
-from taction.verification.design.trials import Trial, at_small_signal, worse_parts
+from taction.verification.design.trials import (
+    Trial,
+    accepted_parts,
+    at_small_signal,
+    broken_at_rest,
+)
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
@@ -302,21 +308,21 @@ class Choice(Result):
         )
 
 
-def designs(plan: Plan, store: Store) -> list[Design]:
+def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> list[Design]:
     """Return the stored designs of a choice, the best first.
 
-    Parts that cannot be bought count only where they are worse than those of the scene.
+    Parts that are beyond the limits of `accepted`, by default of the plan's scene, are refused.
     """
     found, problem = [], make_problem(plan.scene)
-    accepted = _broken(plan.scene, problem)
+    accepted = accepted or accepted_parts(plan.scene, problem)
     for point in Requests(plan):
         data = store.record_of(point.request)
         if data is None:
             continue
         record, refused = Record.from_plain(data), ""
         if record.outcome == "pass":
-            broken = _broken(with_values(plan.scene, point.values), problem)
-            refused = worse_parts(broken, accepted)
+            scene = with_values(plan.scene, point.values)
+            refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))
         shares = dict(_shares(record, plan.scene.checks)) if record.stable else {}
         found.append(Design(dict(point.values), record, refused, point.place, shares))
     return sorted(found, key=lambda design: design.rank)
@@ -359,13 +365,6 @@ def best_designs(ranked: list[Design], count: int = BEST) -> list[Design]:
     chosen = list(first.values())[:count]
     chosen += [design for design in good if design not in chosen][: count - len(chosen)]
     return chosen
-
-
-def _broken(scene: Scene, problem: InverseProblem) -> Mapping[str, BrokenLimit]:
-    try:
-        return broken_limits(synthesise(scene, problem))
-    except InputError:
-        return {}
 
 
 def confirmed(scene: Scene) -> Confirmation:

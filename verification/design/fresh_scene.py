@@ -17,7 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.part_warnings import LEAST_OHMS, MOST_OHMS
+from taction.netlist_gen.board.part_warnings import (
+    ANY_PART,
+    LEAST_OHMS,
+    MOST_OHMS,
+    AcceptedParts,
+)
 from taction.netlist_gen.scene.array_files import read_table
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.problem import fitted
@@ -250,6 +255,7 @@ def fresh_scene(
     lam: float | None = None,
     design: Mapping[str, Any] | None = None,
     share: float = SHARE,
+    any_part: bool = False,
 ) -> FreshScene:
     """Return a scene for a matrix (M, N) and a strain (M,) from .csv or .npy files.
 
@@ -269,6 +275,8 @@ def fresh_scene(
         that do not move the solution (see `pruning_for`).
     share : float
         As in `scale`.
+    any_part : bool
+        Whether the board may have parts beyond the limits of real ones.
 
     Raises
     ------
@@ -295,7 +303,8 @@ def fresh_scene(
         },
         "checks": LOOSE,
     }
-    scaling = scale(parse_scene(data, output), share)
+    accepted = ANY_PART if any_part else AcceptedParts({})
+    scaling = scale(parse_scene(data, output), share, accepted=accepted)
     names, files = _placed({"matrix": first, "strain": second}, output)
     limited, limits = with_limits(scaling.scene)
     notes = [f"{t.path.name}: {t.changed}" for t in (first, second) if t.changed]

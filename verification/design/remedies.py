@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
+from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
@@ -110,7 +111,9 @@ def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
     }
 
 
-def find_remedies(verdict: Verdict, seconds: float = LIMIT) -> Remedies | None:
+def find_remedies(
+    verdict: Verdict, seconds: float = LIMIT, *, any_part: bool = False
+) -> Remedies | None:
     """Return the nearest changes that mend a failed verdict; None for any other outcome.
 
     Parameters
@@ -119,6 +122,8 @@ def find_remedies(verdict: Verdict, seconds: float = LIMIT) -> Remedies | None:
         Of the board that its scene describes.
     seconds : float
         Time limit, s; a simulation that has begun is finished.
+    any_part : bool
+        Whether a change may have parts beyond the limits of real ones.
 
     Raises
     ------
@@ -133,7 +138,8 @@ def find_remedies(verdict: Verdict, seconds: float = LIMIT) -> Remedies | None:
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
         return None
-    search = _Search(verdict.scene, failed, _causes(verdict), seconds)
+    trials = Trials(verdict.scene, seconds, ANY_PART if any_part else None)
+    search = _Search(trials, failed, _causes(verdict))
     if verdict.parts.largest_unit_voltage is not None:
         search.edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
     search.run(unstable=verdict.poles.certain and not verdict.poles.stable)
@@ -157,12 +163,10 @@ def _causes(verdict: Verdict) -> tuple[str, ...]:
 class _Search:
     """A search in progress."""
 
-    def __init__(
-        self, scene: Scene, failed: tuple[str, ...], causes: tuple[str, ...], seconds: float
-    ) -> None:
-        self.trials = Trials(scene, seconds)
-        self.keys, self.knobs = mending_keys(scene), knobs_with_margin(scene)
-        self.scene, self.failed, self.causes = scene, failed, causes
+    def __init__(self, trials: Trials, failed: tuple[str, ...], causes: tuple[str, ...]) -> None:
+        self.trials, self.scene = trials, trials.scene
+        self.keys, self.knobs = mending_keys(self.scene), knobs_with_margin(self.scene)
+        self.failed, self.causes = failed, causes
         self.ranges: tuple[StableRange, ...] = ()
         self.edges: dict[str, float] = {}  # where a search begins, if not at the scene's value
         self.searched: list[Searched] = []

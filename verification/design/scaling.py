@@ -17,7 +17,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.part_warnings import LEAST_OHMS, MOST_OHMS, part_warnings
+from taction.netlist_gen.board.part_warnings import (
+    LEAST_OHMS,
+    MOST_OHMS,
+    ROUNDING,
+    AcceptedParts,
+    part_warnings,
+)
 from taction.netlist_gen.board.preferred_values import buyable
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
@@ -26,7 +32,12 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.verification.design.search import search_range
 from taction.verification.design.stable_ranges import stable_ranges
-from taction.verification.design.trials import Trials, at_small_signal
+from taction.verification.design.trials import (
+    Trials,
+    accepted_parts,
+    at_small_signal,
+    broken_at_rest,
+)
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference import lambda_times_resistance
@@ -43,15 +54,24 @@ SMALLER = (1.0, 0.3, 0.1)  # times the balanced s, while slopes or currents set 
 ROUNDS = 4  # of U0 on a board whose loads are not proportional to it
 PATIENCE = 10.0  # s: time limit of the search for a C with which the checks pass
 RESERVE = 2.0  # C over the value at which the board begins to oscillate
+LIMITED = (LEAST_OHMS, MOST_OHMS)
+EVERY_OHM = (1e-3, 1e12)  # of resistors that need not be real
 
 
 def scaled_resistors(
-    scene: Scene, problem: InverseProblem, answer: IdealAnswer, factor: float, notes: list[str]
+    scene: Scene,
+    problem: InverseProblem,
+    answer: IdealAnswer,
+    factor: float,
+    notes: list[str],
+    limits: tuple[float, float] = LIMITED,
 ) -> dict[str, float]:
     """Return s and G0 by their paths; R, which follows from lambda, is in the series, too.
 
     Parameters
     ----------
+    limits : tuple of float
+        The smallest and the largest resistor, ohm.
     factor : float
         Of s, times the value that balances constraint plane and outputs.
     notes : list of str
@@ -66,8 +86,9 @@ def scaled_resistors(
     smallest, largest = float(sizes.min()), float(sizes.max())
     pruned = sizes[sizes >= scene.design.prune * largest]
     smallest = float(pruned.min())
-    if largest / smallest > MOST_OHMS / LEAST_OHMS:
-        ratio = LEAST_OHMS / MOST_OHMS
+    least, most = limits
+    if largest / smallest > most / least:
+        ratio = least / most
         text = (
             f"the entries of T differ by the factor {largest / smallest:.3g}, and resistors that"
             f" can be bought by {1 / ratio:.3g}; leave out small entries with design.prune ="
@@ -75,17 +96,19 @@ def scaled_resistors(
         )
         raise InputError(scene.file, Complaint("problem", "", text))
     unit = 1.0 / (MIDDLE * math.sqrt(largest * smallest))
-    unit = min(max(unit, 1.0 / (MOST_OHMS * smallest)), 1.0 / (LEAST_OHMS * largest))
+    # the rounding of R and s moves G0 by less than this
+    slack = min(ROUNDING, math.sqrt(most / least * smallest / largest))
+    unit = min(max(unit, slack / (most * smallest)), 1.0 / (slack * least * largest))
     lam, product = answer.network.lam, _product(scene, unit)
     strain = float(np.abs(problem.strain).max(initial=0.0))
     drive = float(np.abs(answer.solution.u).max(initial=0.0))
     balanced = drive / (unit * strain) if strain and drive else math.sqrt(product / lam)
-    low, high = product / lam / MOST_OHMS, product / lam / LEAST_OHMS
-    low, high = max(low, LEAST_OHMS), min(high, MOST_OHMS)
+    low, high = product / lam / most, product / lam / least
+    low, high = max(low, least), min(high, most)
     if low > high:
         text = (
-            f"no s and R between {LEAST_OHMS:g} and {MOST_OHMS:g} ohm have this lambda; expected"
-            f" about {product / MOST_OHMS**2:.1g} to {product / LEAST_OHMS**2:.1g}"
+            f"no s and R between {least:g} and {most:g} ohm have this lambda; expected"
+            f" about {product / most**2:.1g} to {product / least**2:.1g}"
         )
         raise InputError(scene.file, Complaint("design.lambda", f"{lam:g}", text))
     series = scene.design.resistor_series
@@ -152,7 +175,7 @@ class Scaled:
         return str(self.verdict.outcome.value)
 
 
-def scale(scene: Scene, share: float = SHARE) -> Scaling:
+def scale(scene: Scene, share: float = SHARE, *, accepted: AcceptedParts | None = None) -> Scaling:
     """Return scalings with which the board uses its op-amps well; the solution does not change.
 
     Parameters
@@ -162,12 +185,14 @@ def scale(scene: Scene, share: float = SHARE) -> Scaling:
     share : float
         Of the swing, for the highest output voltage of any op-amp at any time; slopes and currents
         stay below 90 % of their limits.
+    accepted : AcceptedParts, optional
+        Parts beyond the limits of real ones that may be proposed, by default those of the scene.
 
     Raises
     ------
     InputError
-        The problem or the design cannot be used, or T has a ratio of entries that no range of
-        resistors has.
+        The problem or the design cannot be used, T has a ratio of entries that no range of
+        resistors has, or the scalings need parts that are not accepted.
     EngineError
         The board has no equilibrium.
 
@@ -180,24 +205,29 @@ def scale(scene: Scene, share: float = SHARE) -> Scaling:
     """
     problem = make_problem(scene)
     answer = ideal_answer(ideal_network(problem, scene), scene)
+    accepted = accepted or accepted_parts(scene, problem)
+    limits = EVERY_OHM if accepted.any_part else LIMITED
     found: list[_Scaled] = []
     for factor in SMALLER:
-        found.append(_scaled(scene, problem, answer, share, factor))
+        found.append(_scaled(scene, problem, answer, share, factor, limits))
         if found[-1].reaches or not found[-1].loads:
             break
-    best = _passing(found)
+    best = _passing(found, accepted)
     if best.loads and not best.reaches:
         best.notes.append(f"{describe(best.loads[0])}: it sets U0, not the share of the swing")
     design = best.scene.design.model_copy(update={"opamp": scene.design.opamp})
     scaled = best.scene.model_copy(update={"design": design})
+    if refused := accepted.refused(broken_at_rest(LinearBoard(synthesise(scaled, problem)))):
+        text = f"the scalings need {refused}, which the scene does not have; --any-part accepts it"
+        raise InputError(scene.file, Complaint("design", "", text))
     return _result(scaled, problem, best.loads, best.notes)
 
 
-def _passing(found: list[_Scaled]) -> _Scaled:
+def _passing(found: list[_Scaled], accepted: AcceptedParts) -> _Scaled:
     """Return the first that passes its checks, that with the highest voltage first."""
     ordered = sorted(found, key=lambda one: -one.voltage)
     for one in ordered:
-        passing = _with_passing_capacitance(one.scene, one.notes)
+        passing = _with_passing_capacitance(one.scene, one.notes, accepted)
         if passing is not None:
             return replace(one, scene=passing)
     return ordered[0]
@@ -224,11 +254,16 @@ class _Scaled:
 
 
 def _scaled(
-    scene: Scene, problem: InverseProblem, answer: IdealAnswer, share: float, factor: float
+    scene: Scene,
+    problem: InverseProblem,
+    answer: IdealAnswer,
+    share: float,
+    factor: float,
+    limits: tuple[float, float] = LIMITED,
 ) -> _Scaled:
     """Return the scene scaled with `factor` times the balanced s."""
     notes: list[str] = []
-    values = scaled_resistors(scene, problem, answer, factor, notes)
+    values = scaled_resistors(scene, problem, answer, factor, notes, limits)
     scaled = with_values(at_small_signal(scene), {**values, "design.lambda": answer.network.lam})
     scaled = _with_voltage(scaled, problem, answer, share)
     scaled = _with_stable_capacitance(scaled, problem, notes)
@@ -293,9 +328,11 @@ def _with_stable_capacitance(scene: Scene, problem: InverseProblem, notes: list[
     return with_values(scene, {"design.capacitance": farads})
 
 
-def _with_passing_capacitance(scene: Scene, notes: list[str]) -> Scene | None:
+def _with_passing_capacitance(
+    scene: Scene, notes: list[str], accepted: AcceptedParts
+) -> Scene | None:
     """Return the scene with the nearest C with which the checks pass; None if none does."""
-    trials, path = Trials(scene, PATIENCE), "design.capacitance"
+    trials, path = Trials(scene, PATIENCE, accepted), "design.capacitance"
     own = trials.at({path: scene.design.capacitance})
     if own.good:
         return scene

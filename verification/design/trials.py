@@ -2,8 +2,8 @@
 
 Every search for a better design asks `Trials`; a choice has the same `Trial`s from its store. A
 change keeps lambda, and with it the solution, unless it changes lambda itself. A design with parts
-that are hard to buy, or that the layout undoes (`part_warnings`), more so than those of the scene,
-counts as refused. The op-amps stay at the small-signal level: a design that exceeds 90 % of a limit
+beyond the limits of real ones (`part_warnings`), farther than those of the scene, counts as
+refused. The op-amps stay at the small-signal level: a design that exceeds 90 % of a limit
 of its parts does not pass, though its verdict at the large-signal level might.
 """
 
@@ -15,14 +15,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from taction.netlist_gen.board.part_warnings import BrokenLimit, broken_limits
+from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.system.errors import InputError, NoVerdictError
+from taction.system.errors import EngineError, InputError, NoVerdictError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.stability.poles import Poles, poles
@@ -32,7 +32,6 @@ from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 
 BARE = Effort(details=False, full_margin=False)
-SAME = 1.0 + 1e-9  # ratio of values that count as equal
 
 
 class OutOfTimeError(Exception):
@@ -116,6 +115,8 @@ class Trials:
         Lambda is a number.
     seconds : float
         Time limit of all trials together, s, from now on.
+    accepted : AcceptedParts, optional
+        Parts beyond the limits that are not refused, by default those of the scene.
 
     Raises
     ------
@@ -123,11 +124,13 @@ class Trials:
         The problem of the scene cannot be made.
     """
 
-    def __init__(self, scene: Scene, seconds: float = math.inf) -> None:
+    def __init__(
+        self, scene: Scene, seconds: float = math.inf, accepted: AcceptedParts | None = None
+    ) -> None:
         self.scene = scene.with_engine("statespace")
         self.problem = make_problem(scene)
         self.lam = ideal_network(self.problem, scene).lam
-        self.accepted = broken_limits(synthesise(scene, self.problem))
+        self.accepted = accepted or accepted_parts(scene, self.problem)
         self.limit = seconds
         self.deadline = self.end = time.monotonic() + seconds
         self._known: dict[tuple[tuple[str, Value], ...], Trial] = {}
@@ -208,7 +211,7 @@ class Trials:
             found = poles(board)
             if found.known_unstable:  # known without a transient
                 return Trial(changes, _unstable(found))
-            refused = worse_parts(broken_limits(board.circuit), self.accepted)
+            refused = self.accepted.refused(broken_at_rest(board))
             scene = at_small_signal(self.scene_at(changes))
             verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
         except (InputError, NoVerdictError) as error:
@@ -218,13 +221,23 @@ class Trials:
         return Trial(changes, Record.of(verdict, channels=False), refused)
 
 
-def worse_parts(broken: Mapping[str, BrokenLimit], accepted: Mapping[str, BrokenLimit]) -> str:
-    """Return which parts are out of range, and farther than those of the scene."""
-    return ", ".join(
-        name
-        for name, limit in broken.items()
-        if name not in accepted or limit.factor > SAME * accepted[name].factor
-    )
+def accepted_parts(scene: Scene, problem: InverseProblem) -> AcceptedParts:
+    """Return what a proposal may have beyond the limits of real parts: what the scene has.
+
+    Raises
+    ------
+    InputError
+        The board cannot be built.
+    """
+    return AcceptedParts(broken_at_rest(LinearBoard(synthesise(scene, problem))))
+
+
+def broken_at_rest(board: LinearBoard) -> Mapping[str, BrokenLimit]:
+    """Return what parts of a board break, with what they do at rest if there is an equilibrium."""
+    try:
+        return broken_limits(board.circuit, board.equilibrium.__getitem__)
+    except EngineError:
+        return broken_limits(board.circuit)
 
 
 def knobs_with_margin(scene: Scene) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.checks import ExcursionCheck, StabilityCheck
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
@@ -83,6 +84,7 @@ def tune(
     overshoot: float | None = None,
     margin: float | None = None,
     reach: float | None = None,
+    any_part: bool = False,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> Tuning:
     """Search for the least settling time over `keys`.
@@ -99,6 +101,8 @@ def tune(
     reach : float, optional
         A key without a range goes from the scene's value divided by it to the value times it, by
         default `REACH`.
+    any_part : bool
+        Whether a design may have parts beyond the limits of real ones.
 
     Raises
     ------
@@ -111,7 +115,8 @@ def tune(
     ranges = parse_ranges(scene, keys, reach or REACH, max(GRID))
     check = scene.checks.overshoot
     limit = overshoot or (OVERSHOOT if check is None else check.max)
-    search = _Search(scene, ranges, limit, margin or scene.checks.stability.margin, progress)
+    margin = margin or scene.checks.stability.margin
+    search = _Search(scene, ranges, limit, margin, any_part, progress)
     before = search.evaluate({each.path: each.own for each in ranges})
     count = GRID[len(ranges)]
     axes = [np.linspace(math.log(each.low), math.log(each.high), count) for each in ranges]
@@ -162,6 +167,7 @@ class _Search:
     ranges: Sequence[Range]
     overshoot: float
     margin: float
+    any_part: bool
     progress: Callable[[str], None]
     tried: list[Trial] = field(default_factory=list)
     trials: Trials = field(init=False)
@@ -170,7 +176,7 @@ class _Search:
     left: int = 0  # designs that are left, about
 
     def __post_init__(self) -> None:
-        self.trials = Trials(self.limited)
+        self.trials = Trials(self.limited, accepted=ANY_PART if self.any_part else None)
 
     @property
     def limited(self) -> Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,6 +58,11 @@ class PlannedBoard:
             return self.small
         found = PartLoads.of(self.board, transient=self.transient)
         return replace(found, simulated=tuple(x for x in self.small.worst if x.is_above))
+
+    @property
+    def rest(self) -> Callable[[str], float] | None:
+        """The voltages of the nodes at rest, V; None for a board that may be unstable."""
+        return self.board.equilibrium.__getitem__ if self.poles.known_stable else None
 
     @property
     def transient(self) -> Transient:

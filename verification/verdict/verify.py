@@ -194,7 +194,7 @@ def _verdict(
         *questions(design.scene),
         *wave.flags,
         *design.plan.notes,
-        *part_warnings(design.circuit),
+        *part_warnings(design.circuit, design.rest),
         *notes(design.circuit),
         *not_known(design.circuit.models.values()),
     )

@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from taction.cli.main import main
+from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
@@ -31,7 +32,8 @@ from tests.support.paths import ROOT
 from tests.support.sweeping import make_record, store_records
 
 FILE = str(ROOT / "scenes" / "tuned-breadboard.toml")
-TWO = Request(["tl084", "ne5534"], "10pF:22pF", "1M:2.2M", 2, {"checks.settling_time.max": "1ms"})
+# The scene has R = 14.4 Mohm, and R falls as the gain grows: below 2.3 Mohm R would be worse.
+TWO = Request(["tl084", "ne5534"], "10pF:22pF", "2.4M:4.7M", 2, {"checks.settling_time.max": "1ms"})
 
 
 def scene() -> Scene:
@@ -113,14 +115,16 @@ def test_the_order_is_that_of_the_worst_share() -> None:
 
 
 def test_parts_that_cannot_be_bought_are_never_best() -> None:
-    """R = 1/(lambda s G0²) is 166 Mohm at s = 200 kohm; C = 1 pF is below the stray 2.05 pF."""
-    plan = choice_plan(scene(), Request(["tl084"], "1pF:10pF", "200k:2M", 2))
+    """R = 1/(lambda s G0²) is 16.6 Mohm at s = 2 Mohm; C = 1 pF is below the stray 2.05 pF."""
+    plan = choice_plan(scene(), Request(["tl084"], "1pF:10pF", "2M:2.4M", 2))
     with Store(":memory:") as store:
         store_records(plan, store, {("statespace", k): record() for k in range(4)})
         ranked = designs(plan, store)
+        every = designs(plan, store, ANY_PART)
+    assert len(best_designs(every)) == 3
     assert [design.place for design in best_designs(ranked)] == [3]
     refused = {design.place: design.refused for design in ranked}
-    assert "resistors R above 50 Mohm" in refused[2]
+    assert "resistors R above 10 Mohm" in refused[2]
     assert "capacitors C below the stray capacitance" in refused[1]
 
 
@@ -151,7 +155,7 @@ def test_a_written_scene_is_the_design() -> None:
         (design,) = designs(plan, store)
     made = design_scene(plan, scene(), design, 1)
     assert (made.design.opamp.base, made.design.opamp.level) == ("ne5534", "auto")
-    assert (made.design.capacitance, made.design.gain) == (2.2e-11, 2.2e6)
+    assert (made.design.capacitance, made.design.gain) == (2.2e-11, 4.7e6)
     assert made.checks.settling_time.max == 1e-3
     assert made.name == "tuned-breadboard-1-ne5534"
 
@@ -171,7 +175,7 @@ def test_the_command_confirms_by_ngspice(tmp_path: Path, ngspice: str) -> None:
         "--opamps",
         "ne5534,op27",
     ]
-    words += ["--c-range", "10pF:22pF", "--gain-range", "1M:2.2M", "--points", "2", "--jobs", "1"]
+    words += ["--c-range", "10pF:22pF", "--gain-range", "2.4M:4.7M", "--points", "2", "--jobs", "1"]
     words += ["--store", str(tmp_path / "a.sqlite"), "-o", str(folder), "--json"]
     found = CliRunner().invoke(main, words)
     assert found.exit_code == 0, found.stderr

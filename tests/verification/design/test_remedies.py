@@ -114,7 +114,7 @@ def test_volts_that_no_opamp_has() -> None:
 def test_rounded_resistors_are_named_as_the_cause() -> None:
     scene = paper({"design.resistor_series": "E24"}, "tuned-breadboard")
     found = find_remedies(verify(scene), LONG)
-    assert [change.values for change in found.changes] == [{"design.resistor_series": "exact"}]
+    assert found.changes[0].values == {"design.resistor_series": "exact"}
 
 
 def test_where_nothing_mends_the_searched_keys_are_named() -> None:
