@@ -110,7 +110,7 @@ def _ask_limits(call: Call) -> None:
     """Ask on stderr what may be a slip in the limits of the options; name the database."""
     from taction.netlist_gen.scene.checks import unitless_times
     from taction.netlist_gen.scene.questions import value_questions
-    from taction.verification.design.choose import choice_plan, request_of
+    from taction.verification.design.choose import choice_base, request_of
     from taction.verification.reference.ideal_answer import read_scene
 
     given = call.arguments
@@ -120,14 +120,14 @@ def _ask_limits(call: Call) -> None:
         given["opamps"], given["c_range"], given["gain_range"], given["points"],
         **{name: given[name] for name in names},
     )  # fmt: skip
-    plan = choice_plan(scene, request)
+    base = choice_base(scene, request)
     times = {"settling_time": given["settling"], "rise_time": given["rise"]}
     bare = {name: {"max": float(text)} for name, text in times.items() if _is_plain(text)}
     known = set(value_questions(scene))
-    for question in (*unitless_times({"checks": bare}), *value_questions(plan.scene)):
+    for question in (*unitless_times({"checks": bare}), *value_questions(base)):
         if question not in known:
             say(f"question: {question}")
-    given["store"] = given["store"] or f"{plan.scene.name}-choose.sqlite"
+    given["store"] = given["store"] or f"{base.name}-choose.sqlite"
 
 
 def _is_plain(text: str | None) -> bool:

@@ -3,26 +3,34 @@
 Lambda is held, and the limits are checks. The designs are ranked by the checks that pass, then by
 their worst share. The share of a check is its value over its limit: 0.4 of the settling time that
 is allowed, 0.7 of 90 % of the slew rate, the required margin over the margin.
+
+An op-amp whose input errors miss the limit of the steady state with the scene's own resistors gets
+a G0, a U0 and a range of gains of its own (`scaling.rescaled`), and a range of C that keeps R C.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
+
+import numpy as np
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Axis, Point, with_values
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.design import OpAmpChoice
-from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.keys import find_key
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.keys import Value, find_key
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import (
     Complaint,
+    EngineError,
     InputError,
     NoVerdictError,
     SimulatorNotFound,
@@ -31,6 +39,7 @@ from taction.system.errors import (
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
 from taction.verification.design.ranges import Range, read_ends
+from taction.verification.design.scaling import SHARE, SMALLER, rescaled
 from taction.verification.design.trials import (
     Trial,
     accepted_parts,
@@ -38,17 +47,19 @@ from taction.verification.design.trials import (
     broken_at_rest,
 )
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL
+from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.record import ERROR, Record, decisive_reason
 from taction.verification.verdict.run_checks import CHECKS
 from taction.verification.verdict.verify import Verdict, verify
 
 ERRORS = "design.opamp.input_errors"
 OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
+G0, U0 = "design.unit_conductance", "design.unit_voltage"
 AROUND = 10.0  # C and gain go from the scene's value divided by it to the value times it
 POINTS = 9  # of C and of the gain
 MOST_POINTS = 101
@@ -145,40 +156,92 @@ def choice_plan(scene: Scene, request: Request) -> Plan:
     >>> import taction
     >>> scene = taction.load_scene("scenes/tuned-breadboard.toml")
     >>> plan = choice_plan(scene, Request(["tl084", "ne5534"], "10pF:40pF", "1M:2M", 3))
-    >>> plan.shape, plan.axes[1].values
-    ((2, 3, 3), (1e-11, 2e-11, 4e-11))
+    >>> plan.shape, sorted(set(plan.axes[1].values))
+    ((18,), [1e-11, 2e-11, 4e-11])
     """
-    names = request.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
+    base = choice_base(scene, request)
+    starts = [with_values(base, {OPAMP: name}) for name in dict.fromkeys(_names(request))]
+    if not request.gains:
+        starts = [_with_own_scale(start) for start in starts]
+    rows: list[tuple[Value, ...]] = []
+    for start in starts:
+        farads = _values(start, CAPACITANCE, "--c-range", request.capacitances, request.points)
+        ohms = _values(start, GAIN, "--gain-range", request.gains, request.points)
+        design = start.design
+        own = (design.opamp.base, design.unit_conductance, design.unit_voltage)
+        rows += [(*own, c, s) for c, s in product(farads, ohms)]
+    moved = any(start.design.unit_conductance != base.design.unit_conductance for start in starts)
+    names_of = {OPAMP: "opamp", G0: "G0", U0: "U0", CAPACITANCE: "C", GAIN: "gain"}
+    axes = [
+        Axis(find_key(base, path), name, values, "list")
+        for (path, name), values in zip(names_of.items(), zip(*rows, strict=True), strict=True)
+        if moved or path not in (G0, U0)
+    ]
+    return Plan(at_small_signal(base), [axes], ("statespace",))
+
+
+def _names(request: Request) -> Sequence[str]:
+    return request.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
+
+
+def choice_base(scene: Scene, request: Request) -> Scene:
+    """Return the scene with the limits of a request, its lambda as a number, and its first op-amp.
+
+    Raises
+    ------
+    InputError
+        An op-amp is unknown, or a limit is no value of its key.
+    """
     lam = ideal_network(make_problem(scene), scene).lam
     limits = {path: value for path, value in (request.limits or {}).items() if value is not None}
-    base = with_values(
+    return with_values(
         scene,
         {
             **limits,
             "design.lambda": lam,
-            "design.opamp": names[0],
+            "design.opamp": _names(request)[0],
             ERRORS: scene.design.opamp.input_errors,
         },
     )
-    for name in names:
-        with_values(base, {OPAMP: name})
-    axes = [
-        Axis(find_key(base, OPAMP), "opamp", tuple(dict.fromkeys(names)), "list"),
-        _axis(base, CAPACITANCE, "C", request.capacitances, request.points),
-        _axis(base, GAIN, "gain", request.gains, request.points),
-    ]
-    return Plan(at_small_signal(base), [[axis] for axis in axes], ("statespace",))
 
 
-def _axis(scene: Scene, path: str, name: str, text: str, points: int) -> Axis:
+def _values(scene: Scene, path: str, option: str, text: str, points: int) -> tuple[float, ...]:
     found = Range.around(scene, path, AROUND)
     if text and found is not None:
         low, high = read_ends(scene, path, text)
         found = replace(found, low=low, high=high)
     if found is None or not (0.0 < found.low <= found.high and 1 <= points <= MOST_POINTS):
         accepted = f"expected LOW:HIGH above zero, and 1 to {MOST_POINTS} points"
-        raise InputError(f"--{name.lower()}-range", Complaint(path, repr(text), accepted))
-    return Axis(find_key(scene, path), name, found.values(points), "log")
+        raise InputError(option, Complaint(path, repr(text), accepted))
+    return found.values(points)
+
+
+def _with_own_scale(scene: Scene) -> Scene:
+    """Return the scene with another G0, U0, s and C if its op-amp rests too far with its own."""
+    problem = make_problem(scene)
+    answer = ideal_answer(ideal_network(problem, scene), scene)
+    least, best = _distance(scene, problem, answer), scene
+    if least <= scene.checks.steady_state.tolerance:
+        return scene
+    for factor in SMALLER:
+        with suppress(InputError, NoVerdictError):
+            scaled = rescaled(scene, problem, answer, SHARE, factor)
+            distance = _distance(scaled, problem, answer)
+            least, best = min((least, best), (distance, scaled), key=lambda pair: pair[0])
+    return best
+
+
+def _distance(scene: Scene, problem: InverseProblem, answer: IdealAnswer) -> float:
+    """Return how far 95 % of the boards rest from the answer, in steps; 0 without input errors."""
+    step = float(np.abs(answer.target - answer.start).max(initial=0.0))
+    ratio = scene.design.unit_voltage / answer.network.U0
+    try:
+        spread = InputSpread.of(LinearBoard(synthesise(scene, problem)))
+    except (InputError, EngineError):
+        return math.inf
+    if spread is None or not step:
+        return 0.0
+    return spread.distance(answer.target * ratio)[0] / (step * ratio)
 
 
 @dataclass(frozen=True, slots=True)

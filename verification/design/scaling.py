@@ -29,6 +29,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.verification.design.search import search_range
 from taction.verification.design.stable_ranges import stable_ranges
@@ -221,6 +222,29 @@ def scale(scene: Scene, share: float = SHARE, *, accepted: AcceptedParts | None 
         text = f"the scalings need {refused}, which the scene does not have; --any-part accepts it"
         raise InputError(scene.file, Complaint("design", "", text))
     return _result(scaled, problem, best.loads, best.notes)
+
+
+def rescaled(
+    scene: Scene, problem: InverseProblem, answer: IdealAnswer, share: float, factor: float
+) -> Scene:
+    """Return the scene with G0, U0 and s as `scale` has them, and a C with the same R C.
+
+    Parameters
+    ----------
+    factor : float
+        Of `SMALLER`.
+
+    Raises
+    ------
+    InputError, EngineError
+        As `scale`.
+    """
+    before = topology_of(scene).facts(scene)["R"].value
+    values = scaled_resistors(scene, problem, answer, factor, [])
+    scaled = with_values(at_small_signal(scene), {**values, "design.lambda": answer.network.lam})
+    ratio = before / topology_of(scaled).facts(scaled)["R"].value
+    scaled = with_values(scaled, {"design.capacitance": scene.design.capacitance * ratio})
+    return _with_loads(_with_voltage(scaled, problem, answer, share), problem, share, [])[0]
 
 
 def _passing(found: list[_Scaled], accepted: AcceptedParts) -> _Scaled:

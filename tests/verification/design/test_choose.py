@@ -10,12 +10,18 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+import taction
 from taction.cli.main import main
-from taction.netlist_gen.board.part_warnings import ANY_PART
+from taction.netlist_gen.board.part_warnings import ANY_PART, broken_limits
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import InputError
 from taction.verification.design.choose import (
+    CAPACITANCE,
+    G0,
+    GAIN,
     Request,
     best_designs,
     choice_plan,
@@ -23,8 +29,9 @@ from taction.verification.design.choose import (
     designs,
 )
 from taction.verification.report.renderers.picture import draw_sheet
-from taction.verification.report.views.choose import sheet
+from taction.verification.report.views.choose import sheet, view
 from taction.verification.studies.store import Store
+from taction.verification.studies.sweep.plan import Plan
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
@@ -38,6 +45,11 @@ TWO = Request(["tl084", "ne5534"], "10pF:22pF", "2.4M:4.7M", 2, {"checks.settlin
 
 def scene() -> Scene:
     return load_scene(FILE)
+
+
+def values_of(plan: Plan, path: str) -> list[float]:
+    (axis,) = (axis for axis in plan.axes if axis.key.path == path)
+    return sorted(set(map(float, axis.values)))
 
 
 def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass") -> Record:
@@ -56,10 +68,10 @@ def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass")
 
 def test_the_grid_has_values_that_can_be_bought() -> None:
     plan = choice_plan(scene(), Request(["tl084"], points=9))
-    assert plan.shape == (1, 9, 9)
-    assert plan.axes[1].values[0] == 1e-12
-    assert plan.axes[1].values[-1] == 1e-10
-    assert all(float(f"{float(v):.2e}") == v for axis in plan.axes[1:] for v in axis.values)
+    farads, ohms = (values_of(plan, path) for path in (CAPACITANCE, GAIN))
+    assert (plan.points, len(farads), len(ohms)) == (81, 9, 9)
+    assert (farads[0], farads[-1]) == (1e-12, 1e-10)
+    assert all(float(f"{v:.2e}") == v for v in (*farads, *ohms))
     assert plan.engines == ("statespace",)
     design = plan.scene.design
     assert design.lam == pytest.approx(0.0224385, rel=1e-5)
@@ -67,14 +79,39 @@ def test_the_grid_has_values_that_can_be_bought() -> None:
 
 
 def test_all_presets_but_the_ideal_one() -> None:
-    names = choice_plan(scene(), Request()).axes[0].values
+    names = choice_plan(scene(), Request(gains="2.3M:2.3M", points=1)).axes[0].values
     assert set(names) == set(OPAMPS) - {"ideal"}
+
+
+def test_g0_moves_for_an_op_amp_whose_input_errors_miss_the_limit() -> None:
+    """25 nA in 14.4 Mohm are 0.36 V, beside outputs of 0.2 V; a uA741 without errors stays."""
+    plan = choice_plan(scene(), Request(["lt1028"], points=3))
+    board = synthesise(with_values(plan.scene, plan.values_at(4)))
+    assert broken_limits(board) == {}
+    lam = synthesise(scene()).value("lambda")
+    assert board.value("lambda") == pytest.approx(lam, rel=1e-12)
+    product = board.value("R") * board.value("C")  # the time constant stays, 144 us
+    assert product == pytest.approx(14.4e6 * 10e-12, rel=0.03)
+    for asked in (Request(["lt1028"], gains="2.3M:2.3M"), Request(["lmp7721"], points=3)):
+        plan = choice_plan(with_values(scene(), {"design.supply": 2.5}), asked)
+        assert G0 not in plan.values_at(0)
+    exact = with_values(scene(), {"design.opamp.input_errors": "none"})
+    assert G0 not in choice_plan(exact, Request(["ua741"], points=3)).values_at(0)
+
+
+def test_a_named_op_amp_passes_on_the_tuned_board_and_the_page_says_that_g0_moved() -> None:
+    choice = taction.choose(FILE, opamps=["opa189"], points=3, jobs=1)
+    assert choice.outcome == "pass"
+    assert view(choice).lines[0].startswith("G0 is moved from 1.16 µS")
+    best = synthesise(choice.scenes[0])
+    assert broken_limits(best) == {}
+    assert best.value("G0") > 10e-6
 
 
 def test_series_join_values() -> None:
     series = scene().design.model_copy(update={"capacitor_series": "E6"})
     plan = choice_plan(scene().model_copy(update={"design": series}), Request(["tl084"], points=21))
-    assert len(plan.axes[1].values) == 13  # 1 pF to 100 pF: six a decade
+    assert len(values_of(plan, CAPACITANCE)) == 13  # 1 pF to 100 pF: six a decade
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from taction.verification.design.choose import CAPACITANCE, GAIN, Choice, Confirmation, Design
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.design.choose import (
+    CAPACITANCE,
+    G0,
+    GAIN,
+    U0,
+    Choice,
+    Confirmation,
+    Design,
+)
 from taction.verification.report.blocks import (
     BOTH,
     PAGE,
@@ -69,13 +78,16 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
         Section("All designs", lambda: (_table(designs),)),
     )
     title = f"{scene.name}: worst value over its limit, for {len(designs)} designs"
-    lines = ("No design passes; the table of op-amps has the nearest of each with its reason.",)
+    lines = tuple(_moved(scene, designs))
+    if not best:
+        none = "No design passes; the table of op-amps has the nearest of each with its reason."
+        lines = (none, *lines)
     page = Page(
         title=scene.name,
         command=COMMAND,
         outcome="pass" if best else "fail",
         summary=summary,
-        lines=() if best else lines,
+        lines=lines,
         sections=own,
         sheet=lambda: sheet(title, designs, best),
     )
@@ -89,6 +101,18 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
         lines=(f"In full below: {verdict.scene.name}, {verdict.waveforms.simulator}.", *full.lines),
         sections=(*own, *full.sections),
     )
+
+
+def _moved(scene: Scene, designs: Sequence[Design]) -> Iterator[str]:
+    """Yield which op-amps have another G0 than the scene, and why."""
+    own = scene.design.unit_conductance
+    moved = {one.opamp: float(one.values[G0]) for one in designs if one.values.get(G0, own) != own}
+    if moved:
+        values = ", ".join(f"{name} {quantity(G0, 'S')}" for name, G0 in moved.items())
+        yield (
+            f"G0 is moved from {quantity(own, 'S')}, with U0, s and C, for op-amps whose input"
+            f" errors miss the limit of the steady state with the scene's resistors: {values}."
+        )
 
 
 def proposed(confirmations: Sequence[Confirmation]) -> int:
@@ -152,6 +176,8 @@ def _columns(designs: Sequence[Design]) -> dict[str, Callable[[Design], Shown]]:
         "op-amp": lambda each: each.opamp,
         "C": lambda each: number_cell(_values(each)[0], "F", 3),
         "gain": lambda each: number_cell(_values(each)[1], "ohm", 3),
+        "G0": lambda each: number_cell(float(each.values[G0]), "S", 3),
+        "U0": lambda each: number_cell(float(each.values[U0]), "V", 3),
         "outcome": lambda each: (
             Cell("no parts", None, "fail") if each.refused else outcome_cell(each.outcome)
         ),
@@ -163,6 +189,8 @@ def _columns(designs: Sequence[Design]) -> dict[str, Callable[[Design], Shown]]:
     }
     if all(design.noise is None for design in designs):
         del columns["noise"]
+    if all(G0 not in design.values for design in designs):
+        del columns["G0"], columns["U0"]
     return columns
 
 
