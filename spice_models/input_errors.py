@@ -4,13 +4,18 @@ A data sheet prints a typical and a largest size. Over the op-amps of a type eac
 the largest size is three standard deviations from the mean, and without one the typical size is
 0.67 of them, which half of the parts keep. The mean is zero, but that of a bias current with a
 known largest size is its typical value, since the currents of one type have one sign.
+
+A board that must work at other temperatures and supply voltages (`Surroundings`) has the changes of
+these errors there, too. Each change is one more error with a distribution of its own, taken where
+it is largest. The currents of field-effect inputs double every few kelvins: the change has the
+spread with which the current as a whole has that of the hot end.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from taction.spice_models.opamp import OpAmp, Spread
@@ -24,15 +29,50 @@ NONE = {
 }
 """The figures of the input errors, and their values without an error."""
 
+CHANGES = {
+    "offset_drift": "offset_voltage",
+    "supply_rejection": "offset_voltage",
+    "bias_drift": "bias_current",
+    "offset_current_drift": "offset_current",
+}
+"""Changes of the input errors with temperature and supply, and the figure that each adds to."""
+
+ROOM = 25.0  # degrees C: where the figures of a sheet hold
+DECIBELS = ("common_mode_rejection", "supply_rejection")
 MOST = 3.0  # standard deviations: the largest size of a sheet
 TYPICAL = 0.67  # standard deviations: the size that half of the parts keep
 Level = Literal["typical", "max", "none"]
 
 
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """The temperatures and supply voltages at which a board must work.
+
+    Attributes
+    ----------
+    colder, hotter : float
+        The ends of the temperatures, from `ROOM`, K.
+    volts : float
+        Largest deviation of both supply voltages, V.
+    """
+
+    colder: float = 0.0
+    hotter: float = 0.0
+    volts: float = 0.0
+
+    @property
+    def kelvin(self) -> float:
+        """The end that is farther away from `ROOM`, K, with its sign."""
+        return max(self.hotter, self.colder, key=abs)
+
+
+STEADY = Surroundings()
+
+
 def spread(
     figure: str, typical: float, most: float | None, unconfirmed: Collection[str] = ()
 ) -> Spread:
-    """Return the distribution of one figure of `NONE`.
+    """Return the distribution of one figure, an input error or a change by one kelvin or volt.
 
     Parameters
     ----------
@@ -50,7 +90,7 @@ def spread(
     >>> spread("bias_current", 80e-9, 500e-9).mean
     8e-08
     """
-    if figure == "common_mode_rejection":
+    if figure in DECIBELS:
         typical = 10.0 ** (-typical / 20.0)
         most = None if most is None else 10.0 ** (-most / 20.0)
     if most is None:
@@ -72,7 +112,9 @@ def spreads(opamp: OpAmp) -> dict[str, Spread]:
     }
 
 
-def with_input_errors(opamp: OpAmp, level: Level, given: Mapping[str, float]) -> OpAmp:
+def with_input_errors(
+    opamp: OpAmp, level: Level, given: Mapping[str, float], around: Surroundings = STEADY
+) -> OpAmp:
     """Return the op-amp with its input errors at a `level`.
 
     Parameters
@@ -80,30 +122,71 @@ def with_input_errors(opamp: OpAmp, level: Level, given: Mapping[str, float]) ->
     level : str
         ``"typical"`` and ``"max"``: the sizes of its sheet; ``"none"``: none.
     given : mapping of str to float
-        Figures of `NONE` that a scene gives: they replace those of the sheet at every level, and
-        they do not vary.
+        Figures that a scene gives. Errors replace those of the sheet at every level, and they do
+        not vary; changes replace the typical size, without a largest one.
+    around : Surroundings, optional
+        Where the errors may change.
 
     Returns
     -------
     OpAmp
-        Its `varying` are the distributions of the errors that are not given, its `not_known` the
-        figures that the sheet lacks.
+        Its `varying` are the distributions of the errors that are not given and of all changes,
+        its `not_known` the figures that the sheet lacks.
     """
     found = {} if level == "none" else spreads(opamp)
     kept = {name: each for name, each in found.items() if name not in given}
     values: dict[str, Any] = dict(NONE)
     for name, each in kept.items():
         values[name] = _most(name, each) if level == "max" else getattr(opamp, name)
-    values |= given
+    values |= {name: value for name, value in given.items() if name in NONE}
+    changed, lacking = changes(opamp, kept, level, given, around)
     known = {*found, *given, *opamp.assumed}  # an assumed zero is no missing figure
     missing = () if level == "none" else tuple(name for name in NONE if name not in known)
     return replace(
         opamp,
         input_errors=values != NONE,
-        varying=tuple(kept.items()),
-        not_known=missing,
+        varying=(*kept.items(), *changed.items()),
+        not_known=(*missing, *lacking),
         **values,
     )
+
+
+def changes(
+    opamp: OpAmp,
+    errors: Mapping[str, Spread],
+    level: Level,
+    given: Mapping[str, float],
+    around: Surroundings,
+) -> tuple[dict[str, Spread], list[str]]:
+    """Return the distributions of the changes, and the figures that the sheet lacks.
+
+    `errors` are the distributions of the input errors at `ROOM`; the others as `with_input_errors`.
+    """
+    most, found, lacking = dict(opamp.guaranteed), dict[str, Spread](), list[str]()
+
+    def proportional(figure: str, factor: float, none: float) -> None:
+        typical = given.get(figure, getattr(opamp, figure))
+        if not factor or (level == "none" and figure not in given):
+            return
+        if typical == none and figure not in given:
+            lacking.append(figure)
+            return
+        limit = None if figure in given else most.get(figure)
+        each = spread(figure, typical, limit, opamp.assumed)
+        found[figure] = Spread(0.0, each.sigma * abs(factor), each.assumed)
+
+    proportional("offset_drift", around.kelvin, 0.0)
+    proportional("supply_rejection", around.volts, math.inf)
+    if math.isinf(opamp.bias_doubling):
+        proportional("bias_drift", around.kelvin, 0.0)
+    elif around.hotter > 0.0:
+        factor = 2.0 ** (around.hotter / opamp.bias_doubling)
+        for change in ("bias_drift", "offset_current_drift"):
+            figure = CHANGES[change]
+            each = errors.get(figure, Spread(given.get(figure, 0.0), 0.0))
+            wider = each.sigma * math.sqrt(factor**2 - 1.0)
+            found[change] = Spread(each.mean * (factor - 1.0), wider, True)
+    return {name: each for name, each in found.items() if each.mean or each.sigma}, lacking
 
 
 def _most(figure: str, found: Spread) -> float:
@@ -129,12 +212,14 @@ def drawn(opamp: OpAmp, deviations: Mapping[str, float]) -> OpAmp:
     """
     values: dict[str, Any] = {}
     for name, each in opamp.varying:
-        values[name] = each.mean + each.sigma * deviations.get(name, 0.0)
+        figure = CHANGES.get(name, name)
+        before = values.get(figure, getattr(opamp, figure)) if name in CHANGES else 0.0
+        values[figure] = before + each.mean + each.sigma * deviations.get(name, 0.0)
     error = values.pop("common_mode_rejection", None)
     if error is not None:
         values["rejection_sign"] = math.copysign(1.0, error)
         values["common_mode_rejection"] = -20.0 * math.log10(abs(error)) if error else math.inf
-    return replace(opamp, varying=(), **values)
+    return replace(opamp, varying=(), input_errors=opamp.input_errors or bool(values), **values)
 
 
 def not_known(models: Collection[OpAmp]) -> tuple[str, ...]:
@@ -146,13 +231,14 @@ def not_known(models: Collection[OpAmp]) -> tuple[str, ...]:
     >>> not_known([with_input_errors(load_presets()["ideal"], "typical", {})])
     ('op-amp ideal: input errors not known, so offset, bias current and CMRR are left out',)
     """
-    found = {}
-    for model in models:
-        name = opamp_name(model.name)
-        if len(model.not_known) == len(NONE):
+    found = []
+    for model in {each.name: each for each in models}.values():
+        name, lacking = opamp_name(model.name), model.not_known
+        if lacking[: len(NONE)] == tuple(NONE):
             text = "input errors not known, so offset, bias current and CMRR are left out"
-            found[model.name] = f"op-amp {name}: {text}"
-        elif model.not_known:
-            listed = ", ".join(name.replace("_", " ") for name in model.not_known)
-            found[model.name] = f"op-amp {name}: {listed} not known, so left out"
-    return tuple(found.values())
+            found.append(f"op-amp {name}: {text}")
+            lacking = lacking[len(NONE) :]
+        if lacking:
+            listed = ", ".join(figure.replace("_", " ") for figure in lacking)
+            found.append(f"op-amp {name}: {listed} not known, so left out")
+    return tuple(found)

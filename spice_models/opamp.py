@@ -26,7 +26,10 @@ ABOVE_ZERO = (
     "slew_rate",
     "output_current",
     "common_mode_rejection",
+    "bias_doubling",
+    "supply_rejection",
 )
+SIGNED = ("offset_voltage", "bias_current", "offset_current")
 ZERO_OR_MORE = (
     "differential_capacitance",
     "input_capacitance",
@@ -34,12 +37,14 @@ ZERO_OR_MORE = (
     "voltage_noise",
     "current_noise",
     "supply_current",
+    "offset_drift",
+    "bias_drift",
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """One input error over all op-amps of a type, a normal distribution.
+    """One input error, or its change, over all op-amps of a type: a normal distribution.
 
     Attributes
     ----------
@@ -102,6 +107,10 @@ class OpAmp:
     bias_current: float = 0.0  # mean of the currents into the inputs, A
     offset_current: float = 0.0  # current into the non-inverting input less the other, A
     common_mode_rejection: float = math.inf  # dB
+    offset_drift: float = 0.0  # typical size, of the offset voltage, V/K; 0: not known
+    bias_drift: float = 0.0  # typical size, of the bias current, A/K; 0: not known
+    bias_doubling: float = math.inf  # warming that doubles the input currents, K
+    supply_rejection: float = math.inf  # offset voltage by both supply voltages, dB
     channels_per_package: int = 1  # op-amps in one package
     external_part: str = ""  # that every op-amp of the type needs beside it
     source: str = ""  # publication of the figures
@@ -113,8 +122,10 @@ class OpAmp:
     assumed: tuple[
         str, ...
     ] = ()  # figures and limits ("guaranteed.NAME") that no document confirms
-    varying: tuple[tuple[str, Spread], ...] = ()  # distributions of the input errors
-    not_known: tuple[str, ...] = ()  # input errors that should be there, and no sheet has
+    varying: tuple[
+        tuple[str, Spread], ...
+    ] = ()  # input errors and their changes (`input_errors.CHANGES`)
+    not_known: tuple[str, ...] = ()  # errors and changes that should be there, and no sheet has
     imported: ImportedOpAmp | None = None  # a vendor's macromodel in the place of ours
 
     def __post_init__(self) -> None:
@@ -129,7 +140,7 @@ class OpAmp:
         for figure in (*ZERO_OR_MORE, *known):
             if not 0.0 <= getattr(self, figure) < math.inf:
                 raise ValueError(f"{figure} = {getattr(self, figure)!r}: must be finite, 0 or more")
-        for figure in ("offset_voltage", "bias_current", "offset_current"):
+        for figure in SIGNED:
             if not math.isfinite(getattr(self, figure)):
                 raise ValueError(f"{figure} = {getattr(self, figure)!r}: must be finite")
         if not (isinstance(self.channels_per_package, int) and self.channels_per_package >= 1):

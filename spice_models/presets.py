@@ -37,6 +37,10 @@ FIGURES = (
     "bias_current",
     "offset_current",
     "common_mode_rejection",
+    "offset_drift",
+    "bias_drift",
+    "bias_doubling",
+    "supply_rejection",
 )
 """The figures that `derive` can change; SI base units, phase margin in degrees, rejection in dB."""
 

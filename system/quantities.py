@@ -23,6 +23,9 @@ UNITS: dict[str, tuple[str, ...]] = {
     "rtHz": ("rtHz",),  # also written with the sign of the square root
     "V/rtHz": ("V/rtHz",),
     "A/rtHz": ("A/rtHz",),
+    "K": ("K",),
+    "V/K": ("V/K",),
+    "A/K": ("A/K",),
 }
 # quantiphy alone also accepts names of constants, "C = 10pF", "1kohm # a comment" and "1_000".
 _QUANTITY = re.compile(
@@ -44,6 +47,9 @@ EXAMPLES = {
     "rtHz": "1rtHz",
     "V/rtHz": "3nV/rtHz",
     "A/rtHz": "0.4pA/rtHz",
+    "K": "10K",
+    "V/K": "10uV/K",
+    "A/K": "5nA/K",
 }
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.imported import ImportedOpAmp, from_document
+from taction.spice_models.input_errors import CHANGES, changes, with_input_errors
 from taction.spice_models.input_errors import NONE as INPUT_ERRORS
-from taction.spice_models.input_errors import with_input_errors
 from taction.spice_models.opamp import OpAmp, poles_from_phase_margin
 from taction.spice_models.presets import FIGURES, derive
 from taction.system.errors import Complaint, InputError
@@ -36,8 +37,9 @@ def choose_opamp(scene: Scene) -> OpAmp:
     figures = {name: value for name, value in choice if name in FIGURES and value is not None}
     try:
         opamp = derive(opamp, f"{opamp.name}_changed", **figures) if figures else opamp
-        given = {name: value for name, value in figures.items() if name in INPUT_ERRORS}
-        opamp = with_input_errors(opamp, choice.input_errors, given)
+        given = {n: v for n, v in figures.items() if n in INPUT_ERRORS or n in CHANGES}
+        around = scene.design.surroundings
+        opamp = with_input_errors(opamp, choice.input_errors, given, around)
     except ValueError as error:
         raise InputError(scene.file, Complaint("design.opamp", repr(figures), str(error))) from None
     if not opamp.least_supply <= supply <= opamp.most_supply:
@@ -74,7 +76,9 @@ def imported_opamp(scene: Scene, file: str) -> OpAmp:
     if scene.analysis.initial != "rest":
         text = "a vendor's model starts at its operating point; expected 'rest'"
         raise InputError(scene.file, Complaint("analysis.initial", "'zero'", text))
-    return as_opamp(name, imported)
+    opamp = as_opamp(name, imported)
+    lacking = changes(opamp, {}, "typical", {}, scene.design.surroundings)[1]
+    return replace(opamp, not_known=tuple(lacking))
 
 
 def as_opamp(name: str, imported: ImportedOpAmp) -> OpAmp:

@@ -126,13 +126,8 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
         return _opamp(drawn(model, errors), cell.name, faster, gain)
 
     return replace(
-        _with_own_models(circuit, varied_opamp),
+        with_resistors_at(_with_own_models(circuit, varied_opamp), scale, hot_r),
         temperature=circuit.temperature + kelvin,
-        matrices=tuple(_matrix(matrix, scale, hot_r) for matrix in circuit.matrices),
-        resistors=tuple(
-            replace(part, ohms=part.ohms * scale.get(f"R{part.name}", 1.0) * hot_r)
-            for part in circuit.resistors
-        ),
         capacitors=tuple(
             replace(part, farads=part.farads * scale.get(f"C{part.name}", 1.0) * hot_c)
             for part in circuit.capacitors
@@ -156,6 +151,21 @@ def with_input_errors_at(circuit: Circuit, deviations: Mapping[str, float]) -> C
         return replace(drawn(model, errors), name=f"{model.name}_{cell.name}")
 
     return _with_own_models(circuit, own)
+
+
+def with_resistors_at(circuit: Circuit, scale: Mapping[str, float], every: float = 1.0) -> Circuit:
+    """Return `circuit` with resistors times `every`, and those of `scale` times their factors.
+
+    The names are those of `parameters`.
+    """
+    return replace(
+        circuit,
+        matrices=tuple(_matrix(matrix, scale, every) for matrix in circuit.matrices),
+        resistors=tuple(
+            replace(part, ohms=part.ohms * scale.get(f"R{part.name}", 1.0) * every)
+            for part in circuit.resistors
+        ),
+    )
 
 
 def _with_own_models(circuit: Circuit, make: Callable[[OpAmpCell, OpAmp], OpAmp]) -> Circuit:
@@ -182,7 +192,7 @@ def _opamp(model: OpAmp, name: str, faster: float, gain: float) -> OpAmp:
         raise InputError("tolerances", Complaint(f"op-amp {name}", "", str(error))) from None
 
 
-def _matrix(matrix: ResistorMatrix, scale: dict[str, float], hot: float) -> ResistorMatrix:
+def _matrix(matrix: ResistorMatrix, scale: Mapping[str, float], hot: float) -> ResistorMatrix:
     ohms = matrix.ohms * hot
     for k, n in np.argwhere(np.isfinite(ohms)).tolist():
         ohms[k, n] *= scale.get(f"{matrix.name}_{k + 1}_{n + 1}", 1.0)

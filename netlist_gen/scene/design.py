@@ -16,8 +16,10 @@ from pydantic_core import CoreSchema
 
 from taction.netlist_gen import topologies
 from taction.netlist_gen.scene.fields import (
+    RANGE,
     Amps,
     AmpsOrZero,
+    AmpsPerKelvinOrZero,
     Count,
     CurrentDensityOrZero,
     Farads,
@@ -25,8 +27,10 @@ from taction.netlist_gen.scene.fields import (
     FileName,
     Hertz,
     HertzOrZero,
+    Kelvins,
     LambdaOrRule,
     Model,
+    NonNegative,
     Ohms,
     OhmsOrZero,
     Positive,
@@ -35,13 +39,16 @@ from taction.netlist_gen.scene.fields import (
     SignedAmps,
     SignedVolts,
     SupplyVolts,
+    TemperatureRange,
     VoltageDensityOrZero,
     Volts,
     VoltsOrZero,
+    VoltsPerKelvinOrZero,
     VoltsPerSecond,
 )
 from taction.netlist_gen.scene.mistakes import contradictions
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS, OPAMPS, OneOf
+from taction.spice_models.input_errors import ROOM, Surroundings
 from taction.spice_models.transistor import NOMINAL, pair_names
 
 STAGES = ("ideal", "device")
@@ -147,6 +154,18 @@ class OpAmpChoice(Model):
         None, description="current into the non-inverting input less the other"
     )
     common_mode_rejection: Positive | None = Field(None, description="dB")
+    offset_drift: VoltsPerKelvinOrZero | None = Field(
+        None, description="typical size, of the offset voltage; counts with design.temperature"
+    )
+    bias_drift: AmpsPerKelvinOrZero | None = Field(
+        None, description="typical size, of the bias current; counts with design.temperature"
+    )
+    bias_doubling: Kelvins | None = Field(
+        None, description="warming that doubles the input currents, as of field-effect inputs"
+    )
+    supply_rejection: Positive | None = Field(
+        None, description="dB; counts with design.supply_tolerance"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -188,6 +207,17 @@ class Design(Model):
     )
     opamp: OpAmpChoice = OpAmpChoice()
     supply: SupplyVolts = Field(15.0, description="both supply voltages of the op-amps, as '±15V'")
+    temperature: Annotated[str, TemperatureRange()] | None = Field(
+        None,
+        description="at which the board must work: the drift of input errors and resistors from 25"
+        " degrees C counts in the check steady_state and in the error budget",
+    )
+    supply_tolerance: Annotated[Real, Field(ge=0, lt=1)] = Field(
+        0.0, description="fraction of the supply voltages; supply rejection counts, as temperature"
+    )
+    temperature_coefficient: NonNegative = Field(
+        0.0, description="per K, the largest of any resistor; each has its own; needs temperature"
+    )
     stray_capacitance: FaradsOrZero = 1e-11
     sensor_noise: CurrentDensityOrZero = Field(
         0.0, description="of every strain, white; for the check 'noise'"
@@ -211,6 +241,14 @@ class Design(Model):
         for key, reason in contradictions(self.model_dump(by_alias=True, exclude_unset=True)):
             raise ValueError(f"'{key}' {reason}")
         return self
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """Temperatures and supply voltages at which the board must work."""
+        match = None if self.temperature is None else RANGE.fullmatch(self.temperature)
+        ends = (ROOM, ROOM) if match is None else tuple(map(float, match.groups()))
+        volts = self.supply_tolerance * self.supply
+        return Surroundings(min(ends[0] - ROOM, 0.0), max(ends[1] - ROOM, 0.0), volts)
 
     @property
     def biased(self) -> bool:

@@ -58,6 +58,30 @@ class Unit:
         return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": example}
 
 
+RANGE = re.compile(r"\s*([-+]?\d+(?:\.\d+)?)\s*\.\.\s*([-+]?\d+(?:\.\d+)?)\s*(?:deg|°)\s*C\s*")
+COLDEST, HOTTEST = -55.0, 125.0  # degrees C, of parts
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureRange:
+    """Annotation of two temperatures of a board, as ``"0..70degC"``."""
+
+    def check(self, value: object) -> str:
+        """Return the text as it is written; ValueError has the accepted values."""
+        match = RANGE.fullmatch(value) if isinstance(value, str) else None
+        ends = tuple(map(float, match.groups())) if match else ()
+        if not ends or not COLDEST <= ends[0] <= ends[1] <= HOTTEST:
+            text = f"between {COLDEST:g} and {HOTTEST:g} degrees C"
+            raise ValueError(f"expected two temperatures, such as '0..70degC', {text}")
+        return str(value)
+
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.check)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
+        return {"type": "string", "description": "two temperatures, such as '0..70degC'"}
+
+
 @dataclass(frozen=True, slots=True)
 class Rule:
     """Annotation of a positive number, or the name of a rule that finds the number."""
@@ -93,6 +117,9 @@ SupplyVolts = Annotated[float, Unit("V", both=True)]
 Amps = Annotated[float, Unit("A")]
 SignedAmps = Annotated[float, Unit("A", signed=True)]
 AmpsOrZero = Annotated[float, Unit("A", zero=True)]
+Kelvins = Annotated[float, Unit("K")]
+VoltsPerKelvinOrZero = Annotated[float, Unit("V/K", zero=True)]
+AmpsPerKelvinOrZero = Annotated[float, Unit("A/K", zero=True)]
 VoltsPerSecond = Annotated[float, Unit("V/s")]
 VoltageDensityOrZero = Annotated[float, Unit("V/rtHz", zero=True)]
 CurrentDensityOrZero = Annotated[float, Unit("A/rtHz", zero=True)]

@@ -93,6 +93,8 @@ def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         for key in ("exponential_slope", "bias"):
             if design.get(key) is not None:
                 yield key, "needs a nonlinear amplifier, such as 'exponential'"
+    if design.get("temperature_coefficient") and design.get("temperature") is None:
+        yield "temperature_coefficient", "needs temperature, such as '0..70degC'"
     for name, keys in design.items():
         other = isinstance(keys, Mapping) and name != design.get("topology")
         if other and name in names("taction.topologies"):

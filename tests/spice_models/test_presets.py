@@ -75,7 +75,7 @@ def test_a_guaranteed_limit_is_beyond_the_typical_figure(name: str) -> None:
     assert dict(model.guaranteed) == PRINTED[name].get("guaranteed", {})
     for figure, limit in model.guaranteed:
         typical = abs(getattr(model, figure))
-        least = figure in ("common_mode_rejection", "dc_gain")
+        least = figure in ("common_mode_rejection", "supply_rejection", "dc_gain")
         assert limit < typical if least else limit > typical, figure
 
 
@@ -101,6 +101,8 @@ def test_every_real_part_has_every_figure() -> None:
         "differential_capacitance",
         "input_capacitance",
         "voltage_noise_corner",
+        "bias_drift",
+        "bias_doubling",
         "guaranteed",
     }
     every = set().union(*PRINTED.values()) - optional

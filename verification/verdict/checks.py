@@ -202,9 +202,12 @@ class Evidence:
         volts, error = map(self._share, self.spread.distance(targets))
         if volts <= self.static:
             return alike
+        differ = "the input errors of their op-amps differ"
+        if self.spread.changes:
+            differ = "their parts differ, also by temperature or supply"
         text = (
-            "95 % of the boards are within, since the input errors of their op-amps differ (most:"
-            f" {self.spread.largest}); {percent(self.static)} with all of one sign"
+            f"95 % of the boards are within, since {differ} (most: {self.spread.largest});"
+            f" {percent(self.static)} with all of one sign"
         )
         return volts, error + self.static_error, text
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
@@ -32,6 +33,7 @@ from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.reference.ideal_answer import IdealAnswer
+from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.pruning import pruning_effect
@@ -321,11 +323,22 @@ def difference(name: str, how: str, before: Floats, after: Floats) -> ErrorPart:
     return ErrorPart(name, largest, how, None, tuple(apart.tolist()))
 
 
+def around(design: Design, change: str) -> str:
+    """Return where a board must work, as far as a change of its errors depends on it."""
+    if change == "supply_rejection":
+        return f"at supplies of ±{design.supply:g} V ± {100.0 * design.supply_tolerance:g} %"
+    return f"at {design.temperature}"
+
+
 LEAST_BOUND = 1e-9  # of the step: a smaller bound on an error has no number of its own
 
 
 def error_budget(
-    design: PlannedBoard, ideal: IdealAnswer, recording: Recording, noise: OutputNoise | None = None
+    design: PlannedBoard,
+    ideal: IdealAnswer,
+    recording: Recording,
+    noise: OutputNoise | None = None,
+    spread: InputSpread | None = None,
 ) -> ErrorBudget:
     """Split the difference of the true stress and the record's end into its parts.
 
@@ -333,6 +346,8 @@ def error_budget(
     ----------
     noise : OutputNoise, optional
         Noise of the outputs, if it was computed.
+    spread : InputSpread, optional
+        Where boards of the same parts rest, if they differ.
 
     Raises
     ------
@@ -377,6 +392,9 @@ def error_budget(
     if noise is not None:
         how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
         chain.parts.append(ErrorPart("noise", noise.known, how))
+    for name, volts in ({} if spread is None else spread.changes).items():
+        how = f"95 % of the boards are within, {around(design.scene.design, name)}; not in the sum"
+        chain.parts.append(ErrorPart(name, volts, how))
     whole = None
     if chain.first is not None:
         start = "optimum" if stress is None else "true stress"

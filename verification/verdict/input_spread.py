@@ -1,20 +1,24 @@
-"""Where boards with op-amps of one type rest: their input errors differ from part to part.
+"""Where boards of the same parts rest: input errors differ from op-amp to op-amp.
 
 To first order the outputs at rest are normal: the mean is that of the errors, the variance is the
 sum of the squared sensitivities times the variances. A deck has one error of each kind, with one
 sign, in all op-amps; where T has entries of both signs these cancel, and in a built board they do
-not.
+not. Where a scene asks for temperatures and supply voltages, the changes of the errors with them,
+and of the resistors, are further errors.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import with_input_errors_at
-from taction.spice_models.opamp import OpAmp
+from taction.netlist_gen.board.variation import with_input_errors_at, with_resistors_at
+from taction.spice_models.input_errors import CHANGES
+from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
@@ -39,6 +43,11 @@ class InputSpread:
         The error that moves the outputs most: an op-amp and its figure.
     assumed : bool
         Whether a sheet lacks a largest size, so that a spread is assumed.
+    moved : ndarray (N,)
+        What the changes add to the mean, V; without them the board rests there, too.
+    changes : dict of str to float
+        How far each kind of change (`CHANGES`, and ``"resistor_drift"``) by itself moves an output
+        in all but 5 % of the boards, V.
     """
 
     mean: Floats
@@ -46,10 +55,17 @@ class InputSpread:
     curvature: float
     largest: str
     assumed: bool
+    moved: Floats | float = 0.0
+    changes: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, board: LinearBoard) -> InputSpread | None:
-        """Return the spread of a board; None if its op-amps do not vary.
+    def of(cls, board: LinearBoard, resistors: float = 0.0) -> InputSpread | None:
+        """Return the spread of a board; None if its parts do not vary.
+
+        Parameters
+        ----------
+        resistors : float
+            Standard deviation of the change of each resistor by temperature, a fraction.
 
         Raises
         ------
@@ -61,19 +77,21 @@ class InputSpread:
         Costs one dense factorisation of all unknowns, and one equilibrium.
         """
         models = board.circuit.models
-        if not any(model.varying for model in models.values()):
+        if not resistors and not any(model.varying for model in models.values()):
             return None
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
             board = LinearBoard(replace(board.circuit, models=small))
-        slopes = RestSensitivity.of(board).input_errors()
+        sensitivity = RestSensitivity.of(board)
+        slopes, own = sensitivity.input_errors(), _resistor_slopes(sensitivity, resistors)
         spreads = {
             f"{cell.name}.{figure}": (each, _value(models[cell.model], figure))
             for cell in board.circuit.opamps
             for figure, each in models[cell.model].varying
-        }
-        moved = sum(slopes[name] * (each.mean - value) for name, (each, value) in spreads.items())
-        mean = _outputs(board) + moved
+        } | dict.fromkeys(own, (Spread(0.0, resistors), 0.0))
+        slopes |= own
+        shifts = np.array([slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()])
+        mean = _outputs(board) + shifts.sum(axis=0)
         parts = np.array([slopes[name] * each.sigma for name, (each, _) in spreads.items()])
         sigma = np.sqrt((parts**2).sum(axis=0))
         worst = int(np.argmax(sigma))
@@ -81,11 +99,21 @@ class InputSpread:
         curvature = 0.0
         if sigma[worst] > 0.0:
             z = PROBED * parts[:, worst] / sigma[worst]
-            there = with_input_errors_at(board.circuit, dict(zip(spreads, z.tolist(), strict=True)))
+            deviations = dict(zip(spreads, z.tolist(), strict=True))
+            scale = {name: math.exp(resistors * deviations[name]) for name in own}
+            there = with_input_errors_at(with_resistors_at(board.circuit, scale), deviations)
             off = _outputs(LinearBoard(there)) - mean - parts.T @ z
             curvature = float(np.abs(off).max()) / (PROBED * float(sigma[worst]))
         assumed = any(each.assumed for each, _ in spreads.values())
-        return cls(mean, sigma, curvature, largest, assumed)
+        kinds = np.array(["resistor_drift" if n in own else n.split(".")[1] for n in spreads])
+        moved, changes = np.zeros(len(sigma)), {}
+        for kind in (*CHANGES, "resistor_drift"):
+            if (here := kinds == kind).any():
+                shift, deviation = shifts[here].sum(axis=0), (parts[here] ** 2).sum(axis=0)
+                moved += shift
+                alone = cls(shift, np.sqrt(deviation), 0.0, "", assumed)
+                changes[kind] = alone.distance(np.zeros(len(sigma)))[0]
+        return cls(mean, sigma, curvature, largest, assumed, moved, changes)
 
     def distance(self, target: Floats) -> tuple[float, float]:
         """Return how far the outputs rest from `target` (N,) in all but 5 % of the boards, V.
@@ -99,7 +127,11 @@ class InputSpread:
         >>> round(one.distance(np.zeros(1))[0], 4)
         1.96
         """
-        away = self.mean - target
+        both = (self._distance(self.mean - part - target) for part in (0.0, self.moved))
+        return max(both)
+
+    def _distance(self, away: Floats) -> tuple[float, float]:
+        """Return the distance, and its error, for means that are `away` (N,), V."""
         low, high = 0.0, float(np.abs(away).max() + 8.0 * self.sigma.max(initial=0.0))
         for _ in range(STEPS):
             middle = 0.5 * (low + high)
@@ -121,8 +153,15 @@ class InputSpread:
         return total
 
 
+def _resistor_slopes(sensitivity: RestSensitivity, sigma: float) -> dict[str, Floats]:
+    """Return the slopes with the logarithms of the resistors, V, (N,); none without a spread."""
+    return sensitivity.resistors() if sigma else {}
+
+
 def _value(model: OpAmp, figure: str) -> float:
     """Return an error as it is in the macromodel, in the units of its spread."""
+    if figure in CHANGES:
+        return 0.0
     return model.rejection_error if figure == "common_mode_rejection" else getattr(model, figure)
 
 

@@ -10,7 +10,7 @@ from taction.netlist_gen.board.part_warnings import part_warnings
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.questions import questions
 from taction.netlist_gen.scene.scene import Scene, opamp_words
-from taction.spice_models.input_errors import not_known
+from taction.spice_models.input_errors import MOST, not_known
 from taction.system.array_types import Floats
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
@@ -138,7 +138,7 @@ def verify(
     steady = SteadyState.of(design.board, design.scales)
     margin = _margin(design, effort)
     parts, noise = design.loads(), OutputNoise.of(design)
-    spread = InputSpread.of(design.board) if design.poles.known_stable else None
+    spread = _spread(design) if design.poles.known_stable else None
     constraint = constraint_plane(design.circuit) if effort.details else None
     recording = record_and_measure(design, ideal, pending, clock)
     evidence = Evidence(
@@ -165,6 +165,13 @@ def verify(
     return _verdict(evidence, recording, ideal, constraint, effort, clock)
 
 
+def _spread(design: PlannedBoard) -> InputSpread | None:
+    """Return where boards of the same parts rest; None if they all rest at one place."""
+    wanted = design.scene.design
+    kelvin = abs(wanted.surroundings.kelvin)
+    return InputSpread.of(design.board, wanted.temperature_coefficient * kelvin / MOST)
+
+
 def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
     """Return the stability margin, if the scene asks for one."""
     required = design.scene.checks.stability.margin
@@ -188,7 +195,7 @@ def _verdict(
     clock.begin("error budget")
     budget = ErrorBudget()
     if effort.details:
-        budget = error_budget(design, ideal, recording, evidence.noise)
+        budget = error_budget(design, ideal, recording, evidence.noise, evidence.spread)
     clock.end()
     remarks = (
         *questions(design.scene),

@@ -118,7 +118,8 @@ def test_the_template_names_every_key(tmp_path: Path) -> None:
 OF_TABLES = {
     *("dc_gain", "second_pole", "phase_margin", "input_resistance", "differential_capacitance"),
     *("input_capacitance", "output_resistance", "centre", "slew_rate", "output_current"),
-    *("saturation", "least_supply", "most_supply"),
+    *("saturation", "least_supply", "most_supply", "voltage_noise_corner", "offset_drift"),
+    *("bias_drift", "bias_doubling", "supply_rejection"),
 }
 
 

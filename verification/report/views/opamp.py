@@ -44,6 +44,10 @@ TITLES = {
     "bias_current": ("input bias current", "A"),
     "offset_current": ("input offset current", "A"),
     "common_mode_rejection": ("common-mode rejection", "dB"),
+    "offset_drift": ("drift of the offset voltage", "V/K"),
+    "bias_drift": ("drift of the bias current", "A/K"),
+    "bias_doubling": ("warming that doubles the input currents", "K"),
+    "supply_rejection": ("supply rejection", "dB"),
     "voltage_noise": ("voltage noise", "V/rtHz"),
     "voltage_noise_corner": ("corner of its 1/f noise", "Hz"),
     "current_noise": ("current noise", "A/rtHz"),
@@ -59,7 +63,11 @@ SKIPPED = 1e-3  # of the shown record: the jump through the input's capacitance
 Results = Mapping[str, tuple[Measured, ...]]  # by the name of the witness
 Origins = Mapping[str, Origin]  # by the name of the figure
 WORDS = ("derived", "assumed")  # in the place of a document
-AT_LEAST = ("common_mode_rejection", "dc_gain")  # figures with a guaranteed minimum
+AT_LEAST = (
+    "common_mode_rejection",
+    "supply_rejection",
+    "dc_gain",
+)  # figures with a guaranteed minimum
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +136,7 @@ def stated_figures(opamp: OpAmp) -> dict[str, float]:
         "phase_margin": phase_margin(opamp) if math.isfinite(opamp.gbw) else math.inf,
     }
     values = {name: own.get(name, getattr(opamp, name, math.inf)) for name in TITLES}
-    return {name: value for name, value in values.items() if value not in ABSENT}
+    return {name: value for name, value in values.items() if value not in (*ABSENT, None)}
 
 
 def _documents(opamp: OpAmp, origins: Origins) -> dict[str, None]:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.spice_models.input_errors import CHANGES
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.cell_stamps import gain_stage
@@ -115,7 +116,8 @@ class RestSensitivity:
                 "offset_current": 0.5 * (plus - minus),
                 "common_mode_rejection": offset * 0.5 * sum(volts.values()),
             }
-            found |= {f"{cell.name}.{name}": slopes[name] for name, _ in model.varying}
+            for name, _ in model.varying:
+                found[f"{cell.name}.{name}"] = slopes[CHANGES.get(name, name)]
         return found
 
     def _branches(
