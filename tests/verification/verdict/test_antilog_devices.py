@@ -12,6 +12,7 @@ from taction.netlist_gen.analysis import OperatingPoint, Transient
 from taction.netlist_gen.board.bill_of_materials import bill_of_materials
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.checks import NoiseCheck
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from taction.spice_models.transistor import load_pairs
 from taction.system.errors import InputError
@@ -172,7 +173,7 @@ def test_the_parts_list_has_the_pairs() -> None:
 
 def test_ngspice_has_the_same_noise(ngspice: str) -> None:
     scene = load_scene(PATH)
-    checks = scene.checks.model_copy(update={"noise": {"max": 1e-3}})
+    checks = scene.checks.model_copy(update={"noise": NoiseCheck(max=1e-3)})
     scene = scene.model_copy(update={"checks": checks})
     noise = OutputNoise.of(design_board(scene, Clock(lambda stage: None)))
     assert noise.simulated is not None
