@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 import taction
 from taction.cli.command import (
@@ -121,9 +122,13 @@ def _annotate_error(error: taction.TactionError, call: Call) -> None:
 
 
 def _several(options: Mapping[str, Any]) -> Job | None:
-    """Return the job of several scenes, unless the command has one."""
+    """Return the job of several scenes, or that of --solve; None for one scene."""
     scenes = options["scenes"]
     alone = len(scenes) == 1 and not Path(scenes[0]).is_dir() and not options["exclude"]
+    if options["solution"]:
+        if not alone:
+            raise click.UsageError("--solve is for one scene")
+        return SOLUTION
     if alone and options["junit"] is None:
         return None
     if options["settings"]:
@@ -139,6 +144,20 @@ VERIFY_FILES = Job(
     schema="verify-files",
     after=lambda found, call: _annotate(found.documents, call),
     lacks="shows one board; give one scene file, without --exclude and --junit",
+)
+
+
+def _of_the_scene(call: Call) -> None:
+    call.arguments["scene"] = call.options["scenes"][0]
+
+
+SOLUTION = Job(
+    function="solve",
+    document=f"{DOCUMENTS}.plain:SolveDocument.of",
+    text="cli.answers:print_solution",
+    schema="solve",
+    before=_of_the_scene,
+    lacks="shows a verdict; --solve has none",
 )
 VERIFY = Command(
     job=Job(
@@ -162,6 +181,12 @@ VERIFY = Command(
         ENGINE,
         option("settings", "--set", multiple=True, metavar="KEY=VALUE"),
         option("margins", is_flag=True, of="verify_files"),
+        option(
+            "solution",
+            "--solve",
+            is_flag=True,
+            help="Print the numerical solution with its certificate, without any circuit.",
+        ),
         option("exclude", multiple=True, metavar="PATTERN", of="verify_files"),
         JUNIT.parameter,
         option(
@@ -306,11 +331,7 @@ KICAD = Command(
     parameters=(SCENE, folder("output", "-o"), option("channel", metavar="N", type=int)),
 )
 SOLVE = Command(
-    job=Job(
-        function="solve",
-        document=f"{DOCUMENTS}.plain:SolveDocument.of",
-        text="cli.answers:print_solution",
-    ),
+    job=replace(SOLUTION, before=None),
     parameters=(SCENE,),
     ends="Exit status: 3 if the solution has no certificate.",
 )
@@ -358,6 +379,18 @@ def _new_files(found: NewScene, call: Call) -> list[str]:
     return [f"{found.file}; `taction verify {found.file}` verifies it"]
 
 
+def _rescaled(call: Call) -> None:
+    """Take the file as for a new scene, and the op-amp of the scene where none is asked for."""
+    from taction.searches import refuse_existing
+
+    _new_file(call)
+    file = call.arguments.pop("file", "scene.toml")
+    refuse_existing(Path(file), force=call.options["force"])
+    call.arguments["output"] = file
+    if click.get_current_context().get_parameter_source("opamp") is ParameterSource.DEFAULT:
+        del call.arguments["opamp"]
+
+
 NEW_MATRIX = Job(
     function="new",
     document="cli.answers:fresh_document",
@@ -365,6 +398,14 @@ NEW_MATRIX = Job(
     schema="new-matrix",
     before=_new_file,
     files=_new_files,
+)
+NEW_SCALED = Job(
+    function="scale",
+    document="cli.answers:scaled_document",
+    text="cli.answers:print_scaled",
+    schema="scale",
+    before=_rescaled,
+    files=lambda found, call: [call.arguments["output"]],
 )
 NEW_SCHEMA = Job(
     function="scene_schema",
@@ -377,6 +418,13 @@ NEW_SCHEMA = Job(
 def _new_job(options: Mapping[str, Any]) -> Job | None:
     if options["schema"]:
         return NEW_SCHEMA
+    if options["scene"] is not None:
+        for name in ("matrix", "strain", "noise", "lambda", "prune"):
+            if options["lam" if name == "lambda" else name] is not None:
+                raise click.UsageError(f"--from has the problem of its scene; leave out --{name}")
+        return NEW_SCALED
+    if click.get_current_context().get_parameter_source("share") is not ParameterSource.DEFAULT:
+        raise click.UsageError("--share needs --from")
     return None if options["matrix"] is None else NEW_MATRIX
 
 
@@ -405,6 +453,15 @@ NEW = Command(
             is_flag=True,
             help="Print the JSON schema of scene files instead.",
         ),
+        option(
+            "scene",
+            "--from",
+            metavar="SCENE",
+            reads=True,
+            help="A scene for the problem of SCENE, with G0, U0, s and R that use the swing of its"
+            " op-amps and that can be bought; lambda stays. The state-space engine verifies it.",
+        ),
+        option("share", type=click.FloatRange(0, 0.9, min_open=True), of="scale"),
         option("matrix", metavar="T", reads=True),
         option("strain", metavar="EPS", reads=True),
         option("noise", type=click.FloatRange(0, min_open=True)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -42,7 +42,34 @@ COMMANDS = {
     "new": ("boards", "Write a scene file with comments."),
     "doctor": ("boards", "List what is installed and what each part is for."),
 }
-"""By name: the module of its table, which is loaded when it is called, and its line of --help."""
+"""By name: the module of its table, which is loaded when it is called, and its line of --help.
+
+All of these names work; `SECTIONS` are those that --help lists.
+"""
+FAMILIES = {
+    "design": (("tune", "choose"), "Search for a better board: tune, choose."),
+    "yield": (("montecarlo", "corners"), "See what tolerances of parts do: montecarlo, corners."),
+    "export": (
+        ("bom", "kicad", "waveforms"),
+        "Write parts list, drawing or waveforms of a board: bom, kicad, waveforms.",
+    ),
+    "self": (("doctor", "accuracy", "stress"), "Examine taction: doctor, accuracy, stress."),
+}
+"""By name: the commands below it, and its line of --help."""
+EVERY = {**FAMILIES, **COMMANDS}
+RENAMED = {"parts": "models", "waveforms": "simulate"}
+SECTIONS = {
+    "Start": ("new", "verify", "netlist", "explore"),
+    "Design": ("design", "onset", "sweep", "yield", "export"),
+    "Check": ("regress", "diff", "reproduce"),
+    "Further": ("parts", "self"),
+}
+FIRST_STEPS = """\
+taction new board.toml        write a scene with comments
+taction verify board.toml     simulate the board and judge it
+taction explore board.toml    move C, gain and more and watch the board
+taction --help                all commands
+"""
 REFERENCE = ({"--json", "--help"}, {"--json", "-h"})
 
 
@@ -60,7 +87,21 @@ def print_reference(group: click.Group) -> None:
 
 
 class LazyGroup(click.Group):
-    """A click group whose commands are made when they are used."""
+    """A click group whose commands are made when they are used.
+
+    Parameters
+    ----------
+    known : mapping of str to str
+        Every name that works, with that in `COMMANDS` or `FAMILIES`.
+    sections : mapping of str to sequence of str
+        The names that are listed.
+    """
+
+    def __init__(
+        self, *, known: Mapping[str, str], sections: Mapping[str, Sequence[str]], **more: Any
+    ) -> None:
+        super().__init__(**more)
+        self.known, self.sections = known, sections
 
     def main(self, args: Sequence[str] | None = None, *_: Any, **more: Any) -> NoReturn:
         """Run the command of `args` and end the process with the command's exit status.
@@ -75,34 +116,43 @@ class LazyGroup(click.Group):
             if set(words) in REFERENCE:
                 print_reference(self)
                 return
+            if not words:
+                click.echo(FIRST_STEPS, nl=False)
+                return
             with self.make_context(PROGRAM, words.copy(), **more) as context:
                 self.invoke(context)
 
         sys.exit(run_command(run, as_json="--json" in words))
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the commands in the order of `COMMANDS`."""
-        return list(COMMANDS)
+        """Return the listed commands in their order."""
+        return [name for names in self.sections.values() for name in names]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Make one command."""
-        if cmd_name not in COMMANDS:
+        name = self.known.get(cmd_name)
+        if name is None:
             return None
+        if name in FAMILIES:
+            below, about = FAMILIES[name]
+            known = {short: RENAMED.get(short, short) for short in below}
+            return LazyGroup(known=known, sections={"Commands": below}, help=about)
         from taction.cli.running import made
 
-        return made(cmd_name, command(cmd_name))
+        return made(name, command(name))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands from the table, without making them."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+        """List the commands from the tables, without making them."""
+        for title, names in self.sections.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, EVERY[self.known[name]][1]) for name in names])
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """Find the command as click does; for an unknown name propose the nearest command."""
         import difflib
 
-        if args and args[0] not in COMMANDS:
-            close = difflib.get_close_matches(args[0], COMMANDS, n=1)
+        if args and args[0] not in self.known:
+            close = difflib.get_close_matches(args[0], self.known, n=1)
             hint = f" Did you mean '{close[0]}'?" if close else ""
             ctx.fail(f"No such command '{args[0]}'.{hint}")
         return super().resolve_command(ctx, args)
@@ -110,6 +160,9 @@ class LazyGroup(click.Group):
 
 @click.group(
     cls=LazyGroup,
+    name="",  # as of the families: the name of a document is that of its command
+    known={name: name for name in EVERY} | RENAMED,
+    sections=SECTIONS,
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
 )
 @click.version_option(package_name="taction", prog_name=PROGRAM)

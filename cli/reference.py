@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from taction.cli.terminal import own_name
 from taction.netlist_gen.scene.keys import SYMBOLS
 
 EXIT_STATUSES = {
@@ -133,27 +134,32 @@ def reference(main: click.Group) -> dict[str, Any]:
 
 
 def _commands(group: click.Group, context: click.Context) -> Iterator[dict[str, Any]]:
-    from taction.verification.report.documents.catalogue import ERROR, MODELS, schema_name
-
     for short in group.list_commands(context):
         command = group.get_command(context, short)
         if command is None:
             continue
         name = " ".join([*context.command_path.split()[1:], short])
         with click.Context(command, info_name=short, parent=context) as inner:
-            parameters = [_parameter(p, inner) for p in command.get_params(inner)]
-            schema = name.replace(" ", "-")
-            documents = [key for key in MODELS if key == schema or key.startswith(f"{schema}-")]
-            yield {
-                "name": name,
-                "usage": f"taction {' '.join([name, *command.collect_usage_pieces(inner)])}",
-                "help": inspect.cleandoc(command.help or ""),
-                "arguments": [p for p in parameters if p.pop("kind") == "argument"],
-                "options": [p for p in parameters if "flags" in p],
-                "schemas": [schema_name(key) for key in (*documents, ERROR)],
-            }
+            if command.name:  # a family of commands does nothing itself
+                yield _command(command, name, inner)
             if isinstance(command, click.Group):
                 yield from _commands(command, inner)
+
+
+def _command(command: click.Command, name: str, context: click.Context) -> dict[str, Any]:
+    from taction.verification.report.documents.catalogue import ERROR, MODELS, schema_name
+
+    parameters = [_parameter(p, context) for p in command.get_params(context)]
+    schema = own_name(context)
+    documents = [key for key in MODELS if key == schema or key.startswith(f"{schema}-")]
+    return {
+        "name": name,
+        "usage": f"taction {' '.join([name, *command.collect_usage_pieces(context)])}",
+        "help": inspect.cleandoc(command.help or ""),
+        "arguments": [p for p in parameters if p.pop("kind") == "argument"],
+        "options": [p for p in parameters if "flags" in p],
+        "schemas": [schema_name(key) for key in (*documents, ERROR)],
+    }
 
 
 def _parameter(parameter: click.Parameter, context: click.Context) -> dict[str, Any]:

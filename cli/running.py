@@ -52,7 +52,7 @@ def run(command: Command, given: dict[str, Any]) -> None:
     unset -= {name for name in unset if known[name] is inspect.Parameter.empty}
     call = Call(asked | {name: known[name] for name in unset}, given)
     _check(command, job, given)
-    if "scene" in given:
+    if given.get("scene") is not None:
         _ask(given["scene"])
     if job.before is not None:
         job.before(call)

@@ -52,14 +52,24 @@ def print_json(document: object, schema: str | None = None) -> None:
 
     from taction.system.documents import plain
 
-    context = click.get_current_context(silent=True)
-    path = context.command_path.split()[1:] if context else []  # without the name of the program
-    name = "-".join(path) if schema is None else schema
+    name = own_name(click.get_current_context(silent=True)) if schema is None else schema
     if name:
         from taction.verification.report.documents.catalogue import document_head
 
         document = {**document_head(name), **plain(document)}
     click.echo(json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def own_name(context: click.Context | None) -> str:
+    """Return the name of a command, with that above it: "models-show", whatever was typed.
+
+    The program and its families of commands have no name of their own.
+    """
+    names = []
+    while context is not None:
+        names.insert(0, context.command.name or "")
+        context = context.parent
+    return "-".join(filter(None, names))
 
 
 class SparseLines:

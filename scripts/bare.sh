@@ -84,7 +84,7 @@ done
 git clone --quiet --no-hardlinks . "$bare/home/taction"
 variables=(HOME="$home" PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin TERM=dumb)
 for name in LANG CI JOBS; do [ -n "${!name:-}" ] && variables+=("$name=${!name}"); done
-while IFS= read -r pair; do variables+=("$pair"); done < <(env | grep -iE '^(PIP_|[a-z]*_?proxy=)' || true)
+while IFS= read -r pair; do variables+=("$pair"); done < <(env | grep -iE '^(PIP_|SSL_CERT_(FILE|DIR)=|[a-z]*_?proxy=)' || true)
 
 # What pip reads from this machine is no part of the system.
 used() { du -sm "${bound[@]/#/--exclude=}" --exclude="$bare/dev" --exclude="$bare/proc" "$bare" | cut -f 1; }

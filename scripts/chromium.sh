@@ -18,7 +18,8 @@ find_chromium && exit
 if may_install; then
     say "installing Chromium"
     apt_get update || true # a broken third-party source does no harm here
-    apt_install chromium fonts-dejavu-core || true
+    # The driver of playwright is a node that needs libatomic.
+    apt_install chromium fonts-dejavu-core libatomic1 || true
 fi
 find_chromium && exit
 say "no Chromium here, and it may not be installed; as root: apt-get install chromium"

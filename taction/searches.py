@@ -360,7 +360,7 @@ def new(
     for option, value in given.items():
         if matrix is None and value is not None:
             raise InputError(option, Complaint("value", repr(value), "needs --matrix"))
-    _refuse_existing(path, force=force)
+    refuse_existing(path, force=force)
     if matrix is None or strain is None:
         template = _template(opamp)
         stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in path.stem)
@@ -378,7 +378,7 @@ def new(
         any_part=any_part,
     )
     for name in fresh.files:
-        _refuse_existing(name, force=force)
+        refuse_existing(name, force=force)
     for name, text in (*fresh.files.items(), (path, fresh.text)):
         write_atomically(name, text)
     verdict = verify(load_scene(path).with_engine("statespace"), progress)
@@ -403,7 +403,7 @@ def _template(opamp: str) -> str:
     return text
 
 
-def _refuse_existing(path: Path, *, force: bool) -> None:
+def refuse_existing(path: Path, *, force: bool) -> None:
     from taction.system.errors import Complaint, InputError
 
     if path.exists() and not force:

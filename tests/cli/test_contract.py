@@ -20,8 +20,8 @@ from tests.support.running import taction as run
 NAMES = {"models show": "opamp", "models import": "import_model"}  # `models` has no other two
 # Of the command alone: how the result is shown, and where the files stand.
 SHOWN = {
-    "verify": {"scenes", "annotate", "verbose"},
-    "new": {"output", "schema"},
+    "verify": {"scenes", "annotate", "verbose", "solution"},
+    "new": {"output", "schema", "scene"},
     "reproduce": {"output"},
 }
 # Of the function alone: Python's own arguments.

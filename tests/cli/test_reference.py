@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from scripts.man_pages import pages
-from taction.cli.main import COMMANDS, main
+from taction.cli.main import COMMANDS, FAMILIES, RENAMED, SECTIONS, main
 from taction.cli.reference import EXAMPLES, EXIT_STATUSES, reference
 from tests.support.running import document, python, taction
 
@@ -22,13 +22,53 @@ def test_one_document_has_all_commands(words: tuple[str, ...]) -> None:
     assert result.exit_code == 0
     found = document(result)
     names = [command["name"] for command in found["commands"]]
-    assert [name for name in names if " " not in name] == list(COMMANDS)
-    assert "models show" in names
+    listed = [name for names in SECTIONS.values() for name in names if name not in FAMILIES]
+    assert [name for name in names if " " not in name] == listed
+    assert {"parts show", "yield montecarlo", "export waveforms"} <= set(names)
     assert set(found["exit_statuses"]) == {str(status) for status in EXIT_STATUSES}
     for command in found["commands"]:
         assert set(command["schemas"]) <= set(found["schemas"])
         assert "--json" in {flag for option in command["options"] for flag in option["flags"]}
     assert found["scene_schema"]["properties"]["design"]
+
+
+def test_old_names_print_what_the_new_ones_print() -> None:
+    """Every command is below a listed name; its old name stays, with the same output."""
+    listed = {name for names in SECTIONS.values() for name in names}
+    shown = {f"{family} {name}": name for family, (names, _) in FAMILIES.items() for name in names}
+    reached = listed | set(shown.values())
+    options = {"solve": "verify --solve", "scale": "new --from"}
+    assert {RENAMED.get(name, name) for name in reached} | set(options) >= set(COMMANDS)
+    for new, short in [*shown.items(), *((name, name) for name in RENAMED if name in listed)]:
+        old = RENAMED.get(short, short)
+        a, b = (taction(*words.split(), "--help").stdout for words in (new, old))
+        assert a.replace(f"taction {new}", f"taction {old}") == b
+    assert sum(map(len, SECTIONS.values())) <= 16
+
+
+def test_an_old_name_has_the_document_of_the_new_one() -> None:
+    scene = "scenes/tuned-breadboard.toml"
+    for new, old in (
+        (f"verify --solve {scene}", f"solve {scene}"),
+        ("parts show ua741", "models show ua741"),
+        (f"export bom {scene}", f"bom {scene}"),
+    ):
+        a, b = (taction(*words.split(), "--json") for words in (new, old))
+        first, second = document(a), document(b)
+        for each in (first, second):
+            each.pop("seconds", None)
+        assert (a.exit_code, first["taction"]["schema"]) == (0, second["taction"]["schema"])
+        assert first == second
+
+
+def test_the_name_alone_says_what_to_type_first() -> None:
+    run = taction()
+    assert run.exit_code == 0
+    assert [line.split()[:2] for line in run.stdout.splitlines()][:2] == [
+        ["taction", "new"],
+        ["taction", "verify"],
+    ]
+    assert len(run.stdout.splitlines()) <= 5
 
 
 def test_options_are_those_of_the_help_text() -> None:
@@ -42,7 +82,7 @@ def test_options_are_those_of_the_help_text() -> None:
 
 def test_types_defaults_and_arguments() -> None:
     commands = {c["name"]: c for c in document(taction("--json", "--help"))["commands"]}
-    options = {o["name"]: o for o in commands["montecarlo"]["options"]}
+    options = {o["name"]: o for o in commands["yield montecarlo"]["options"]}
     assert (options["samples"]["type"], options["samples"]["default"]) == ("integer", 1000)
     assert options["engine"]["choices"] == ["auto", "ngspice", "statespace"]
     (scenes,) = commands["verify"]["arguments"]
@@ -107,7 +147,7 @@ def test_every_shell_gets_its_script(shell: str) -> None:
 
 def test_a_man_page_for_every_command() -> None:
     made = dict(pages(reference(main)))
-    assert set(made) >= {"taction", "taction-models-show", *(f"taction-{c}" for c in COMMANDS)}
+    assert set(made) >= {"taction", "taction-parts-show", "taction-design-tune"}
     for name, text in made.items():
         assert text.startswith(f".TH {name.upper()} 1 ")
         assert ".SH EXIT STATUS" in text
