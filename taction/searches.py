@@ -404,6 +404,13 @@ def _template(opamp: str) -> str:
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:
+    """Refuse to write over a file, unless asked to.
+
+    Raises
+    ------
+    InputError
+        The file exists.
+    """
     from taction.system.errors import Complaint, InputError
 
     if path.exists() and not force:
