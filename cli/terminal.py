@@ -65,7 +65,7 @@ def own_name(context: click.Context | None) -> str:
 
     The program and its families of commands have no name of their own.
     """
-    names = []
+    names: list[str] = []
     while context is not None:
         names.insert(0, context.command.name or "")
         context = context.parent
