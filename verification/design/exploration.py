@@ -27,6 +27,7 @@ from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import stable_values
 from taction.verification.stability.poles import Poles, poles_behind
+from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.headroom import PartLoads, describe
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.transient_plan import settled_after
@@ -121,10 +122,12 @@ class RestView:
 
     Attributes
     ----------
-    targets, rest : ndarray (N,)
-        Reference solution and equilibrium of the board, V.
+    rest : ndarray (N,)
+        Equilibrium of the board, V.
     solution : Solution
         The reference solution, with its certificate.
+    answer : AnswerError
+        How far it is from the true stress.
     """
 
     scene: Scene
@@ -132,8 +135,13 @@ class RestView:
     board: LinearBoard
     scales: TimeScales
     solution: Solution
-    targets: Floats
+    answer: AnswerError
     rest: Floats
+
+    @property
+    def targets(self) -> Floats:
+        """The reference solution (N,), V."""
+        return self.answer.target
 
     @property
     def is_large(self) -> bool:
@@ -185,7 +193,8 @@ def view_rest(scene: Scene, problem: InverseProblem) -> RestView:
     rest = np.array(
         [output.sign * board.equilibrium[output.node] for output in board.circuit.outputs]
     )
-    return RestView(scene, problem, board, scales, solution, solution.u * network.U0, rest)
+    answer = AnswerError.of(network, solution, problem.stress)
+    return RestView(scene, problem, board, scales, solution, answer, rest)
 
 
 def view_poles(view: RestView) -> PoleView:
@@ -271,6 +280,8 @@ class Judgement:
         The record.
     difference : float or None
         Largest difference of the two engines, fraction of the step; None if only one ran.
+    answer : AnswerError or None
+        How far the board is from the answer, and the answer from the true stress.
     """
 
     record: Record
@@ -278,6 +289,7 @@ class Judgement:
     engine: str = ""
     curves: Curves | None = None
     difference: float | None = None
+    answer: AnswerError | None = None
 
     @classmethod
     def without_verdict(cls, error: Exception) -> Judgement:
@@ -312,7 +324,7 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
         difference = agreement.difference / amplitude
     record = Record.of(verdict, channels=False)
     engine, curves = verdict.waveforms.simulator, _curves(verdict, budget)
-    return Judgement(record, verdict.warnings, engine, curves, difference)
+    return Judgement(record, verdict.warnings, engine, curves, difference, verdict.answer)
 
 
 def _curves(verdict: Verdict, budget: int) -> Curves:

@@ -98,15 +98,15 @@ def value_text(value: object, unit: str, digits: int = 4) -> str:
     return f"{value:.{digits}g}"
 
 
-def rounded_up(value: float) -> float:
-    """Return the least number of one digit that is not below a positive value.
+def rounded_up(value: float, digits: int = 1) -> float:
+    """Return the least number of so many digits that is not below a positive value.
 
     Examples
     --------
-    >>> rounded_up(1.2e-15), rounded_up(0.07)
-    (2e-15, 0.07)
+    >>> rounded_up(1.2e-15), rounded_up(0.07), rounded_up(0.01234, 2)
+    (2e-15, 0.07, 0.013)
     """
-    exponent = math.floor(math.log10(value))
+    exponent = math.floor(math.log10(value)) + 1 - digits
     return float(f"{math.ceil(value / 10.0**exponent * (1.0 - 1e-12))}e{exponent}")
 
 

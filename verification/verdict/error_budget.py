@@ -1,7 +1,7 @@
 """The error budget of the outputs: a chain of solutions, whose differences are its parts.
 
-    true stress -> optimum -> pruned T -> resistors as built -> op-amps, one link for each group of
-    their figures -> end of the exact transient -> end of the record
+    true stress -> optimum without noise -> optimum -> pruned T -> resistors as built -> op-amps,
+    one link for each group of their figures -> end of the exact transient -> end of the record
 
 Each part is the signed difference of two solutions that follow each other, for every channel, so
 the parts add up to the difference of the record's end and the true stress. Noise has no sign: it
@@ -33,6 +33,7 @@ from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.reference.ideal_answer import IdealAnswer
+from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard
@@ -330,12 +331,13 @@ def around(design: Design, change: str) -> str:
     return f"at {design.temperature}"
 
 
-LEAST_BOUND = 1e-9  # of the step: a smaller bound on an error has no number of its own
+LEAST_BOUND = 1e-9  # of the largest stress: a smaller bound on an error has no number of its own
 
 
 def error_budget(
     design: PlannedBoard,
     ideal: IdealAnswer,
+    answer: AnswerError,
     recording: Recording,
     noise: OutputNoise | None = None,
     spread: InputSpread | None = None,
@@ -344,6 +346,8 @@ def error_budget(
 
     Parameters
     ----------
+    answer : AnswerError
+        The optimum beside the true stress, with the optimum without noise.
     noise : OutputNoise, optional
         Noise of the outputs, if it was computed.
     spread : InputSpread, optional
@@ -354,10 +358,17 @@ def error_budget(
     SolverError
         The problem with the pruned T cannot be solved.
     """
-    stress, network = design.problem.stress, design.network
-    chain = ErrorChain(None if stress is None else stress * network.U0)
-    how = "regularised optimum against the true stress (regularisation and noise)"
-    chain.link("ill_posedness", how, ideal.target)
+    network, chain = design.network, ErrorChain(answer.stress)
+    if answer.clean is None:
+        how = "regularised optimum against the true stress (regularisation and noise)"
+        chain.link("ill_posedness", how, ideal.target)
+    else:
+        how = "optimum for a strain without noise against the true stress"
+        chain.link("regularisation", how, answer.clean)
+        chain.solves += answer.has_noise
+        noisy = "optimum against that without noise"
+        how = noisy if answer.has_noise else "the strain is T times the true stress"
+        chain.link("strain_noise", how, ideal.target)
     pruning = pruning_effect(network, design.scene.design.prune, ideal.solution)
     if pruning is not None:
         bound = pruning.bound if math.isfinite(pruning.bound) else None
@@ -388,7 +399,7 @@ def error_budget(
             f" {stage_deviation(design.board)}"
         )
         chain.link("antilog", how, outputs_at_rest(design.board))
-    _transient(chain, recording)
+    _transient(chain, recording, LEAST_BOUND * answer.unit)
     if noise is not None:
         how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
         chain.parts.append(ErrorPart("noise", noise.known, how))
@@ -397,15 +408,18 @@ def error_budget(
         chain.parts.append(ErrorPart(name, volts, how))
     whole = None
     if chain.first is not None:
-        start = "optimum" if stress is None else "true stress"
+        start = "optimum" if answer.stress is None else "true stress"
         whole = difference(
             "total", f"end of the record against the {start}", chain.first, recording.u[-1]
         )
     return ErrorBudget(tuple(chain.parts), whole, chain.solves)
 
 
-def _transient(chain: ErrorChain, recording: Recording) -> None:
-    """Add what the record's end lacks of the rest, and how far it is from the exact transient."""
+def _transient(chain: ErrorChain, recording: Recording, least: float) -> None:
+    """Add what the record's end lacks of the rest, and how far it is from the exact transient.
+
+    A bound below `least`, V, has no number.
+    """
     amplitude = recording.measurements.amplitude or 1.0
     error = recording.error.steady_state * amplitude
     bound = error if math.isfinite(error) else None
@@ -417,6 +431,5 @@ def _transient(chain: ErrorChain, recording: Recording) -> None:
     chain.link("unsettled", how, recording.exact_end)
     how = "end of the record against that transient"
     if bound is not None:
-        small = bound <= LEAST_BOUND * amplitude
-        how += f"; error at most {'1 ppb of the step' if small else show(bound, 'V', 3)}"
+        how += f"; error at most {'1 ppb' if bound <= least else show(bound, 'V', 3)}"
     chain.link("simulator", how, recording.u[-1], bound=bound)

@@ -26,6 +26,7 @@ from taction.verification.reference.ideal_answer import (
 )
 from taction.verification.stability.margin import REACH, Margin, stability_margin
 from taction.verification.stability.poles import Poles
+from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import Agreement, StepError
 from taction.verification.verdict.design import design_board
@@ -59,6 +60,7 @@ class Verdict(Result):
     circuit: Circuit
     transient: Transient
     ideal: IdealAnswer
+    answer: AnswerError
     poles: Poles
     steady: SteadyState
     margin: Margin | None
@@ -192,10 +194,13 @@ def _verdict(
     """Judge a recording, and add the details that `effort` asks for."""
     checks, design, wave = run_checks(evidence), recording.design, recording.waveforms
     energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
+    answer = AnswerError.of(ideal.network, ideal.solution, design.problem.stress, ideal.problem)
+    answer = answer.judged(evidence)
     clock.begin("error budget")
     budget = ErrorBudget()
     if effort.details:
-        budget = error_budget(design, ideal, recording, evidence.noise, evidence.spread)
+        more = evidence.noise, evidence.spread
+        budget = error_budget(design, ideal, answer, recording, *more)
     clock.end()
     remarks = (
         *questions(design.scene),
@@ -211,6 +216,7 @@ def _verdict(
         circuit=design.circuit,
         transient=design.transient,
         ideal=ideal,
+        answer=answer,
         poles=design.poles,
         steady=evidence.steady,
         margin=evidence.margin,

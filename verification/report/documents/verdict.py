@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
 
 from taction.netlist_gen.board.circuit import Omission
 from taction.netlist_gen.scene.keys import Value
@@ -29,8 +32,9 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.readings.constraint_stage import ConstraintPlane
 from taction.verification.report.documents.scene_keys import KeyValue, scene_keys
 from taction.verification.stability.margin import Margin
+from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.error_budget import ErrorBudget
+from taction.verification.verdict.error_budget import ErrorBudget, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.record import Channel, Record, finite
@@ -174,9 +178,54 @@ class Energy:
     rise_time: Seconds
 
 
+OfUnit = Annotated[float | None, "stress"]  # a fraction of the largest stress
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerPart:
+    """How far the board is from the regularised answer, and that answer from the true stress.
+
+    The largest error of any channel, as fractions of `largest_stress`. In `channel`, counted from
+    1, the shares `regularisation` and `noise` add up to `true_error`; one below 0 lowers it.
+    """
+
+    board_error: OfUnit
+    board_error_uncertainty: OfUnit
+    boards: Annotated[Number, Note("share of the boards that keep it; null: the one simulated")]
+    true_error: OfUnit
+    true_error_uncertainty: OfUnit
+    regularisation: OfUnit
+    noise: OfUnit
+    channel: int | None
+    largest_stress: Annotated[Volts, Note("the true one; if it is not known, that of the answer")]
+    text: str
+
+    @classmethod
+    def of(cls, answer: AnswerError) -> AnswerPart:
+        """Return the errors in numbers and in words."""
+        from taction.verification.report.views.answer import answer_text
+
+        unit, board, n = answer.unit or math.inf, answer.board, answer.channel
+        return cls(
+            board_error=None if board is None else board / unit,
+            board_error_uncertainty=None if board is None else answer.board_error / unit,
+            boards=answer.boards,
+            true_error=answer.true_error,
+            true_error_uncertainty=None if n is None else answer.target_error / unit,
+            regularisation=answer.regularisation,
+            noise=answer.noise,
+            channel=None if n is None else n + 1,
+            largest_stress=answer.unit,
+            text=answer_text(answer),
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class BudgetPart:
-    """One part of the error budget, V; the total has `sum` and `solves`, too."""
+    """One part of the error budget, V; the total has `sum` and `solves`, too.
+
+    `ill_posedness` is the sum of `regularisation` and `strain_noise`.
+    """
 
     value: Number
     unit: str
@@ -263,6 +312,7 @@ class VerdictBody:
     stability: Stability
     energy: Energy
     constraint_plane: ConstraintPlane | None
+    answer: AnswerPart
     error_budget: dict[str, BudgetPart]
     opamp_level: str
     headroom: tuple[LoadPart, ...]
@@ -315,6 +365,7 @@ class VerdictBody:
             ),
             energy=Energy(ideal.energy_residual, *rise),
             constraint_plane=verdict.constraint,
+            answer=AnswerPart.of(verdict.answer),
             error_budget=budget_parts(verdict.budget),
             opamp_level="small-signal" if verdict.circuit.is_small_signal else "large-signal",
             headroom=tuple(
@@ -376,8 +427,13 @@ def verdict_document_with_margins(verdict: Verdict) -> dict[str, Any]:
 
 
 def budget_parts(budget: ErrorBudget) -> dict[str, BudgetPart]:
-    """Return the parts of an error budget by name, and ``total``."""
+    """Return the parts of an error budget by name, their sum up to the optimum, and ``total``."""
     parts = {part.name: part for part in budget}
+    if "regularisation" in parts:
+        both = np.array([parts[name].channels for name in ("regularisation", "strain_noise")])
+        how = "regularised optimum against the true stress: regularisation and strain_noise"
+        whole = difference("ill_posedness", how, -both[0], both[1])
+        parts = {whole.name: whole} | parts
     parts |= {} if budget.total is None else {"total": budget.total}
     return {
         name: BudgetPart(

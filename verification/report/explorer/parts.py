@@ -34,6 +34,7 @@ from taction.verification.report.charts import (
 )
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.texts import figure, quantity, readable
+from taction.verification.report.views.answer import answer_text, true_error_text
 from taction.verification.report.views.stability import pole_map, ranges_text
 from taction.verification.report.views.verdict import check_bar, decisive_text
 from taction.verification.report.views.waveforms import end_names
@@ -140,12 +141,16 @@ def verdict_part(found: Judgement) -> Part:
     return {
         "verdict": {
             "outcome": record.outcome,
-            "text": decisive_text(record.checks, record.outcome),
+            "text": f"{decisive_text(record.checks, record.outcome)} {_answer(found)}".rstrip(),
             "checks": [_bar(check) for check in record.checks],
             "figures": _figures(found),
             "warnings": [readable(text) for text in found.warnings],
         }
     }
+
+
+def _answer(found: Judgement) -> str:
+    return "" if found.answer is None else answer_text(found.answer)
 
 
 def simulation_part(found: Judgement) -> Part:
@@ -252,9 +257,8 @@ def stress_chart(view: RestView) -> Chart:
     marks.append(Curve(x, targets, "numerical solution", "pass", "dash", width=2.0))
     marks.append(Curve(x, view.rest, "board at rest", "fail", "", "circle-open", size=7.0))
     note = f"Board less solution: at most {_largest(view.rest - targets)}."
-    if truth is not None and (size := float(np.linalg.norm(truth))):
-        share = 100.0 * float(np.linalg.norm(targets - truth)) / size
-        note += f" Solution less truth: {share:.3g} % of the truth."
+    if truth is not None:
+        note += f" {true_error_text(view.answer)}"
     along = Axis("channel", whole=True) if places is None else Axis("place y")
     return Chart("Recovered stress", along, Axis("", "V"), tuple(marks), summary=note)
 

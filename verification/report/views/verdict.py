@@ -36,6 +36,7 @@ from taction.verification.report.texts import (
     spaced,
     with_error,
 )
+from taction.verification.report.views.answer import answer_text, of_unit
 from taction.verification.report.views.board import (
     board_blocks,
     board_lines,
@@ -52,6 +53,7 @@ from taction.verification.report.views.waveforms import (
     stress_chart,
 )
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
+from taction.verification.verdict.answer_error import worst_channel
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
 from taction.verification.verdict.headroom import Load
@@ -60,7 +62,7 @@ from taction.verification.verdict.verify import Verdict
 LIMITED = ("settling_time", "rise_time")  # checks that may have a smallest accepted value, too
 LOADS = 16  # of op-amps that are shown
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
-LEAST = 1e-9  # of the step: a smaller part has no number
+LEAST = 1e-9  # of the largest stress: a smaller part has no number
 MARGINS = (
     "The bar is the part of the limit that is used, the thin line on its end the uncertainty. A"
     " check is inconclusive where the uncertainty reaches the limit. Blue and solid: within the"
@@ -85,7 +87,8 @@ def view(
     notes : sequence of str
         Further lines below the checks, such as the margins.
     verbose : bool
-        Whether a terminal also shows how the record and the reference were made.
+        Whether a terminal also shows the error budget, and how the record and the reference were
+        made.
     """
     circuit, waves = verdict.circuit, verdict.waveforms
     engine = tuple((name, getattr(waves, name) or "–") for name in ("engine", "solver", "method"))
@@ -104,7 +107,7 @@ def view(
             Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
             Section("Recovered stress", lambda: (stress_chart(verdict),)),
             Section("Error budget", lambda: _waterfall_of(verdict)),
-            Section("Error budget", lambda: budget_blocks(verdict), media=BOTH),
+            Section("Error budget", lambda: budget_blocks(verdict), media=detailed),
             Section("Headroom", lambda: headroom_blocks(verdict), media=BOTH),
             Section("Error and run time", lambda: (_effort(verdict),), media=detailed),
             Section("Board", lambda: board_blocks(circuit)),
@@ -194,6 +197,7 @@ def _checks(verdict: Verdict, notes: Sequence[str]) -> tuple[Block, ...]:
     rows = (check_bar(check, least.get(check.name)) for check in verdict.checks)
     return (
         Bars("", tuple(rows), MARGINS),
+        Notes("", tuple(filter(None, [answer_text(verdict.answer)]))),
         Notes("", tuple(map(readable, notes))),
         Notes("Warnings", tuple(map(readable, verdict.warnings))),
     )
@@ -328,25 +332,23 @@ def load_bars(loads: Iterable[Load], note: str = "", *, limited: bool = False) -
 
 def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
     """Return the error budget as a table; the signed column is that of the worst channel."""
-    budget, amplitude = verdict.budget, verdict.measurements.amplitude
+    budget, unit = verdict.budget, verdict.answer.unit
     parts, total = list(budget), budget.total
     if not parts:
         return ()
-    worst = _worst(budget)
-    rounding = verdict.ideal.error if math.isfinite(verdict.ideal.error) else 0.0
-    least = max(rounding, ROUNDING) * amplitude
+    worst, least = _worst(budget), _rounding(verdict)
     if total is not None:
         sums = tuple(budget.summed)
         parts.append(ErrorPart("sum of the parts", max(map(abs, sums)), "", channels=sums))
         parts.append(ErrorPart("whole", total.value, total.how, channels=total.channels))
     columns: dict[str, Callable[[ErrorPart], Shown]] = {
         "error": lambda part: spaced(part.name),
-        "largest of any channel": lambda part: _largest(part, amplitude, least),
-        "of the step": lambda part: _of_step(part, amplitude, least),
+        "largest of any channel": lambda part: _largest(part, unit, least),
+        of_unit(verdict.answer): lambda part: _share_of(part, unit, least),
     }
     if worst is not None:
         columns[f"channel {worst + 1}"] = lambda part: (
-            Cell(_volts(part.channels[worst], amplitude, least), part.channels[worst])
+            Cell(_volts(part.channels[worst], unit, least), part.channels[worst])
             if part.channels
             else None
         )
@@ -358,22 +360,28 @@ def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
 
 
 def _worst(budget: ErrorBudget) -> int | None:
-    return None if budget.total is None else int(np.argmax(np.abs(budget.total.channels)))
+    return None if budget.total is None else worst_channel(np.array(budget.total.channels))
 
 
-def _largest(part: ErrorPart, amplitude: float, least: float) -> Cell:
+def _rounding(verdict: Verdict) -> float:
+    """Return the size below which a part of the budget is rounding, V."""
+    known = verdict.ideal.error if math.isfinite(verdict.ideal.error) else 0.0
+    return max(known, ROUNDING) * verdict.measurements.amplitude
+
+
+def _largest(part: ErrorPart, unit: float, least: float) -> Cell:
     """Return the value of a part, V; below rounding it sorts as no number."""
     value = part.value
     if value is None or not math.isfinite(value):
         return Cell("unknown")
-    return Cell(_volts(value, amplitude, least), value if abs(value) > least else None)
+    return Cell(_volts(value, unit, least), value if abs(value) > least else None)
 
 
-def _of_step(part: ErrorPart, amplitude: float, least: float) -> Cell | None:
+def _share_of(part: ErrorPart, unit: float, least: float) -> Cell | None:
     value = part.value
-    if value is None or not math.isfinite(value) or abs(value) <= least:
+    if value is None or not math.isfinite(value) or not unit or 0.0 < abs(value) <= least:
         return None
-    return Cell(figure(value / amplitude, "step", 3) if amplitude else "–", value)
+    return Cell(figure(value / unit, "step", 3), value)
 
 
 def _how(part: ErrorPart) -> str:
@@ -383,26 +391,25 @@ def _how(part: ErrorPart) -> str:
     return readable(how)
 
 
-def _volts(value: float, amplitude: float, least: float) -> str:
+def _volts(value: float, unit: float, least: float) -> str:
     """Return a part of the error, V; parts too small to matter have no number."""
     if 0.0 < abs(value) <= least:
         return "below rounding"
-    return quantity(value, "V", 3) if abs(value) > LEAST * amplitude else "under 1 ppb of the step"
+    return quantity(value, "V", 3) if not value or abs(value) > LEAST * unit else "under 1 ppb"
 
 
 def _waterfall_of(verdict: Verdict) -> tuple[Block, ...]:
     """Return the signed parts of the worst channel, each from the sum of those before."""
-    budget, amplitude = verdict.budget, verdict.measurements.amplitude
-    worst = _worst(budget)
+    budget, unit, worst = verdict.budget, verdict.answer.unit, _worst(verdict.budget)
     if budget.total is None or worst is None:
         return ()
-    least = ROUNDING * amplitude
+    least = _rounding(verdict)
     links = {part.name: part.channels[worst] for part in budget if part.channels}
     whole = budget.total.channels[worst]
     steps = np.array([*links.values()])
     ends = np.concatenate([[0.0], np.cumsum(steps)])
     names = (*map(spaced, links), "whole")
-    texts = tuple(_volts(step, amplitude, least) for step in (*steps.tolist(), whole))
+    texts = tuple(_volts(step, unit, least) for step in (*steps.tolist(), whole))
     bars = Columns(
         np.arange(len(names)),
         [*steps, whole],

@@ -24,6 +24,7 @@ from taction.verification.report.charts import (
     thinned,
 )
 from taction.verification.report.texts import counted, figure, quantity
+from taction.verification.report.views.answer import answer_heading
 from taction.verification.verdict.verify import Verdict
 
 POINTS = 60_000  # of all curves of a chart
@@ -300,23 +301,9 @@ def stress_chart(verdict: Verdict) -> Chart:
         x,
         Axis("stress"),
         tuple(curves),
-        _distance(verdict, rest, optimum, unit),
+        answer_heading(verdict.answer),
         f"Stress by channel: {', '.join(curve.name for curve in curves)}.{text}",
         legend="below",
         height=340,
         zoom=False,
     )
-
-
-def _distance(verdict: Verdict, rest: Floats, optimum: Floats, unit: float) -> str:
-    """Return how far the board at rest is from the optimum, and the optimum from the truth."""
-    amplitude = verdict.measurements.amplitude
-    if not amplitude:
-        return ""
-    share = unit / amplitude
-    near = figure(share * float(np.abs(rest - optimum).max()), "step")
-    text = f"the board at rest is {near} of the step off the optimum"
-    if verdict.problem.stress is None:
-        return text
-    far = figure(share * float(np.abs(optimum - verdict.problem.stress).max()), "step")
-    return f"{text}, the optimum {far} off the truth"

@@ -1,0 +1,86 @@
+"""The error of the answer in words: of the board, of regularisation, of noise."""
+
+from __future__ import annotations
+
+from taction.verification.report.texts import LEAST_SHARE, figure, quantity, rounded_up
+from taction.verification.verdict.answer_error import AnswerError
+
+
+def answer_text(answer: AnswerError) -> str:
+    """Return in a sentence how far the board is from the answer, and the answer from the truth.
+
+    It is empty for a board that does not come to rest at the answer, and where the answer cannot
+    be trusted. "Within" rounds up.
+    """
+    if answer.board is None or not answer.unit:
+        return ""
+    boards = "The board finds"
+    if answer.boards is not None:
+        boards = f"{100 * answer.boards:g} % of the boards find"
+    near = _within(answer.board + answer.board_error, answer.unit)
+    far = _truth(answer, "that answer")
+    return f"{boards} the regularised answer {near} ({_of_unit(answer)}); {far}."
+
+
+def true_error_text(answer: AnswerError) -> str:
+    """Return in a sentence how far the answer is from the true stress, and why."""
+    share = "" if answer.true_error is None else f" ({_of_unit(answer)})"
+    text = _truth(answer, "the regularised answer")
+    return f"{text[:1].upper()}{text[1:]}{share}."
+
+
+def answer_heading(answer: AnswerError) -> str:
+    """Return both distances without causes, those that are known."""
+    far, texts, subject = answer.true_error, [], "the regularised answer"
+    if answer.board is not None and answer.unit:
+        near = _within(answer.board + answer.board_error, answer.unit)
+        texts, subject = [f"the board is {near} of {subject}"], "which"
+    if far is not None:
+        texts.append(f"{subject} is {figure(far, 'step', 3)} from the true stress")
+    return ", ".join(texts)
+
+
+def of_unit(answer: AnswerError) -> str:
+    """Return what every share of an answer's error is a fraction of."""
+    stress = answer.stress
+    return f"of the largest {'true ' * bool(stress is not None and stress.any())}stress"
+
+
+def _of_unit(answer: AnswerError) -> str:
+    return f"{of_unit(answer)}, {quantity(answer.unit, 'V', 3)}"
+
+
+def _within(volts: float, unit: float) -> str:
+    """Return a bound as a fraction of `unit`, rounded up."""
+    share = volts / unit
+    up = "1 ppm" if share <= LEAST_SHARE else figure(rounded_up(share, 2), "step")
+    return f"within {up}"
+
+
+def _truth(answer: AnswerError, subject: str) -> str:
+    """Return how far the answer is from the true stress, and why."""
+    stress, far, n = answer.stress, answer.true_error, answer.channel
+    if stress is None:
+        return "the true stress is not known"
+    if not stress.any():
+        return "the true stress is zero"
+    if far is None or n is None:
+        return f"{subject} cannot be trusted"
+    volts = far * answer.unit + answer.target_error
+    if volts <= max(2.0 * answer.target_error, LEAST_SHARE * answer.unit):
+        return f"{subject} is the true stress {_within(volts, answer.unit)}"
+    place = f" in channel {n + 1}" if len(stress) > 1 else ""
+    return f"{subject} is {figure(far, 'step', 3)} from the true stress{place}, {_causes(answer)}"
+
+
+def _causes(answer: AnswerError) -> str:
+    """Return the causes with their shares, the larger one first; they add up to the error."""
+    if answer.regularisation is None or answer.noise is None:
+        return "because of regularisation and noise (their shares are not known)"
+    shares = {"regularisation": answer.regularisation, "noise": answer.noise}
+    first, second = sorted(shares, key=lambda name: -shares[name])
+    if not shares[second]:
+        return f"because of {first} alone"
+    joint = " and" if shares[second] > 0.0 else ", partly cancelled by"
+    large, small = (figure(abs(shares[name]), "step", 3) for name in (first, second))
+    return f"because of {first} ({large}){joint} {second} ({small})"

@@ -1,0 +1,164 @@
+"""How far the regularised answer is from the true stress, and the board from that answer.
+
+    answer - true stress = (answer without noise - true stress) + (answer - answer without noise)
+
+The first part is regularisation, the second is noise. They add up in each channel, with their
+signs; the shares that are stated are those of the channel in which the answer is farthest from the
+true stress. Every distance is a fraction of the largest true stress, or of the largest stress of
+the answer where no true stress is known.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from taction.system.array_types import EPS, Floats
+from taction.system.errors import SolverError
+from taction.verification.reference import IdealNetwork, Solution, solve
+from taction.verification.verdict.checks import Evidence
+from taction.verification.verdict.input_spread import SHARE
+
+ALIKE = 1e-9  # relative difference of errors that count as equal: those of a symmetric board
+
+
+def worst_channel(errors: Floats) -> int:
+    """Return the first channel, from 0, whose error (N,) is the largest but for rounding.
+
+    Examples
+    --------
+    >>> worst_channel(np.array([0.1, -0.3, 0.3 + 1e-16]))
+    1
+    """
+    sizes = np.abs(errors)
+    return int(np.argmax(sizes >= (1.0 - ALIKE) * sizes.max(initial=0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class AnswerError:
+    """The errors of an answer, in one unit.
+
+    Attributes
+    ----------
+    network : IdealNetwork
+        The problem that was solved.
+    target : ndarray (N,)
+        Its regularised answer, V.
+    target_error : float
+        Bound on the error of `target`, V; infinite where the answer cannot be trusted.
+    stress : ndarray (N,) or None
+        The true stress as outputs, V; None where it is not known.
+    board : float or None
+        Largest distance of an output of the board at rest from `target`, V; None for a board that
+        does not come to rest there, or that was not compared.
+    board_error : float
+        Bound on the error of `board`, V.
+    boards : float or None
+        The share of boards with other op-amps of the type that keep `board`; None: the board as
+        simulated.
+    """
+
+    network: IdealNetwork
+    target: Floats
+    target_error: float
+    stress: Floats | None
+    board: float | None = None
+    board_error: float = 0.0
+    boards: float | None = None
+
+    @classmethod
+    def of(
+        cls, network: IdealNetwork, solution: Solution, stress: Floats | None, doubt: str = ""
+    ) -> AnswerError:
+        """Return the errors of a solution.
+
+        Parameters
+        ----------
+        stress : ndarray (N,) or None
+            The true stress, dimensionless.
+        doubt : str
+            Why the solution cannot be trusted, if it is not for its certificate.
+        """
+        trusted = solution.trusted and not doubt
+        error = solution.error_bound * network.U0 if trusted else math.inf
+        known = None if stress is None else stress * network.U0
+        return cls(network, solution.u * network.U0, error, known)
+
+    def judged(self, evidence: Evidence) -> AnswerError:
+        """Return the errors with the distance of the board, which has to come to rest."""
+        if evidence.growth or evidence.obstacle or evidence.unsteady:
+            return self
+        amplitude = evidence.measurements.amplitude
+        distance, error, boards = evidence.resting
+        return replace(
+            self,
+            board=distance * amplitude,
+            board_error=error * amplitude,
+            boards=SHARE if boards else None,
+        )
+
+    @functools.cached_property
+    def unit(self) -> float:
+        """The voltage of which every error is a fraction, V; 0 if there is no stress at all."""
+        return _largest(self.stress) or _largest(self.target)
+
+    @functools.cached_property
+    def has_noise(self) -> bool:
+        """Whether the strain differs from T times the true stress by more than rounding."""
+        if self.stress is None:
+            return False
+        T, u = self.network.T, self.stress / self.network.U0
+        rounding = (len(u) + 4) * EPS * (np.abs(T) @ np.abs(u))
+        return bool(np.any(np.abs(self.network.eps - T @ u) > rounding))
+
+    @functools.cached_property
+    def clean(self) -> Floats | None:
+        """The answer for a strain without noise (N,), V; None if it is not known."""
+        if self.stress is None:
+            return None
+        if not self.has_noise:
+            return self.target
+        network = self.network
+        strain = network.T @ (self.stress / network.U0)
+        try:
+            solution = solve(replace(network, eps=strain).problem)
+        except SolverError:
+            return None
+        return solution.u * network.U0 if solution.trusted else None
+
+    @functools.cached_property
+    def channel(self) -> int | None:
+        """The channel whose answer is farthest from the true stress, from 0; None: not known."""
+        if self.stress is None or math.isinf(self.target_error) or not self.unit:
+            return None
+        return worst_channel(self.target - self.stress)
+
+    @property
+    def true_error(self) -> float | None:
+        """Largest distance of the answer from the true stress, of `unit`; None: not known."""
+        return self._along(self.target, self.stress)
+
+    @property
+    def regularisation(self) -> float | None:
+        """What regularisation adds to `true_error` in its channel; below 0: it lowers it."""
+        return self._along(self.clean, self.stress)
+
+    @property
+    def noise(self) -> float | None:
+        """What noise of the strain adds to `true_error` in its channel; below 0: it lowers it."""
+        return self._along(self.target, self.clean)
+
+    def _along(self, after: Floats | None, before: Floats | None) -> float | None:
+        """Return a difference in the worst channel, positive in the direction of the error."""
+        n = self.channel
+        if n is None or self.stress is None or after is None or before is None:
+            return None
+        sign = -1.0 if self.target[n] < self.stress[n] else 1.0
+        return sign * float(after[n] - before[n]) / self.unit + 0.0
+
+
+def _largest(u: Floats | None) -> float:
+    return 0.0 if u is None else float(np.abs(u).max(initial=0.0))
