@@ -205,7 +205,7 @@ VERIFY = Command(
             "-v",
             "--verbose",
             is_flag=True,
-            help="Show also how the record and the reference were made.",
+            help="Show also the error budget, and how the record and the reference were made.",
         ),
     ),
     ends="SCENE is a scene file, or a folder: all its files *.toml. Several scenes give one table,"

@@ -216,7 +216,7 @@ def test_units_of_a_verdict(folder: Path) -> None:
     assert head["equilibrium"] == "V"
     assert head["steady_state.equilibrium"] == "step"
     assert head["rightmost_pole"] == "1/s"
-    assert set(head.values()) <= {"s", "1/s", "Hz", "V", "step", "ohm"}
+    assert set(head.values()) <= {"s", "1/s", "Hz", "V", "step", "stress", "ohm"}
 
 
 def test_published_schemas_are_valid_and_name_units() -> None:

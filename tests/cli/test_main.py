@@ -34,7 +34,7 @@ def test_verify_json_has_the_promised_keys() -> None:
     found = document(result)
     promised = {
         *("outcome", "checks", "channels", "settling_time", "stability", "error_budget"),
-        *("lambda", "engine", "simulator", "timing"),
+        *("answer", "lambda", "engine", "simulator", "timing"),
     }
     assert promised <= set(found)
     assert (found["outcome"], found["engine"]) == ("pass", "ngspice")
@@ -55,8 +55,10 @@ def test_verify_json_has_the_promised_keys() -> None:
 def test_verify_for_people() -> None:
     result = taction("verify", TUNED, *FAST)
     assert result.exit_code == 0
-    for part in ("tuned-breadboard", "settling time", "PASS", "±1 %", "ill posedness"):
+    for part in ("tuned-breadboard", "settling time", "PASS", "±1 %", "from the true stress"):
         assert part in result.stdout
+    assert "Parts of the error" not in result.stdout
+    assert "Parts of the error" in taction("verify", TUNED, *FAST, "-v").stdout
     assert result.stderr == ""
 
 

@@ -81,14 +81,17 @@ def test_the_parts_add_up_and_each_is_right(
         request.getfixturevalue("ngspice")
     verdict = judged(amplifier, engine, known=known)
     parts = {part.name: np.array(part.channels) for part in verdict.budget}
-    assert list(parts) == ["ill_posedness", "resistors", "opamps", "unsettled", "simulator"]
+    start = ["regularisation", "strain_noise"] if known else ["ill_posedness"]
+    assert list(parts) == [*start, "resistors", "opamps", "unsettled", "simulator"]
     best = best_of(T, LAM, amplifier)
     built = best_of(*rounded(verdict.circuit, amplifier), amplifier)
     whole = verdict.u[-1] - (STRESS * U0 if known else best)
     assert verdict.budget.total.channels == pytest.approx(whole.tolist(), abs=1e-9)
     assert np.all(np.abs(np.array(verdict.budget.summed) - whole) <= 0.01 * np.abs(whole))
     if known:
-        assert parts["ill_posedness"] == pytest.approx(best - STRESS * U0, abs=1e-9)
+        clean = optimum(T, T @ STRESS, LAM, amplifier) * U0
+        assert parts["regularisation"] == pytest.approx(clean - STRESS * U0, abs=1e-9)
+        assert parts["strain_noise"] == pytest.approx(best - clean, abs=1e-9)
     assert parts["resistors"] == pytest.approx(built - best, abs=1e-9)
     assert parts["opamps"] == pytest.approx(verdict.steady.values - built, abs=1e-9)
     assert np.abs(parts["opamps"]).max() > 1e-4
@@ -190,7 +193,7 @@ def test_limits_are_a_link_of_their_own() -> None:
     design = {"opamp": opamp, "unit_voltage": "4V", "resistor_series": "exact"}
     budget = verify(a_scene(**design), problem=problem(known=True)).budget
     parts = {part.name: part for part in budget}
-    assert list(parts)[1:4] == ["resistors", "opamps", "limits"]
+    assert list(parts)[2:5] == ["resistors", "opamps", "limits"]
     assert parts["limits"].value is not None
     assert 0.0 < parts["limits"].value < 1e-3
     whole = np.array(budget.total.channels) if budget.total else np.zeros(3)
@@ -226,7 +229,8 @@ def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
     record = verdict_document(verdict)["error_budget"]
     total = record["total"]
     assert total["sum"] == pytest.approx(total["channels"], rel=1e-9)
-    assert total["solves"] == 2  # the board as built with ideal op-amps, and the sensitivities
+    # The optimum without noise, the board as built with ideal op-amps, and the sensitivities.
+    assert total["solves"] == 3
     assert verdict.timing["error budget"] > 0.0
     added = np.sum([record[part.name]["channels"] for part in verdict.budget], axis=0)
     assert added == pytest.approx(np.array(total["sum"]), rel=1e-12)
@@ -234,10 +238,18 @@ def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
         record["resistors"]["channels"], rel=0.1, abs=2e-5
     )
     assert record["simulator"]["bound"] > 0.0
+    both = np.add(record["regularisation"]["channels"], record["strain_noise"]["channels"])
+    whole = verdict.ideal.target - STRESS * U0
+    assert record["ill_posedness"]["channels"] == pytest.approx(whole, rel=1e-9)
+    assert record["ill_posedness"]["channels"] == pytest.approx(both, rel=1e-12)
+    assert record["ill_posedness"]["value"] == pytest.approx(np.abs(whole).max(), rel=1e-9)
     (table,) = budget_blocks(verdict)
     assert isinstance(table, Table)
     assert sum("first order predicts" in row[-1].text for row in table.rows) > 0
-    assert table.note.startswith("2 solutions of its own")
+    assert table.note == "% of the largest true stress, 450 mV; 3 solutions of its own."
+    place, largest = table.columns.index("of the largest stress"), U0 * np.abs(STRESS).max()
+    shares = {row[0].text: row[place].text for row in table.rows}
+    assert shares["whole"] == f"{100 * np.abs(total['channels']).max() / largest:.3g} %"
 
 
 def test_a_budget_without_details_is_empty() -> None:
@@ -285,7 +297,14 @@ def test_other_amplifiers_have_a_proven_bound_too(amplifier: str) -> None:
 
 def test_a_board_that_leaves_nothing_out_has_no_such_part() -> None:
     names = [part.name for part in taction.verify(scene(1e-3)).budget]
-    assert names == ["ill_posedness", "resistors", "opamps", "unsettled", "simulator"]
+    assert names == [
+        "regularisation",
+        "strain_noise",
+        "resistors",
+        "opamps",
+        "unsettled",
+        "simulator",
+    ]
     assert ErrorPart("x", 1.0, "y").bound is None
 
 

@@ -95,7 +95,7 @@ def assert_same_measures(verdict: Verdict, other: Verdict) -> None:
 def assert_budget_adds_up(verdict: Verdict) -> None:
     parts = {part.name: part.value for part in verdict.budget if part.name != "noise"}
     stages = {"antilog"} if verdict.circuit.transistors else set()
-    expected = {"ill_posedness", "resistors", "opamps", "unsettled", "simulator"}
+    expected = {"regularisation", "strain_noise", "resistors", "opamps", "unsettled", "simulator"}
     if any(model.input_errors for model in verdict.circuit.models.values()):
         expected |= {"offset_voltage", "input_currents", "common_mode"}
     assert set(parts) == expected | stages
@@ -103,7 +103,8 @@ def assert_budget_adds_up(verdict: Verdict) -> None:
     final = np.array([channel.final for channel in verdict.measurements.channels])
     whole = final - stress * verdict.circuit.value("U0")
     assert verdict.budget.summed == pytest.approx(whole.tolist(), rel=0.01, abs=1e-9)
-    signed = [part for part in verdict.budget if part.channels and part.name != "ill_posedness"]
+    before = ("regularisation", "strain_noise")
+    signed = [part for part in verdict.budget if part.channels and part.name not in before]
     errors = [np.array(part.channels) for part in signed]
     off = final - verdict.ideal.target
     assert sum(errors) == pytest.approx(off, rel=0.01, abs=1e-9)

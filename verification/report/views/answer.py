@@ -19,13 +19,13 @@ def answer_text(answer: AnswerError) -> str:
         boards = f"{100 * answer.boards:g} % of the boards find"
     near = _within(answer.board + answer.board_error, answer.unit)
     far = _truth(answer, "that answer")
-    return f"{boards} the regularised answer {near} ({_of_unit(answer)}); {far}."
+    return f"{boards} the regularised answer {near} ({of_unit(answer)}); {far}."
 
 
 def true_error_text(answer: AnswerError) -> str:
     """Return in a sentence how far the answer is from the true stress, and why."""
-    share = "" if answer.true_error is None else f" ({_of_unit(answer)})"
     text = _truth(answer, "the regularised answer")
+    share = f" ({of_unit(answer)})" if " is the true" in text or " from the true" in text else ""
     return f"{text[:1].upper()}{text[1:]}{share}."
 
 
@@ -42,12 +42,8 @@ def answer_heading(answer: AnswerError) -> str:
 
 def of_unit(answer: AnswerError) -> str:
     """Return what every share of an answer's error is a fraction of."""
-    stress = answer.stress
-    return f"of the largest {'true ' * bool(stress is not None and stress.any())}stress"
-
-
-def _of_unit(answer: AnswerError) -> str:
-    return f"{of_unit(answer)}, {quantity(answer.unit, 'V', 3)}"
+    known = answer.stress is not None and answer.stress.any()
+    return f"of the largest {'true ' * bool(known)}stress, {quantity(answer.unit, 'V', 3)}"
 
 
 def _within(volts: float, unit: float) -> str:

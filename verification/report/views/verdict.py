@@ -29,6 +29,7 @@ from taction.verification.report.blocks import (
 )
 from taction.verification.report.charts import Axis, Chart, Columns, Limit, View
 from taction.verification.report.texts import (
+    counted,
     figure,
     number_cell,
     quantity,
@@ -344,7 +345,7 @@ def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
     columns: dict[str, Callable[[ErrorPart], Shown]] = {
         "error": lambda part: spaced(part.name),
         "largest of any channel": lambda part: _largest(part, unit, least),
-        of_unit(verdict.answer): lambda part: _share_of(part, unit, least),
+        "of the largest stress": lambda part: _share_of(part, unit, least),
     }
     if worst is not None:
         columns[f"channel {worst + 1}"] = lambda part: (
@@ -353,7 +354,7 @@ def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
             else None
         )
     columns["how it was found"] = _how
-    note = f"{budget.solves} solutions of its own."
+    note = f"% {of_unit(verdict.answer)}; {counted(budget.solves, 'solution')} of its own."
     if worst is None:
         note += " The parts do not add up: a solution between them is not known."
     return (Table.of("Parts of the error", parts, columns, note),)

@@ -1,0 +1,130 @@
+"""The sentence about the answer's error: one channel, T = 1, where every share is a fraction."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import taction
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.scene import load_scene
+from taction.verification.design.exploration import judge, view_rest
+from taction.verification.reference import IdealNetwork, solve
+from taction.verification.report.explorer.parts import rest_part, verdict_part
+from taction.verification.report.renderers.markdown import line, markdown
+from taction.verification.report.renderers.notebook import card
+from taction.verification.report.renderers.page import page_html
+from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.answer import answer_heading, answer_text, true_error_text
+from taction.verification.report.views.waveforms import stress_chart
+from taction.verification.verdict.answer_error import AnswerError
+
+SCENE = "scenes/custom-matrix.toml"
+
+
+def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5) -> AnswerError:
+    """u = eps / (1 + lam), in units of 2 V."""
+    network = IdealNetwork(np.eye(1), np.array([eps]), lam, 1e-6, U0=2.0)
+    known = None if stress is None else np.array([stress])
+    return replace(AnswerError.of(network, solve(network.problem), known), board=board)
+
+
+@pytest.mark.parametrize(
+    ("eps", "lam", "end"),
+    [
+        # 0.9 / 1.25 = 0.72: 0.2 lost by lambda, 0.08 by noise.
+        (0.9, 0.25, "28 % from the true stress, because of regularisation (20 %) and noise (8 %)"),
+        # 1.1 / 1.25 = 0.88: 0.2 lost by lambda, 0.08 won back.
+        (
+            1.1,
+            0.25,
+            "12 % from the true stress, because of regularisation (20 %), partly cancelled by"
+            " noise (8 %)",
+        ),
+        # 1.5 / 1.25 = 1.2: noise of 0.4, of which lambda takes 0.2.
+        (
+            1.5,
+            0.25,
+            "20 % from the true stress, because of noise (40 %), partly cancelled by"
+            " regularisation (20 %)",
+        ),
+        # 0.5 / 1.25 = 0.4.
+        (0.5, 0.25, "60 % from the true stress, because of noise (40 %) and regularisation (20 %)"),
+        (1.0, 0.25, "20 % from the true stress, because of regularisation alone"),
+        (1.1, 1e-9, "10 % from the true stress, because of noise (10 %), partly cancelled by"
+                    " regularisation (under 1 ppm)"),
+        (1.0 + 1e-10, 1.0, "50 % from the true stress, because of regularisation (50 %), partly"
+                           " cancelled by noise (under 1 ppm)"),
+        (1.0, 1e-9, "the true stress within 1 ppm"),
+        (1.25, 0.25, "the true stress within 1 ppm"),  # noise cancels lambda
+    ],
+)  # fmt: skip
+def test_causes(eps: float, lam: float, end: str) -> None:
+    start = "The board finds the regularised answer within 0.0005 % (of the largest true stress, "
+    answer = one(eps, lam, 1.0)
+    assert answer_text(answer) == f"{start}2 V); that answer is {end}."
+    assert (
+        true_error_text(answer)
+        == f"The regularised answer is {end} (of the largest true stress, 2 V)."
+    )
+
+
+def test_what_is_known() -> None:
+    assert answer_text(one(1.25, 0.25, None)) == (
+        "The board finds the regularised answer within 0.0005 % (of the largest stress, 2 V);"
+        " the true stress is not known."
+    )
+    assert answer_heading(one(1.25, 0.25, None)) == (
+        "the board is within 0.0005 % of the regularised answer"
+    )
+    assert answer_text(one(1.25, 0.25, 0.0)).endswith("stress, 2 V); the true stress is zero.")
+    assert "within 1 ppm (" in answer_text(one(1.25, 0.25, None, board=0.0))
+    assert answer_heading(one(1.0, 0.25, 1.0)) == (
+        "the board is within 0.0005 % of the regularised answer, which is 20 % from the true stress"
+    )
+
+
+def test_no_board_no_sentence() -> None:
+    lost = one(1.0, 0.25, 1.0, board=None)
+    assert answer_text(lost) == ""
+    assert answer_heading(lost) == "the regularised answer is 20 % from the true stress"
+    assert answer_heading(one(1.0, 0.25, None, board=None)) == ""
+
+
+@pytest.mark.parametrize(
+    ("volts", "error", "shown"),
+    [
+        (2.41e-5, 0.0, "0.0013 %"),
+        (2.4e-5, 1e-9, "0.0013 %"),
+        (6.0, 0.0, "300 %"),
+        (1e-6, 0.0, "1 ppm"),
+    ],
+)
+def test_within_is_never_too_small(volts: float, error: float, shown: str) -> None:
+    answer = replace(one(1.0, 0.25, 1.0, board=volts), board_error=error)
+    assert f" within {shown} (" in answer_text(answer)
+
+
+def test_every_medium_has_the_sentence() -> None:
+    verdict = taction.verify(SCENE, engine="statespace")
+    text, page = answer_text(verdict.answer), verdict.page()
+    assert text.startswith("95 % of the boards find the regularised answer within 0.0029 % (of the")
+    far = re.search(r"is ([\d.]+) % from the true stress in channel 1, because", text)
+    assert far is not None
+    assert text in page_text(page)
+    assert line(text) in markdown(page)
+    assert text in card(page)
+    assert text in page_html(page)
+    assert f"{far[1]} % from the true stress" in stress_chart(verdict).message
+
+
+def test_the_explorer_says_the_same() -> None:
+    scene = load_scene(SCENE)
+    found = judge(scene, "statespace", 500)
+    verdict = taction.verify(SCENE, engine="statespace")
+    assert verdict_part(found)["verdict"]["text"].endswith(answer_text(verdict.answer))
+    note = rest_part(view_rest(scene, make_problem(scene)))["stress"]["note"]
+    assert note.endswith(true_error_text(verdict.answer))

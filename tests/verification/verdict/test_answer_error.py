@@ -1,0 +1,173 @@
+"""The answer's error against regularised solutions by numpy and by arbitrary precision."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import taction
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.scene import load_scene
+from taction.system.array_types import Floats
+from taction.system.errors import SolverError
+from taction.verification.reference import IdealNetwork, solve
+from taction.verification.report.documents.verdict import budget_parts, verdict_document
+from taction.verification.verdict import answer_error
+from taction.verification.verdict.answer_error import AnswerError
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.making import make_scene, matrix_problem
+from tests.support.oracle import optimum
+
+T = np.array([[1.0, -0.3, 0.05], [0.2, 0.8, 0.1], [0.0, 0.25, 1.1], [0.4, -0.1, 0.3]])
+STRESS = np.array([0.9, 0.3, 0.6])
+NOISE = np.array([0.01, -0.02, 0.015, 0.0])
+LAM, U0 = 0.2, 0.5
+POOR = {"base": "ideal", "dc_gain": 2e3, "gbw": "10MHz", "output_resistance": "75ohm"}
+
+
+def judged(stress: Floats | None, eps: Floats, **design: Any) -> Verdict:
+    board = {"gain": "100kohm", "unit_conductance": "10uS", "unit_voltage": U0}
+    board |= {"capacitance": "470pF", "stray_capacitance": 0, "lambda": LAM, "opamp": POOR}
+    checks = {"steady_state": {"tolerance": 0.5}, "settling_time": {"band": 0.1}}
+    analysis = {"engine": "statespace"}
+    scene = make_scene(design=board | design, analysis=analysis, checks=checks)
+    return verify(scene, problem=InverseProblem(T, eps, stress, None))
+
+
+def tikhonov(T: Floats, eps: Floats, lam: float) -> Floats:
+    """The minimiser of |T u - eps|^2 + lam |u|^2, by least squares of the stacked equations."""
+    n = T.shape[1]
+    stacked = np.vstack([T, math.sqrt(lam) * np.eye(n)])
+    return np.linalg.lstsq(stacked, np.concatenate([eps, np.zeros(n)]))[0]
+
+
+def assert_split(answer: AnswerError, clean: Floats, noisy: Floats, stress: Floats) -> None:
+    """The errors in the channel of the largest, as fractions of the largest true stress."""
+    errors, largest = noisy - stress, np.abs(stress).max()
+    n = int(np.argmax(np.abs(errors)))
+    sign = math.copysign(1.0, errors[n])
+    assert answer.true_error == pytest.approx(abs(errors[n]) / largest, rel=1e-9)
+    shares = sign * (clean - stress)[n] / largest, sign * (noisy - clean)[n] / largest
+    assert answer.regularisation == pytest.approx(shares[0], rel=1e-7)
+    assert answer.noise == pytest.approx(shares[1], rel=1e-7, abs=1e-12)
+    assert answer.regularisation + answer.noise == pytest.approx(answer.true_error, rel=1e-12)
+    assert abs(errors[answer.channel]) == pytest.approx(abs(errors[n]), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("name", "noisy"),
+    [("custom-matrix", True), ("eleven-channel", False), ("paper-breadboard", False)],
+)
+def test_shipped_scenes(name: str, noisy: bool) -> None:
+    scene = load_scene(f"scenes/{name}.toml")
+    verdict = taction.verify(scene, engine="statespace")
+    problem, lam = make_problem(scene), verdict.circuit.value("lambda")
+    noisy_u = tikhonov(problem.matrix, problem.strain, lam)
+    clean_u = tikhonov(problem.matrix, problem.matrix @ problem.stress, lam)
+    assert_split(verdict.answer, clean_u, noisy_u, problem.stress)
+    assert verdict.answer.has_noise is noisy
+    assert (verdict.answer.noise == 0.0) is not noisy
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_drawn_noise_of_a_tactile_scene(seed: int) -> None:
+    noise = {"variance": 1e-4, "seed": seed}
+    scene = make_scene({"noise": noise}, design={"lambda": 0.3}, analysis={"engine": "statespace"})
+    problem, found = make_problem(scene), verify(scene).answer
+    clean = tikhonov(problem.matrix, problem.matrix @ problem.stress, 0.3)
+    assert_split(found, clean, tikhonov(problem.matrix, problem.strain, 0.3), problem.stress)
+
+
+@pytest.mark.parametrize("amplifier", ["exponential", "softplus"])
+def test_other_regularisers(amplifier: str) -> None:
+    eps = T @ STRESS + NOISE
+    verdict = judged(STRESS, eps, amplifier=amplifier, exponential_slope=0.1)
+    clean, noisy = (optimum(T, e, LAM, amplifier) for e in (T @ STRESS, eps))
+    assert_split(verdict.answer, clean, noisy, STRESS)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_board_is_compared_in_the_same_unit(known: bool) -> None:
+    """Without a true stress the unit is the largest stress of the answer."""
+    eps = T @ STRESS + NOISE
+    verdict = judged(STRESS if known else None, eps)
+    u = tikhonov(T, eps, LAM)
+    unit = U0 * float(np.abs(STRESS if known else u).max())
+    assert verdict.answer.unit == pytest.approx(unit, rel=1e-12)
+    off = float(np.abs(verdict.steady.values - U0 * u).max())
+    assert verdict.answer.board == pytest.approx(off, rel=1e-6)
+    found = verdict_document(verdict)["answer"]
+    assert found["board_error"] == pytest.approx(off / unit, rel=1e-6)
+    assert found["largest_stress"] == pytest.approx(unit, rel=1e-12)
+    shares = [found[key] for key in ("true_error", "regularisation", "noise", "channel")]
+    assert (None in shares) is not known
+    if known:
+        assert shares[1] + shares[2] == pytest.approx(shares[0], rel=1e-12)
+        assert shares[3] == int(np.argmax(np.abs(u - STRESS))) + 1
+
+
+def test_boards_with_other_opamps_count() -> None:
+    """The check of the steady state takes the distance that 95 % of the boards keep."""
+    verdict = taction.verify("scenes/custom-matrix.toml", engine="statespace")
+    check = next(check for check in verdict.checks if check.name == "steady_state")
+    assert verdict.answer.boards == 0.95
+    assert verdict.answer.board == pytest.approx(check.value * verdict.measurements.amplitude)
+
+
+def test_an_unstable_board_finds_no_answer() -> None:
+    slow = {"base": "ideal", "dc_gain": 1e5, "gbw": "200kHz", "second_pole": "300kHz"}
+    verdict = judged(STRESS, T @ STRESS, opamp=slow, capacitance="1pF")
+    assert not verdict.poles.stable
+    found = verdict_document(verdict)["answer"]
+    assert (found["board_error"], found["text"]) == (None, "")
+    largest = np.abs(tikhonov(T, T @ STRESS, LAM) - STRESS).max() / STRESS.max()
+    assert found["true_error"] == pytest.approx(largest, rel=1e-9)
+
+
+def test_an_answer_that_cannot_be_trusted_has_no_error() -> None:
+    network = IdealNetwork(T, T @ STRESS, LAM, 1e-6)
+    found = AnswerError.of(network, solve(network.problem), STRESS, "no certificate")
+    assert (found.channel, found.true_error, found.regularisation, found.noise) == (None,) * 4
+
+
+def test_rounding_of_the_strain_is_no_noise() -> None:
+    """A strain that was multiplied in another order differs in its last bits."""
+    eps = np.array([math.fsum(row * STRESS) for row in T])
+    network = IdealNetwork(T, eps * (1.0 + 2.0**-52), LAM, 1e-6)
+    found = AnswerError.of(network, solve(network.problem), STRESS)
+    assert not found.has_noise
+    assert found.noise == 0.0
+    louder = replace(network, eps=eps * (1.0 + 1e-12))
+    assert AnswerError.of(louder, solve(louder.problem), STRESS).has_noise
+
+
+def test_channels_of_a_symmetric_board_are_equal() -> None:
+    assert answer_error.worst_channel(np.array([0.2, 0.3 - 1e-16, 0.3, -0.3 - 1e-15])) == 1
+    assert answer_error.worst_channel(np.zeros(3)) == 0
+
+
+def test_a_noiseless_problem_that_cannot_be_solved(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The distance from the true stress stays; the shares and the split of the budget go."""
+
+    def fails(problem: object) -> object:
+        raise SolverError("no answer")
+
+    monkeypatch.setattr(answer_error, "solve", fails)
+    verdict = judged(STRESS, T @ STRESS + NOISE)
+    found = verdict.answer
+    assert found.true_error is not None
+    assert (found.regularisation, found.noise) == (None, None)
+    names = list(budget_parts(verdict.budget))
+    assert names[0] == "ill_posedness"
+    assert "regularisation" not in names
+    assert verdict.budget.summed == pytest.approx(verdict.budget.total.channels, rel=1e-9)
+
+
+def test_a_matrix_problem_has_no_true_stress() -> None:
+    scene = make_scene(design={"lambda": LAM}, analysis={"engine": "statespace"})
+    found = verify(scene, problem=matrix_problem(T, T @ STRESS)).answer
+    assert (found.stress, found.channel, found.clean, found.has_noise) == (None, None, None, False)
