@@ -57,7 +57,7 @@ class AnswerError:
     board_error : float
         Bound on the error of `board`, V.
     boards : float or None
-        The share of boards with other op-amps of the type that keep `board`; None: the board as
+        The share of boards of the same parts that keep `board`; None: the board as
         simulated.
     """
 

