@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from taction.cli.terminal import put
+from taction.system.foreign_text import visible
 
 if TYPE_CHECKING:
     from taction.spice_models.opamp import OpAmp
@@ -181,7 +182,7 @@ def print_model(found: ImportedModel) -> None:
         )
     else:
         put(f"{model['missing']}: boards with it stay inconclusive")
-    put(f'in a scene beside it: opamp = {{ file = "{found.file}" }}')
+    put(f'in a scene beside it: opamp = {{ file = "{visible(found.file)}" }}', markup=False)
 
 
 def doctor_document(found: Installation) -> object:

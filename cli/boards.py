@@ -30,6 +30,9 @@ from taction.cli.command import (
     text_file,
 )
 from taction.cli.terminal import console, print_json, say
+from taction.system.after_result import attempt
+from taction.system.errors import Interrupted
+from taction.system.foreign_text import visible
 
 if TYPE_CHECKING:
     from taction.netlist_gen.kicad.project import KicadProject
@@ -64,13 +67,20 @@ def _verify(call: Call, progress: Callable[[str], None]) -> _Verified:
         settings=options["settings"],
         progress=progress,
     )
-    given = {name: options[name] for name in ("changes", "any_part")}
-    remedies = taction.what_to_change(verdict, **given, progress=progress)
     document: dict[str, Any] = {}
     if call.as_json or options["margins"] or options["annotate"]:
         name = "verdict_document" + "_with_margins" * bool(options["margins"])
         document = load(f"{DOCUMENTS}.verdict:{name}")(verdict)
-    return _Verified(verdict, remedies, document, options["verbose"])
+    found = _Verified(verdict, None, document, options["verbose"])
+
+    def search() -> Remedies | None:
+        given = {name: options[name] for name in ("changes", "any_part")}
+        return taction.what_to_change(verdict, **given, progress=progress)
+
+    try:
+        return replace(found, remedies=attempt("the search for changes", search, None, say))
+    except KeyboardInterrupt:
+        raise Interrupted("the verdict stands, the search for changes was ended", found) from None
 
 
 def _verified_document(found: _Verified) -> object:
@@ -216,13 +226,13 @@ VERIFY = Command(
 
 def _netlist_remarks(found: Netlist, call: Call) -> None:
     if call.options["explain"]:
-        click.echo(f"{found.circuit.name}: left out, not needed by the scene:", err=True)
+        click.echo(f"{visible(found.circuit.name)}: left out, not needed by the scene:", err=True)
         for item in found.circuit.omissions:
             click.echo(f"  {item.what}: {item.why}", err=True)
         if found.pruning is not None:
             click.echo(f"pruning: {found.pruning.text}", err=True)
     for warning in found.warnings:
-        click.echo(f"warning: {warning}", err=True)
+        click.echo(f"warning: {visible(warning)}", err=True)
 
 
 def _netlist_document(found: Netlist) -> object:

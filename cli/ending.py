@@ -7,24 +7,26 @@ closed. Here 1 means that a check failed, so every end passes through `run_comma
 from __future__ import annotations
 
 import errno
+import io
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, Literal
 
 import click
 
-from taction.cli.terminal import STATUS, print_json
+from taction.cli.terminal import STATUS, print_json, say
 from taction.system.errors import (
     INTERRUPTED,
     Interrupted,
     NoVerdictError,
     TactionError,
 )
+from taction.system.foreign_text import visible
 
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -32,7 +34,11 @@ AGAIN = 0.02  # s until a signal comes again whose exception was lost
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
 
 
-def run_command(function: Callable[[], object], *, as_json: bool) -> int:
+LACKING = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM, errno.EROFS, errno.EACCES, *FULL)
+"""What a system refuses to a program that is right."""
+
+
+def run_command(function: Callable[[], object], *, as_json: bool, words: Sequence[str] = ()) -> int:
     """Run a command, report its error, and return its exit status.
 
     Parameters
@@ -41,6 +47,8 @@ def run_command(function: Callable[[], object], *, as_json: bool) -> int:
         Runs the command. Its `SystemExit` has the exit status.
     as_json : bool
         Whether an error is also a JSON document on stdout.
+    words : sequence of str
+        Of the command line, which a message may repeat.
 
     Returns
     -------
@@ -52,21 +60,21 @@ def run_command(function: Callable[[], object], *, as_json: bool) -> int:
     _prepare_streams()
     with ending_signals() as received:
         try:
-            status = _status(function, as_json, received)
+            status = _status(function, as_json, received, words)
             sys.stdout.flush()
         except BrokenPipeError:
             _leave_stdout()
             return CLOSED_PIPE
         except OSError as error:
-            if error.errno not in FULL:
-                raise
             _leave_stdout()
-            click.echo(f"taction: stdout cannot be written: {error.strerror}", err=True)
+            say(f"stdout cannot be written: {error.strerror}")
             return STATUS["inconclusive"]
     return 128 + received[0] if received and status == INTERRUPTED else status
 
 
-def _status(function: Callable[[], object], as_json: bool, received: list[int]) -> int:
+def _status(
+    function: Callable[[], object], as_json: bool, received: list[int], words: Sequence[str]
+) -> int:
     try:
         _run(function, received)
     except SystemExit as end:
@@ -78,21 +86,55 @@ def _status(function: Callable[[], object], as_json: bool, received: list[int]) 
     except MemoryError:
         return _report(NoVerdictError("out of memory: the scene is too large"), as_json)
     except click.ClickException as error:
+        odd = [word for word in words if word != visible(word)]
         if as_json:
-            _print_plain("bad input", error, error.format_message())
-        error.show()
+            _print_plain("bad input", error, _told(error.format_message(), odd))
+        shown = io.StringIO()
+        error.show(shown)
+        click.echo(_told(shown.getvalue(), odd), err=True, nl=False)
         return error.exit_code
     except (KeyboardInterrupt, click.Abort) as end:
         kept = str(end) if isinstance(end, Interrupted) else "no verdict was reached"
-        click.echo(f"taction: interrupted; {kept}", err=True)
+        say(f"interrupted; {kept}")
         return INTERRUPTED
-    except OSError as error:
-        if error.errno in (errno.EPIPE, *FULL):
-            raise
-        return _bug(error, as_json)
     except Exception as error:
+        if isinstance(error, OSError) and of_stdout(error):
+            raise
+        if lack := refusal(error):
+            return _report(NoVerdictError(lack), as_json)
         return _bug(error, as_json)
     return 0
+
+
+def _told(text: str, words: Sequence[str]) -> str:
+    """Return a message that repeats words of the command line, these as a reader sees them."""
+    for word in words:
+        text = text.replace(word, visible(word))
+    return text
+
+
+def of_stdout(error: OSError) -> bool:
+    """Whether stdout takes no more; a full disk elsewhere is another error."""
+    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
+    return error.errno == errno.EPIPE or (error.errno in FULL and getattr(raw, "failed", True))
+
+
+def refusal(error: BaseException | None) -> str:
+    """Return what the system refuses: files, processes, memory, disk; empty for another error.
+
+    Libraries hide the number of the error: an import that finds no free descriptor is an
+    `ImportError` with the words of the system.
+    """
+    while error is not None:
+        for number in LACKING:
+            words = os.strerror(number)
+            if getattr(error, "errno", None) == number or words in str(error):
+                name = getattr(error, "filename", None)
+                file = f" ({visible(str(name))})" if name else ""
+                remedy = "; raise `ulimit -n`" if number in (errno.EMFILE, errno.ENFILE) else ""
+                return f"no verdict was reached, the system refuses: {words}{file}{remedy}"
+        error = error.__cause__ or error.__context__
+    return ""
 
 
 def _run(function: Callable[[], object], received: list[int]) -> None:
@@ -120,7 +162,7 @@ def _bug(error: Exception, as_json: bool) -> int:
     if as_json:
         _print_plain("inconclusive", error, f"{text}: {error}")
     traceback.print_exception(error)
-    click.echo(f"taction: {text}", err=True)
+    say(text)
     return STATUS["inconclusive"]
 
 
@@ -129,16 +171,52 @@ def _report(error: TactionError, as_json: bool) -> int:
         from taction.system.error_document import error_document
 
         print_json(error_document(error), "error")
-    click.echo(f"taction: {error}", err=True)
+    say(str(error))
     return error.exit_status
 
 
+class _Stream(io.FileIO):
+    """Stdout or stderr as bytes; `failed` says whether a write failed.
+
+    A stderr loses what nobody takes: a message never changes how a command ends.
+    """
+
+    def __init__(self, number: int, *, lossy: bool) -> None:
+        super().__init__(number, "w", closefd=False)
+        self.failed, self._lossy = False, lossy
+
+    def write(self, data: Any) -> int:
+        """Write what can be written."""
+        try:
+            return super().write(data) or len(data)
+        except OSError:
+            self.failed = True
+            if not self._lossy:
+                raise
+            return len(data)
+
+
 def _prepare_streams() -> None:
-    """Replace closed streams, and let every stream write what its encoding lacks as ``?``."""
+    """Replace closed streams, and let every stream write what its encoding lacks as ``?``.
+
+    A descriptor that the shell closed (``2>&-``) becomes /dev/null: the next file would have its
+    number, and a child's messages would be written into that file.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if stream is None:  # closed by the shell: `2>&-`
+        if stream is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+        elif stream is getattr(sys, f"__{name}__") and isinstance(stream, io.TextIOWrapper):
+            with suppress(OSError, ValueError):
+                raw = _Stream(stream.fileno(), lossy=name == "stderr")
+                lines = name == "stderr" or stream.line_buffering
+                made = io.TextIOWrapper(
+                    io.BufferedWriter(raw), stream.encoding, "replace", line_buffering=lines
+                )
+                setattr(sys, name, made)
         elif hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
 

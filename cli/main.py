@@ -12,6 +12,7 @@ import click
 
 from taction.cli.ending import run_command
 from taction.cli.terminal import print_json
+from taction.system.foreign_text import visible
 from taction.system.processes import THREADS
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ class LazyGroup(click.Group):
             with self.make_context(PROGRAM, words.copy(), **more) as context:
                 self.invoke(context)
 
-        sys.exit(run_command(run, as_json="--json" in words))
+        sys.exit(run_command(run, as_json="--json" in words, words=words))
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the listed commands in their order."""
@@ -154,7 +155,7 @@ class LazyGroup(click.Group):
         if args and args[0] not in self.known:
             close = difflib.get_close_matches(args[0], self.known, n=1)
             hint = f" Did you mean '{close[0]}'?" if close else ""
-            ctx.fail(f"No such command '{args[0]}'.{hint}")
+            ctx.fail(f"No such command '{visible(args[0])}'.{hint}")
         return super().resolve_command(ctx, args)
 
 

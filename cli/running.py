@@ -6,14 +6,18 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import click
 
 import taction
-from taction.cli.command import Call, Command, Job, Parameter, beginning, load, signature
+from taction.cli.command import Call, Command, Job, Output, Parameter, beginning, load, signature
+from taction.cli.ending import of_stdout
 from taction.cli.terminal import STATUS, display, print_json, say
+from taction.system.after_result import attempt
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted
+from taction.system.foreign_text import visible
 
 
 def made(name: str, command: Command) -> click.Command:
@@ -57,15 +61,16 @@ def run(command: Command, given: dict[str, Any]) -> None:
     if job.before is not None:
         job.before(call)
     result, interrupted = _result(job, call)
+    status = status_of(result)
     for name in job.files(result, call) if job.files is not None else ():
-        click.echo(f"wrote {name}", err=True)
+        click.echo(f"wrote {visible(name)}", err=True)
     written = _write(job, result, given)  # before the text: its reader may go
     if job.after is not None:
-        job.after(result, call)
+        attempt("the remarks", partial(job.after, result, call), None, say, _is_of_stdout)
     _show(job, result, call)
     if interrupted:
-        click.echo(f"taction: interrupted; {interrupted}", err=True)
-    sys.exit(INTERRUPTED if interrupted else status_of(result) if written else 2)
+        say(f"interrupted; {interrupted}")
+    sys.exit(INTERRUPTED if interrupted else status if written else 2)
 
 
 def status_of(result: Any) -> int:
@@ -144,9 +149,13 @@ def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
         path = given[output.name]
         if path is None:
             continue
-        try:
+
+        def write(output: Output = output, path: str = path) -> None:
             load(output.write)(result, path)
-            click.echo(f"{output.verb} {path}", err=True)
+            click.echo(f"{output.verb} {visible(path)}", err=True)
+
+        try:
+            attempt(f"--{output.name}", write, None, say, _is_bad_input)
         except InputError as error:
             say(str(error))
             complete = False
@@ -155,7 +164,12 @@ def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
 
 def _show(job: Job, result: Any, call: Call) -> None:
     if not call.as_json:
-        load(job.text)(result)
+        ending = str(getattr(result, "outcome", "")).upper()
+        failed: list[str] = []
+        attempt("the text", lambda: load(job.text)(result), None, failed.append, _is_of_stdout)
+        for line in failed:
+            say(line)
+            click.echo(ending)
         return
     document = load(job.document)(result)
     if not isinstance(document, Iterator):
@@ -163,3 +177,11 @@ def _show(job: Job, result: Any, call: Call) -> None:
         return
     for part in document:
         click.echo(part, nl=False)
+
+
+def _is_bad_input(error: Exception) -> bool:
+    return isinstance(error, InputError)
+
+
+def _is_of_stdout(error: Exception) -> bool:
+    return isinstance(error, OSError) and of_stdout(error)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from taction.system.foreign_text import shortened, visible_lines
 from taction.verification.verdict.progress import Notice
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ COUNTED = re.compile(r"(?:.* )?(\d+) of (\d+)\b")
 
 def say(text: str) -> None:
     """Print a line of text on stderr, below the command's name."""
-    click.echo(f"taction: {text}", err=True)
+    click.echo(f"taction: {shortened(visible_lines(text))}", err=True)
 
 
 def console(*, stderr: bool = False) -> Console:

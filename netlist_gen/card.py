@@ -9,6 +9,8 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable, Sequence
 
+from taction.system.foreign_text import visible_lines
+
 LINE = "1px solid rgba(127,127,127,.4)"
 LONGEST = 400  # characters of a text
 BOX = (
@@ -62,4 +64,5 @@ def whole_table(rows: Iterable[str]) -> str:
 
 def escaped(text: str) -> str:
     """Return `text` for HTML, cut where it is very long."""
+    text = visible_lines(text)
     return html.escape(text if len(text) <= LONGEST else text[: LONGEST - 1] + "…")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 from typing import Any
 
 from taction.spice_models.foreign_devices import RefusedError
 from taction.spice_models.foreign_netlist import Subcircuit, read_subcircuit
+from taction.system.documents import read, taken
+from taction.system.errors import listed
 
 ROLES = ("inp", "inn", "vcc", "vee", "out")
 """What a port of the subcircuit is: inputs, supplies, output; `REST` for a port left open."""
@@ -16,6 +17,12 @@ COMPENSATION = "comp"
 """Role of two ports between which a part needs its compensation capacitor."""
 FORMAT = 2
 READ = (1, FORMAT)
+LEAST, MOST = 1e-30, 1e30  # SI base units: beyond is no op-amp, and no arithmetic
+FIGURES_LEAST = {
+    "dc_gain": LEAST, "unity_gain_bandwidth": LEAST, "output_resistance": 0.0,
+    "supply_current": 0.0, "slew_rate": LEAST, "swing": 0.0,
+}  # fmt: skip
+"""The least value of a figure that is not negative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,41 +152,85 @@ def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
     }
 
 
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    """The file of an imported op-amp; a file of version 1 has neither compensation nor doubts."""
+
+    taction_opamp: int
+    name: str
+    subcircuit: str
+    netlist: tuple[str, ...]
+    pins: tuple[str, ...]
+    supply: float
+    figures: Figures
+    linear: LinearModel | None
+    missing: str
+    compensation: float = 0.0
+    doubts: tuple[str, ...] = ()
+
+
 def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
     """Return the name and the op-amp of JSON data; the netlist is checked again.
 
     Raises
     ------
     ValueError
-        The data is no imported op-amp; the text says where.
+        The data is no imported op-amp; the text says where, and what is expected.
     """
+    stored = read(_Stored, data)
+    if stored.taction_opamp not in READ:
+        raise ValueError(f"taction_opamp = {stored.taction_opamp}: expected one of {listed(READ)}")
+    if not (stored.name.isidentifier() and stored.name.isascii()):
+        raise ValueError(f"name = {stored.name!r}: expected letters, digits and '_'")
+    _check_range("supply", stored.supply, least=LEAST)
+    _check_range("compensation", stored.compensation, least=0.0)
+    for field in fields(Figures):
+        value = getattr(stored.figures, field.name)
+        if value is not None:
+            _check_range(f"figures.{field.name}", value, FIGURES_LEAST.get(field.name))
+    if stored.linear is not None:
+        _check_linear(stored.linear)
     try:
-        if data["taction_opamp"] not in READ:
-            raise ValueError(f"format {data['taction_opamp']!r}; this version reads 1 and {FORMAT}")
-        name, pins = str(data["name"]), tuple(map(str, data["pins"]))
-        content = "\n".join(map(str, data["netlist"])).encode()
-        subcircuit = read_subcircuit(content, str(data["subcircuit"]), name)
-        check_pins(pins, subcircuit.ports)
-        optional = {field.name for field in fields(Figures) if field.default is None}
-        measured: dict[str, Any] = {
-            key: None if value is None and key in optional else _finite(value)
-            for key, value in data["figures"].items()
-        }
-        figures = Figures(**measured)
-        linear = None if data["linear"] is None else _linear(data["linear"])
-        supply = _finite(data["supply"])
-        compensation = _finite(data.get("compensation", 0.0))
-        doubts = tuple(map(str, data.get("doubts", ())))
+        content = "\n".join(stored.netlist).encode()
+        subcircuit = read_subcircuit(content, stored.subcircuit, stored.name)
     except RefusedError as error:
         raise ValueError(f"netlist: {error}") from None
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"not an imported op-amp ({type(error).__name__}: {error})") from None
-    if not (name.isidentifier() and name.isascii() and supply > 0.0 and compensation >= 0.0):
-        raise ValueError(f"the name {name!r} or the supply {supply!r} V is not accepted")
-    missing = str(data["missing"])
-    return name, ImportedOpAmp(
-        subcircuit, pins, supply, figures, linear, missing, compensation, doubts
-    )
+    try:
+        check_pins(stored.pins, subcircuit.ports)
+    except ValueError as error:
+        raise ValueError(f"pins: {error}") from None
+    made = taken(ImportedOpAmp, stored, subcircuit=subcircuit)
+    return stored.name, made
+
+
+def _check_range(key: str, value: float, least: float | None = None) -> None:
+    """Refuse a number that no op-amp has; with `least` also a smaller or a negative one."""
+    if abs(value) > MOST or (least is not None and value < least):
+        low = -MOST if least is None else least
+        raise ValueError(f"{key} = {value!r}: expected a number from {low:g} to {MOST:g}")
+
+
+def _check_linear(linear: LinearModel) -> None:
+    for key in ("conductance", "capacitance", "error"):
+        _check_range(f"linear.{key}", getattr(linear, key), 0.0)
+    for key in ("offset", "rest", "bias_current"):
+        _check_range(f"linear.{key}", getattr(linear, key))
+    for key in ("gain", "impedance"):
+        rational: Rational = getattr(linear, key)
+        place = f"linear.{key}"
+        if len(rational.poles) != len(rational.residues):
+            raise ValueError(f"{place}: expected as many residues as poles")
+        _check_range(f"{place}.constant", rational.constant)
+        for pole, residue in zip(rational.poles, rational.residues, strict=True):
+            _check_range(f"{place}.residues", abs(residue))
+            _check_range(f"{place}.poles", abs(pole), LEAST)
+            if pole.real >= 0.0:
+                raise ValueError(f"{place}.poles = {pole}: expected a negative real part")
+    if linear.gain.poles != linear.impedance.poles:
+        raise ValueError("linear: gain and impedance must have the same poles")
+    low, high = linear.band
+    if not LEAST <= low < high <= MOST:
+        raise ValueError(f"linear.band = {low!r}, {high!r}: expected two rising frequencies, Hz")
 
 
 def _linear_document(linear: LinearModel) -> dict[str, Any]:
@@ -194,31 +245,3 @@ def _linear_document(linear: LinearModel) -> dict[str, Any]:
             "residues": [[each.real, each.imag] for each in rational.residues],
         }
     return document
-
-
-def _linear(data: Any) -> LinearModel:
-    values = {
-        key: _finite(data[key])
-        for key in ("conductance", "capacitance", "offset", "rest", "bias_current", "error")
-    }
-    low, high = map(_finite, data["band"])
-    gain, impedance = _rational(data["gain"]), _rational(data["impedance"])
-    if gain.poles != impedance.poles:
-        raise ValueError("linear: gain and impedance must have the same poles")
-    return LinearModel(gain, impedance, **values, band=(low, high))
-
-
-def _rational(data: Any) -> Rational:
-    pairs = [
-        tuple(complex(_finite(real), _finite(imag)) for real, imag in data[key])
-        for key in ("poles", "residues")
-    ]
-    if len(pairs[0]) != len(pairs[1]) or any(pole.real >= 0.0 for pole in pairs[0]):
-        raise ValueError("linear: as many residues as poles, and stable poles, are expected")
-    return Rational(_finite(data["constant"]), pairs[0], pairs[1])
-
-
-def _finite(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is not a finite number")
-    return float(value)

@@ -42,6 +42,8 @@ from typing import (
     get_type_hints,
 )
 
+from taction.system.errors import listed
+from taction.system.foreign_text import shortened, visible
 from taction.system.output_files import printable
 from taction.system.results import load
 
@@ -83,6 +85,7 @@ class Note:
     text: str
 
 
+MOST_INTEGER = 10**300
 INLINE = Inline()
 HIDDEN = object()
 OPTIONAL = object()
@@ -293,16 +296,23 @@ def _read(kind: Any, data: Any, place: str) -> Any:
         return _read_union(inner, data, place)
     if origin is Literal:
         if data not in inner:
-            raise ValueError(f"{place}: {data!r} is not one of {', '.join(map(repr, inner))}")
+            raise ValueError(f"{place} = {_short(data)}: expected one of {listed(inner)}")
         return data
     if origin is tuple or origin is list:
         if not isinstance(data, list | tuple):
-            raise ValueError(f"{place}: a list is missing")
-        items = [_read(inner[0], item, f"{place}[{n}]") for n, item in enumerate(data)]
+            raise _wrong(place, data, "a list")
+        fixed = origin is tuple and inner[-1] is not Ellipsis
+        if fixed and len(data) != len(inner):
+            raise _wrong(place, data, f"a list of {len(inner)}")
+        kinds = inner if fixed else inner[:1] * len(data)
+        items = [
+            _read(each, item, f"{place}[{n}]")
+            for n, (each, item) in enumerate(zip(kinds, data, strict=True))
+        ]
         return tuple(items) if origin is tuple else items
     if origin is not None and issubclass(origin, Mapping):
         if not isinstance(data, Mapping):
-            raise ValueError(f"{place}: a table is missing")
+            raise _wrong(place, data, "a table")
         return {k: _read(inner[1], item, f"{place}.{k}".lstrip(".")) for k, item in data.items()}
     return _read_one(kind, data, place)
 
@@ -317,27 +327,54 @@ def _read_union(kinds: tuple[Any, ...], data: Any, place: str) -> Any:
     raise ValueError(reason)
 
 
+WORDS = {
+    bool: "true or false", int: "a whole number", float: "a finite number", str: "a text",
+    type(None): "null",
+}  # fmt: skip
+"""What is expected where a value is of another type."""
+
+
+def _wrong(place: str, data: Any, expected: str) -> ValueError:
+    found = "null" if data is None else _short(data)
+    return ValueError(f"{place or 'the document'} = {found}: expected {expected}")
+
+
+def _short(data: Any) -> str:
+    """Return a value as a message has it; `repr` refuses an integer of thousands of digits."""
+    if isinstance(data, Mapping | list | tuple):
+        return "a table" if isinstance(data, Mapping) else f"a list of {len(data)}"
+    if isinstance(data, int) and abs(data) > MOST_INTEGER:
+        return "an integer of over 300 digits"
+    return shortened(visible(repr(data)), 60)
+
+
 def _read_one(kind: type, data: Any, place: str) -> Any:
     if dataclasses.is_dataclass(kind):
         return _read_parts(kind, data, place)
     if kind is type(None):
         wrong = data is not None
     elif issubclass(kind, enum.Enum):
+        known = tuple(each.value for each in kind)
+        if data not in known:
+            raise _wrong(place, data, f"one of {listed(known)}")
         return kind(data)
+    elif kind is complex:
+        return complex(*_read(tuple[float, float], data, place))
     elif kind is float:
         wrong = not isinstance(data, int | float) or isinstance(data, bool)
+        wrong = wrong or not abs(data) <= sys.float_info.max  # false for NaN
         data = data if wrong else float(data)
-        wrong = wrong or not math.isfinite(data)
     else:
         wrong = not isinstance(data, kind) or (kind is int and isinstance(data, bool))
+        wrong = wrong or (kind is int and abs(data) > MOST_INTEGER)
     if wrong:
-        raise ValueError(f"{place}: {data!r} is no {getattr(kind, '__name__', kind)}")
+        raise _wrong(place, data, WORDS.get(kind, getattr(kind, "__name__", str(kind))))
     return data
 
 
 def _read_parts(kind: Any, data: Any, place: str) -> Any:
     if not isinstance(data, Mapping):
-        raise ValueError(f"{place}: a table is missing")
+        raise _wrong(place, data, "a table")
     shown, values = getattr(kind, "SHOWN", ()), {}
     optional = {
         field.name
@@ -356,8 +393,18 @@ def _read_parts(kind: Any, data: Any, place: str) -> Any:
         elif part.key in data:
             values[part.attribute] = _read(part.kind, data[part.key], here)
         elif part.attribute not in optional:
-            raise ValueError(f"{here}: missing")
+            raise ValueError(f"{here}: missing; expected {_expected(part.kind)}")
     return kind(**values)
+
+
+def _expected(kind: Any) -> str:
+    kind, _ = _unwrapped(kind)
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        return " or ".join(map(_expected, inner))
+    if origin in (tuple, list):
+        return "a list"
+    return WORDS.get(kind, "a table")
 
 
 def unknown_keys(kind: Any, data: Mapping[str, Any]) -> list[str]:

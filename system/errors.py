@@ -30,8 +30,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-LONGEST = {"key": 200, "value": 200, "accepted": 2000}  # characters of a complaint
+from taction.system.foreign_text import LONGEST as LONGEST_MESSAGE
+from taction.system.foreign_text import shortened, visible, visible_lines
+
+LONGEST = {"key": 200, "value": 200, "accepted": 1500}  # characters of a complaint
 MOST_LISTED = 20  # complaints in a message
+MOST_COUNTED = 260  # characters of the line that counts the others
 INTERRUPTED = 130  # exit status of a process that Ctrl-C ended
 
 
@@ -44,9 +48,15 @@ class Interrupted(KeyboardInterrupt):
 
 
 class TactionError(Exception):
-    """Root of the tree; `exit_status` is the exit status of the command line."""
+    """Root of the tree; `exit_status` is the exit status of the command line.
+
+    Of a text over `LONGEST_MESSAGE` characters only the beginning and the end are kept.
+    """
 
     exit_status = 3
+
+    def __str__(self) -> str:
+        return shortened(super().__str__())
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +72,7 @@ class Complaint:
 
     def __post_init__(self) -> None:
         for name, most in LONGEST.items():
-            text = getattr(self, name)
-            if len(text) > most:
-                object.__setattr__(self, name, f"{text[: most // 2]} ... {text[-most // 2 :]}")
+            object.__setattr__(self, name, shortened(getattr(self, name), most))
 
     def __str__(self) -> str:
         value = f" = {self.value}" if self.value else ""
@@ -79,13 +87,19 @@ class InputError(TactionError):
     def __init__(self, file: str | Path, *complaints: Complaint) -> None:
         self.file = str(file)
         self.complaints = complaints
-        lines = [f"{self.file}: {c}" for c in complaints[:MOST_LISTED]]
-        if len(complaints) > MOST_LISTED:
-            lines.append(f"{self.file}: and {len(complaints) - MOST_LISTED} more mistakes")
+        name = shortened(visible(self.file), LONGEST["key"])
+        lines = list[str]()
+        for complaint in complaints[:MOST_LISTED]:
+            line = f"{name}: {visible_lines(str(complaint))}"
+            if lines and len("\n".join((*lines, line))) > LONGEST_MESSAGE - MOST_COUNTED:
+                break
+            lines.append(line)
+        if left := len(complaints) - len(lines):
+            lines.append(f"{name}: and {left} more mistakes")
         super().__init__("\n".join(lines))
 
 
-def listed(names: Iterable[str]) -> str:
+def listed(names: Iterable[object]) -> str:
     """Return names as a message has them.
 
     Examples

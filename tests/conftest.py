@@ -34,6 +34,14 @@ settings.register_profile("taction", derandomize=True, deadline=None)
 settings.load_profile("taction")
 
 
+@pytest.fixture(autouse=True)
+def strict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step after a result that fails is a mistake, which a test must see."""
+    from taction.system import after_result
+
+    monkeypatch.setattr(after_result, "FAILURES", ())
+
+
 @pytest.fixture(scope="session")
 def ngspice() -> str:
     """Path of the ngspice executable; without one the test skips, in CI it fails."""

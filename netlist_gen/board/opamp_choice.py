@@ -66,6 +66,7 @@ def imported_opamp(scene: Scene, file: str) -> OpAmp:
     path = scene.folder / file
     try:
         name, imported = from_document(json.loads(read_bounded(path, MEGABYTE)))
+        opamp = as_opamp(name, imported)
     except (UnusableFileError, ValueError, RecursionError) as error:
         text = f"{str(error) or 'nested too deeply'}; expected {ACCEPTED}"
         raise InputError(scene.file, Complaint("design.opamp.file", repr(file), text)) from None
@@ -76,7 +77,6 @@ def imported_opamp(scene: Scene, file: str) -> OpAmp:
     if scene.analysis.initial != "rest":
         text = "a vendor's model starts at its operating point; expected 'rest'"
         raise InputError(scene.file, Complaint("analysis.initial", "'zero'", text))
-    opamp = as_opamp(name, imported)
     lacking = changes(opamp, {}, "typical", {}, scene.design.surroundings)[1]
     return replace(opamp, not_known=tuple(lacking))
 

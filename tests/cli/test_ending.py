@@ -61,6 +61,42 @@ def test_a_closed_stderr_changes_no_verdict() -> None:
     assert done.stdout.rstrip().endswith("PASS")
 
 
+@pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("redirect", [f"2>{FULL}", "2>&-"])
+@pytest.mark.parametrize(
+    ("words", "status"),
+    [
+        (VERIFY, 0),
+        (("verify", "none.toml"), 2),
+        (("verify", "none.toml", "--json"), 2),
+        (("verify",), 2),
+        (("colour",), 2),
+        (("netlist", TUNED, "-o", "a.cir"), 0),
+        (("verify", TUNED, "--engine", "statespace", "--set", "checks.settling_time.max=1ns"), 1),
+        (("diff", "none.json", TUNED), 2),
+    ],
+)
+def test_what_happens_to_messages_changes_no_status(
+    redirect: str, words: tuple[str, ...], status: int, tmp_path: Path
+) -> None:
+    words = tuple(str(tmp_path / word) if word == "a.cir" else word for word in words)
+    assert command(*words, redirect=redirect).returncode == status
+    assert (tmp_path / "a.cir").exists() == ("netlist" in words)
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+def test_both_streams_full_is_no_verdict() -> None:
+    assert command(*VERIFY, redirect=f">{FULL} 2>&1").returncode == 3
+
+
+def test_no_file_gets_the_number_of_a_closed_stream(tmp_path: Path) -> None:
+    """A child's message for stderr must not end in a file that the command has opened."""
+    deck = tmp_path / "a.cir"
+    done = command("netlist", TUNED, "-o", str(deck), redirect="<&- 2>&-")
+    assert done.returncode == 0
+    assert deck.read_text().rstrip().endswith(".end")
+
+
 @pytest.mark.parametrize(
     "variables", [{"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}]
 )

@@ -60,7 +60,7 @@ def test_a_regression_with_a_name_that_is_no_text(tmp_path: Path) -> None:
     document = json.loads(second.stdout)
     assert [scene["file"] for scene in document["scenes"]] == ["board-\\udcff.toml"]
     assert r"board-\udcff" in etree.fromstring(junit.read_bytes()).xpath("//testsuite/@name")[0]
-    assert r"board-\udcff" in markdown.read_text(encoding="utf-8")
+    assert r"board-\\udcff" in markdown.read_text(encoding="utf-8")
 
 
 def test_a_verdict_and_an_error_of_such_a_file(tmp_path: Path) -> None:
@@ -80,3 +80,87 @@ def test_a_sweep_into_such_files(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["ran"] == 2
     assert len(table.read_text().splitlines()) == 3
     assert json.loads(run(*words, "-o", str(database), "--json").stdout)["ran"] == 0
+
+
+ODD = "x\n::error file=a::y \x1b]0;t\x07"
+
+
+def unseen(text: str) -> None:
+    """No line is a command, and no character moves a terminal."""
+    for line in text.splitlines():
+        assert not line.lstrip().startswith("::")
+    assert "\x1b" not in text
+    assert "\x07" not in text
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("verify", "{}.toml"),
+        ("verify", "{}.toml", "plain.toml"),
+        ("verify", "none{}.toml"),
+        ("verify", "plain.toml", "--report", "{}.html"),
+        ("verify", "plain.toml", "--plot", "{}.svg"),
+        ("verify", "plain.toml", "--plot", "{}"),
+        ("verify", "plain.toml", "--set", "{}=1"),
+        ("verify", "plain.toml", "--{}"),
+        ("{}",),
+        ("diff", "{}.toml", "plain.toml"),
+        ("diff", "{}.json", "plain.toml"),
+        ("netlist", "{}.toml", "-o", "{}.cir"),
+        ("regress", ".", "--baseline", "{}.json", "--update"),
+        ("solve", "{}.toml"),
+        ("bom", "{}.toml", "-o", "{}.csv"),
+        ("models", "import", "{}.lib"),
+        ("new", "{}.new.toml"),
+        ("sweep", "{}.toml", "--over", "C=50p,60p", "--jobs", "1", "-o", "{}.sqlite"),
+    ],
+    ids=" ".join,
+)
+def test_names_are_shown_and_never_obeyed(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from click.testing import CliRunner
+
+    from taction.cli.main import main
+
+    scene = SCENE.read_text().replace('engine = "auto"', 'engine = "statespace"')
+    for name in (ODD, "plain"):
+        (tmp_path / f"{name}.toml").write_text(scene)
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, [word.replace("{}", ODD) for word in words])
+    assert done.exit_code in (0, 2)
+    unseen(done.stdout)
+    unseen(done.stderr)
+    assert "Traceback" not in done.output
+    for file in tmp_path.glob("*.html"):
+        unseen(file.read_text().partition("<style>")[0])
+
+
+def test_a_name_with_a_command_in_every_medium() -> None:
+    from taction.verification.report.blocks import BOTH, Facts, Notes, Page, Section, Table, cell
+    from taction.verification.report.junit import (
+        JUnitSuite,
+        JUnitTest,
+        annotation_lines,
+        junit_text,
+    )
+    from taction.verification.report.renderers.markdown import markdown
+    from taction.verification.report.renderers.notebook import card
+    from taction.verification.report.renderers.page import page_html
+    from taction.verification.report.renderers.terminal import page_text
+
+    blocks = (
+        Table(ODD, (ODD,), ((cell(ODD),),), ODD),
+        Facts(ODD, ((ODD, ODD),)),
+        Notes(ODD, (ODD,)),
+    )
+    media = (*BOTH, "notebook")
+    page = Page(ODD, ODD, "", ODD, (ODD,), (Section(ODD, blocks, ODD, media),), (ODD,))
+    suite = JUnitSuite(ODD, ODD, [JUnitTest(ODD, "failure", ODD, ODD)], {"simulator": ODD})
+    document = {"file": ODD, "outcome": ODD, "error": {"message": ODD}}
+    text = page_text(page) + markdown(page) + card(page) + junit_text("demo", [suite])
+    text += page_html(page).partition("<style>")[0] + page_html(page).rpartition("</header>")[2]
+    unseen(text)
+    annotations = list(annotation_lines(document))
+    assert all("\n" not in line and "\x1b" not in line for line in annotations)

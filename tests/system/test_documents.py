@@ -118,15 +118,15 @@ def test_the_way_back() -> None:
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"lambda": "0.5"}, "lambda: '0.5' is no float"),
-        ({"lambda": True}, "lambda: True is no float"),
-        ({"lambda": math.inf}, "lambda: inf is no float"),
-        ({"word": "c"}, "word: 'c' is not one of 'a', 'b'"),
-        ({"inner": [{"level": 1.0}]}, r"inner\[0\].time: missing"),
-        ({"inner": 3}, "inner: a list is missing"),
-        ({"free": []}, "free: a table is missing"),
-        ({"maybe": 1.5}, "maybe: 1.5 is no int"),
-        ({"colour": "blue"}, "'blue' is not a valid Colour"),
+        ({"lambda": "0.5"}, "lambda = '0.5': expected a finite number"),
+        ({"lambda": True}, "lambda = True: expected a finite number"),
+        ({"lambda": math.inf}, "lambda = inf: expected a finite number"),
+        ({"word": "c"}, "word = 'c': expected one of 'a', 'b'"),
+        ({"inner": [{"level": 1.0}]}, r"inner\[0\].time: missing; expected a finite number"),
+        ({"inner": 3}, "inner = 3: expected a list"),
+        ({"free": []}, "free = a list of 0: expected a table"),
+        ({"maybe": 1.5}, "maybe = 1.5: expected a whole number"),
+        ({"colour": "blue"}, "colour = 'blue': expected one of 'red'"),
     ],
 )
 def test_wrong_data_are_refused_with_their_place(change: dict[str, Any], text: str) -> None:

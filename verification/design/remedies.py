@@ -277,11 +277,15 @@ def _listed(scene: Scene, path: str) -> Sequence[Value] | None:
 
 
 def _opamps(scene: Scene) -> list[Value]:
-    """Return the presets, the one with the nearest bandwidth first; not the scene's own."""
+    """Return the presets, the one with the nearest bandwidth first; not the scene's own.
+
+    To an op-amp without a bandwidth, an ideal one, the fastest is nearest.
+    """
     own, changed = choose_opamp(scene), scene.design.opamp
 
     def distance(name: str) -> float:
-        return abs(math.log(OPAMPS[name].gbw / own.gbw))
+        gbw = OPAMPS[name].gbw
+        return abs(math.log(gbw / own.gbw)) if math.isfinite(own.gbw) else -gbw
 
     names = (
         name

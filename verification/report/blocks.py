@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from taction.system.after_result import attempt
 from taction.verification.report.charts import Chart, Outcome
 
 if TYPE_CHECKING:
@@ -284,12 +285,17 @@ class Section:
         """Return the blocks for a medium; none if it does not show this section."""
         if medium not in self.media:
             return ()
-        found = self.blocks() if callable(self.blocks) else self.blocks
+        failures: list[str] = []
+        nothing: tuple[Block | None, ...] = ()
+        found = attempt(f"{self.title!r}", self._all, nothing, failures.append)
         return tuple(
             each.shortened(medium) if isinstance(each, Table) else each
-            for each in found
+            for each in (*found, Notes("", tuple(failures)))
             if each is not None and getattr(each, "rows", getattr(each, "lines", True))
         )
+
+    def _all(self) -> tuple[Block | None, ...]:
+        return tuple(self.blocks() if callable(self.blocks) else self.blocks)
 
 
 @dataclass(frozen=True, slots=True)

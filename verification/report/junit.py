@@ -6,7 +6,6 @@ failed check is a failure, an undecided one an error, and what was not run is sk
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
 from taction.system.documents import plain
+from taction.system.foreign_text import escaped, visible, visible_lines
 from taction.verification.evidence.stress.catalogue import FOLDER
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
 from taction.verification.report.texts import value_text
@@ -23,8 +23,6 @@ from taction.verification.studies.regression.run import RegressionReport, SceneR
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
 from taction.verification.verdict.compare import Difference
 
-# Characters that XML 1.0 cannot hold; the log of a simulator may contain them.
-FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 COUNTS = (("failures", "failure"), ("errors", "error"), ("skipped", "skipped"))
 
 End = Literal["", "failure", "error", "skipped"]
@@ -102,31 +100,29 @@ def junit_text(name: str, suites: Sequence[JUnitSuite]) -> str:
 
 
 def _suite(root: ET.Element, suite: JUnitSuite) -> ET.Element:
-    element = ET.SubElement(root, "testsuite", name=_clean(suite.name))
+    element = ET.SubElement(root, "testsuite", name=visible(suite.name))
     element.set("tests", str(len(suite.cases)))
     for count, end in COUNTS:
         element.set(count, str(sum(case.end == end for case in suite.cases)))
     element.set("time", _seconds(suite.seconds))
-    element.set("file", _clean(suite.file))
+    element.set("file", visible(suite.file))
     properties = ET.SubElement(element, "properties")
     for name, value in suite.properties.items():
-        ET.SubElement(properties, "property", name=name, value=_clean(value))
+        ET.SubElement(properties, "property", name=name, value=visible_lines(value))
     for case in suite.cases:
-        test = ET.SubElement(element, "testcase", name=_clean(case.name))
-        test.set("classname", _clean(f"taction.{suite.name}"))
+        test = ET.SubElement(element, "testcase", name=visible(case.name))
+        test.set("classname", visible(f"taction.{suite.name}"))
         test.set("time", _seconds(case.seconds))
         if case.end:
-            ended = ET.SubElement(test, case.end, message=_clean(case.message), type=case.end)
-            ended.text = _clean(case.text)
+            ended = ET.SubElement(
+                test, case.end, message=visible_lines(case.message), type=case.end
+            )
+            ended.text = visible_lines(case.text)
     return element
 
 
 def _seconds(seconds: float) -> str:
     return f"{seconds:.3f}"
-
-
-def _clean(text: str) -> str:
-    return FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
 def _scene(
@@ -135,7 +131,8 @@ def _scene(
     """Return the suite of a scene; its first test has the time of the run, which has all tests."""
     first, *others = tests
     cases = (replace(first, seconds=seconds), *others)
-    return JUnitSuite(Path(file).stem, str(Path(folder) / file), cases, properties)
+    name, path = visible(Path(file).stem), visible(str(Path(folder) / file))
+    return JUnitSuite(name, path, cases, properties)
 
 
 def _check_test(check: Mapping[str, Any]) -> JUnitTest:
@@ -231,4 +228,4 @@ def annotation_lines(document: Document) -> Iterator[str]:
 
 
 def _escaped(text: str, codes: dict[str, str]) -> str:
-    return "".join(codes.get(character, character) for character in text)
+    return "".join(codes.get(character, character) for character in escaped(text, "\r\n"))

@@ -9,11 +9,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from taction.system.documents import read
+from taction.system.documents import Inline, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.reading_definitions import READINGS
@@ -25,7 +25,6 @@ from taction.verification.verdict.record import Channel, Record
 Document = Mapping[str, Any]
 Value = bool | int | float | str
 
-PARTS = ("scene", "outcome", "checks", "channels", "step_amplitude", "stability")
 ACCEPTED = "the document of one verdict, from `taction verify SCENE --json`"
 FIGURES = ("growth_rate", "frequency", "step_amplitude")
 CHANNEL_FIGURES = ("equilibrium", *READINGS)
@@ -66,17 +65,61 @@ def compare_verdicts(
     first: Document, second: Document, names: tuple[str, str]
 ) -> VerdictDifference:
     """Return the differences of two documents; `names` are those of their files."""
-    keys = None
-    if "keys" in first and "keys" in second:
-        keys = tuple(_keys(first["keys"], second["keys"]))
+    keys, one, two = None, read(_StoredVerdict, first), read(_StoredVerdict, second)
+    if one.keys is not None and two.keys is not None:
+        keys = tuple(_keys(one.keys, two.keys))
     readings = compare(
-        document_record(first),
-        document_record(second),
+        _record(one),
+        _record(two),
         within_uncertainties(),
         figures=FIGURES,
         channel_figures=CHANNEL_FIGURES,
     )
     return VerdictDifference(*names, keys, readings)
+
+
+@dataclass(frozen=True, slots=True)
+class _StoredKey:
+    """A key of a scene in the document of a verdict."""
+
+    value: Value | None
+    unit: str | None = None
+    sha256: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _StoredStability:
+    rightmost_pole: tuple[float, float]
+    rightmost_pole_uncertainty: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _StoredChannel:
+    index: int
+    state: str
+    figures: Annotated[dict[str, float | None], Inline(dict.fromkeys(CHANNEL_FIGURES, ""))]
+    uncertainties: dict[str, float | None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _StoredVerdict:
+    """What is compared of the document of a verdict, of version 1 or 2."""
+
+    outcome: str
+    checks: tuple[Check, ...]
+    channels: tuple[_StoredChannel, ...]
+    step_amplitude: float | None
+    stability: _StoredStability
+    engine: str = ""
+    step_amplitude_uncertainty: float | None = None
+    keys: dict[str, _StoredKey] | None = None
+
+    @property
+    def rest(self) -> float | None:
+        """Bound on the error of the equilibrium, V."""
+        share = next((c.uncertainty for c in self.checks if c.name == "steady_state"), None)
+        amplitude = self.step_amplitude
+        return None if share is None or amplitude is None else share * amplitude
 
 
 def document_record(document: Document) -> Record:
@@ -85,48 +128,54 @@ def document_record(document: Document) -> Record:
     Raises
     ------
     ValueError
-        A field has another type.
+        A field is missing or has another type; the text begins with its place.
     """
-    stability, amplitude = document["stability"], document["step_amplitude"]
-    rate, speed = stability["rightmost_pole"]
-    bound = stability.get("rightmost_pole_uncertainty")
+    return _record(read(_StoredVerdict, document))
+
+
+def _record(stored: _StoredVerdict) -> Record:
+    (rate, speed), bound = (
+        stored.stability.rightmost_pole,
+        stored.stability.rightmost_pole_uncertainty,
+    )
     turn = 2.0 * math.pi
     return Record(
-        outcome=document["outcome"],
-        engine=document.get("engine", ""),
-        figures={"growth_rate": rate, "frequency": speed / turn, "step_amplitude": amplitude},
+        outcome=stored.outcome,
+        engine=stored.engine,
+        figures={
+            "growth_rate": rate,
+            "frequency": speed / turn,
+            "step_amplitude": stored.step_amplitude,
+        },
         uncertainties={
             "growth_rate": bound,
             "frequency": None if bound is None else bound / turn,
-            "step_amplitude": document.get("step_amplitude_uncertainty"),
+            "step_amplitude": stored.step_amplitude_uncertainty,
         },
-        checks=read(tuple[Check, ...], document["checks"]),
-        channels=tuple(_channel(each, _rest(document)) for each in document["channels"]),
+        checks=stored.checks,
+        channels=tuple(
+            Channel(
+                each.index,
+                each.state,
+                each.figures,
+                each.uncertainties | {"equilibrium": stored.rest},
+            )
+            for each in stored.channels
+        ),
     )
 
 
-def _channel(data: Document, rest: float | None) -> Channel:
-    bounds = {**data.get("uncertainties", {}), "equilibrium": rest}
-    figures = {name: data.get(name) for name in CHANNEL_FIGURES}
-    return Channel(data["index"], data["state"], figures, bounds)
-
-
-def _rest(document: Document) -> float | None:
-    """Return the bound on the error of the equilibrium, V."""
-    bounds = (c["uncertainty"] for c in document["checks"] if c["name"] == "steady_state")
-    share, amplitude = next(bounds, None), document["step_amplitude"]
-    return None if share is None or amplitude is None else share * amplitude
-
-
-def _keys(first: Document, second: Document) -> Iterator[KeyDifference]:
-    nothing: dict[str, Any] = {"value": None, "unit": None}
+def _keys(
+    first: Mapping[str, _StoredKey], second: Mapping[str, _StoredKey]
+) -> Iterator[KeyDifference]:
+    nothing = _StoredKey(None)
     for key in {**first, **second}:
         one, two = first.get(key, nothing), second.get(key, nothing)
-        content = one.get("sha256") != two.get("sha256")
-        if one["value"] != two["value"] or content:
-            unit = one["unit"] or two["unit"]
-            same_name = one["value"] == two["value"]
-            yield KeyDifference(key, one["value"], two["value"], unit, content and same_name)
+        content = one.sha256 != two.sha256
+        if one.value != two.value or content:
+            same_name = one.value == two.value
+            unit = one.unit or two.unit
+            yield KeyDifference(key, one.value, two.value, unit, content and same_name)
 
 
 def stored_verdict(path: str | Path) -> dict[str, Any]:
@@ -146,13 +195,10 @@ def stored_verdict(path: str | Path) -> dict[str, Any]:
     if isinstance(document, dict) and "verdicts" in document:
         text = f"holds the verdicts of several scenes; expected {ACCEPTED}"
         raise InputError(path, Complaint("verdicts", "", text))
-    missing = [name for name in PARTS if not isinstance(document, dict) or name not in document]
-    if missing:
-        text = f"lacks {', '.join(missing)}; expected {ACCEPTED}"
-        raise InputError(path, Complaint("JSON", "", text))
     try:
         document_record(document)
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        text = f"damaged ({error}); expected {ACCEPTED}"
-        raise InputError(path, Complaint("JSON", "", text)) from None
+    except (ValueError, OverflowError) as error:
+        place, _, what = str(error).rpartition(": ")
+        text = f"{what}; expected {ACCEPTED}"
+        raise InputError(path, Complaint(place or "JSON", "", text)) from None
     return dict(document)

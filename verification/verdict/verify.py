@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
@@ -11,6 +12,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.questions import questions
 from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.spice_models.input_errors import MOST, not_known
+from taction.system.after_result import attempt
 from taction.system.array_types import Floats
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
@@ -141,7 +143,6 @@ def verify(
     margin = _margin(design, effort)
     parts, noise = design.loads(), OutputNoise.of(design)
     spread = _spread(design) if design.poles.known_stable else None
-    constraint = constraint_plane(design.circuit) if effort.details else None
     recording = record_and_measure(design, ideal, pending, clock)
     evidence = Evidence(
         checks=scene.checks,
@@ -164,7 +165,7 @@ def verify(
         design=recording.design,
         recording=recording,
     )
-    return _verdict(evidence, recording, ideal, constraint, effort, clock)
+    return _verdict(evidence, recording, ideal, effort, clock)
 
 
 def _spread(design: PlannedBoard) -> InputSpread | None:
@@ -187,29 +188,30 @@ def _verdict(
     evidence: Evidence,
     recording: Recording,
     ideal: IdealAnswer,
-    constraint: ConstraintPlane | None,
     effort: Effort,
     clock: Clock,
 ) -> Verdict:
     """Judge a recording, and add the details that `effort` asks for."""
     checks, design, wave = run_checks(evidence), recording.design, recording.waveforms
-    energy = energy_rise(design.network, wave.time, recording.u) if effort.details else None
+    constraint, energy, budget, failures = None, None, ErrorBudget(), list[str]()
+    detail = partial(attempt, tell=failures.append)
     answer = AnswerError.of(ideal.network, ideal.solution, design.problem.stress, ideal.problem)
-    answer = answer.judged(evidence)
+    answer = detail("the error of the board at rest", partial(answer.judged, evidence), answer)
     clock.begin("error budget")
-    budget = ErrorBudget()
     if effort.details:
         more = evidence.noise, evidence.spread
-        budget = error_budget(design, ideal, answer, recording, *more)
+        constraint = detail("the constraint plane", lambda: constraint_plane(design.circuit), None)
+        energy = detail(
+            "the energy", lambda: energy_rise(design.network, wave.time, recording.u), None
+        )
+        budget = detail(
+            "the error budget",
+            lambda: error_budget(design, ideal, answer, recording, *more),
+            budget,
+        )
     clock.end()
-    remarks = (
-        *questions(design.scene),
-        *wave.flags,
-        *design.plan.notes,
-        *part_warnings(design.circuit, design.rest),
-        *notes(design.circuit),
-        *not_known(design.circuit.models.values()),
-    )
+    nothing: tuple[str, ...] = ()
+    warnings = detail("the warnings", lambda: _warnings(evidence, recording), nothing)
     return Verdict(
         scene=design.scene,
         problem=design.problem,
@@ -232,7 +234,20 @@ def _verdict(
         parts=evidence.parts,
         noise=evidence.noise,
         checks=checks,
-        warnings=find_warnings(evidence, remarks),
+        warnings=(*warnings, *failures),
         outcome=overall(checks),
         timing=clock.seconds,
     )
+
+
+def _warnings(evidence: Evidence, recording: Recording) -> tuple[str, ...]:
+    design = recording.design
+    remarks = (
+        *questions(design.scene),
+        *recording.waveforms.flags,
+        *design.plan.notes,
+        *part_warnings(design.circuit, design.rest),
+        *notes(design.circuit),
+        *not_known(design.circuit.models.values()),
+    )
+    return find_warnings(evidence, remarks)

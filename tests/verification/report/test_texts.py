@@ -32,7 +32,7 @@ def test_values_with_their_units(value: float | str | None, unit: str, text: str
 
 def test_a_markdown_table_escapes_its_cells_and_keeps_them_in_one_line() -> None:
     lines = list(markdown_table(("a", "b"), [("x | y", "two\nlines")]))
-    assert lines == ["| a | b |", "| --- | --- |", "| x \\| y | two lines |"]
+    assert lines == ["| a | b |", "| --- | --- |", "| x \\| y | two\\\\nlines |"]
 
 
 @pytest.mark.parametrize(("name", "word"), [("missing/x.json", "does not exist"), (".", "folder")])

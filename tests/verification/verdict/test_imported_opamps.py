@@ -140,10 +140,14 @@ def test_tolerances_leave_the_netlist_as_it_is(write: Callable[..., Scene]) -> N
         ({}, {"design": {"opamp": {"file": "gone.json"}}}, "gone.json.*No such file"),
         ({"netlist": [".subckt m_fet100 a b\n.control\nshell ls\n.endc"]}, {}, "card '.control'"),
         ({"pins": ["inp", "inn"]}, {}, "one role for each of the 5 ports"),
-        ({"taction_opamp": 3}, {}, "format 3; this version reads 1 and 2"),
-        ({"figures": {}}, {}, "not an imported op-amp"),
-        ({"supply": "15"}, {}, "'15' is not a finite number"),
-        ({"name": "a b"}, {}, "the name 'a b'"),
+        ({"taction_opamp": 3}, {}, "taction_opamp = 3: expected one of 1, 2"),
+        ({"figures": {}}, {}, "figures.dc_gain: missing; expected a finite number"),
+        ({"supply": "15"}, {}, "supply = '15': expected a finite number"),
+        ({"supply": 10**400}, {}, "supply = an integer of over 300 digits: expected"),
+        ({"supply": -15.0}, {}, "supply = -15.0: expected a number from 1e-30"),
+        ({"netlist": None}, {}, "netlist = null: expected a list"),
+        ({"linear": 3}, {}, "linear = 3: expected a table"),
+        ({"name": "a b"}, {}, "name = 'a b': expected letters, digits"),
     ],
 )
 def test_a_file_that_does_not_fit_is_refused(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+from taction.system.foreign_text import escaped, visible
 from taction.verification.report.blocks import (
     TERMINAL,
     Bars,
@@ -83,22 +84,23 @@ def _block(block: Block, above: str, level: int) -> Iterator[str]:
         if block.note:
             yield from ("", line(block.note))
     elif isinstance(block, Notes):
-        yield from (f"- {line(text)}" for text in block.lines)
+        yield from (f"- {line(part)}" for text in block.lines for part in text.split("\n"))
     elif isinstance(block, Facts):
         yield from (f"- {line(name)}: {line(value)}" for name, value in block.rows)
     elif isinstance(block, Bars):
         rows = ((bar.name, bar.outcome, bar.value, bar.limit, bar.reason) for bar in block.rows)
         yield from table(("check", "outcome", "value", "limit", "reason"), rows)
     elif isinstance(block, Code):
-        yield from ("```", block.text.rstrip("\n"), "```")
+        text = escaped(block.text.rstrip("\n"), "\n\t").replace("```", "\\x60``")
+        yield from ("```", text, "```")
 
 
 def table(titles: Sequence[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
     """Yield the lines of a table in Markdown."""
-    for cells in (titles, ["---"] * len(titles), *(map(line, row) for row in rows)):
+    for cells in (map(line, titles), ["---"] * len(titles), *(map(line, row) for row in rows)):
         yield f"| {' | '.join(cells)} |"
 
 
 def line(text: str) -> str:
     """Return `text` in one line, its special characters escaped for Markdown."""
-    return SPECIAL.sub(r"\\\1", " ".join(text.split()))
+    return SPECIAL.sub(r"\\\1", " ".join(visible(text).split()))

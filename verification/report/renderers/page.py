@@ -19,6 +19,7 @@ from typing import Any
 
 from taction.system.atomic_files import write_atomically
 from taction.system.errors import Complaint, InputError
+from taction.system.foreign_text import escaped, visible
 from taction.verification.report.blocks import PAGE as MEDIUM
 from taction.verification.report.blocks import Block, Page, Section
 from taction.verification.report.output_checks import check_file
@@ -65,10 +66,11 @@ def page_html(page: Page) -> str:
         loader=FileSystemLoader(FILES),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=_shown,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["spec"] = plotly_spec
+    environment.filters |= {"spec": plotly_spec, "code": _code}
     environment.globals["view_layout"] = view_layout
     program = _read("charts.js") + _read("page.js")
     shown = made_sections(page)
@@ -83,6 +85,19 @@ def page_html(page: Page) -> str:
         plotly=packed,
         digests=[_digest(program.encode()), digest],
     )
+
+
+def _shown(value: Any) -> Any:
+    """Return what the page shows of a value; its own markup and its programs stay."""
+    known = not isinstance(value, str) or hasattr(value, "__html__")
+    return value if known else visible(value)
+
+
+def _code(text: str) -> Any:
+    """Return a text of several lines as markup."""
+    from markupsafe import escape
+
+    return escape(escaped(text, "\n\t"))
 
 
 def made_sections(page: Page) -> list[tuple[Section, list[Block]]]:

@@ -18,6 +18,7 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
+from taction.system.foreign_text import escaped, visible
 from taction.verification.report import blocks
 from taction.verification.report.blocks import TERMINAL, Bars, Block, Page
 from taction.verification.report.charts import OUTCOMES, Chart
@@ -70,7 +71,7 @@ def page_text(page: Page) -> str:
 
 def page_lines(page: Page) -> Iterator[RenderableType]:
     """Yield what `print_page` prints."""
-    yield Text(page.title, style="bold")
+    yield Text(plain(page.title), style="bold")
     for line in (*page.lines, page.summary):
         if line:
             yield Text(plain(line))
@@ -92,14 +93,14 @@ def shown(block: Block) -> RenderableType:
 
 
 def plain(text: str) -> str:
-    """Return `text` with the units as SPICE writes them, for consoles and for searching.
+    """Return `text` in one line, with the units as SPICE writes them, for consoles and searching.
 
     Examples
     --------
     >>> plain("12.3 µs at 10 kΩ"), plain("–")
     ('12.3 us at 10 kohm', '-')
     """
-    return "-" if text == "–" else text.translate(SMALL)
+    return "-" if text == "–" else visible(text).translate(SMALL)
 
 
 def outcome_text(text: str, outcome: str) -> Text:
@@ -131,7 +132,9 @@ def _facts(block: blocks.Facts) -> Group:
 
 
 def _notes(block: blocks.Notes) -> Group:
-    return _lines(block.title, (outcome_text(plain(line), block.outcome) for line in block.lines))
+    parts = (part for line in block.lines for part in line.split("\n"))
+    lines = (outcome_text(plain(part), block.outcome) for part in parts)
+    return _lines(block.title, lines)
 
 
 class FittedTable:
@@ -236,7 +239,7 @@ SHOWN: dict[type, Callable[[Any], RenderableType]] = {
     blocks.Shares: _shares,
     blocks.Facts: _facts,
     blocks.Notes: _notes,
-    blocks.Code: lambda block: _lines(block.title, [Text(block.text)]),
+    blocks.Code: lambda block: _lines(block.title, [Text(escaped(block.text, "\n\t"))]),
     Chart: lambda block: Text(plain(block.heading)),
     blocks.Drawing: lambda block: Text(plain(block.summary)),
 }
