@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo check test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress nightly fuzz torture docs notebooks man schemas lint format bench lock build clean
+.PHONY: help setup ready demo check test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress nightly fuzz torture boards docs notebooks man schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -72,6 +72,9 @@ fuzz: ready ## damaged inputs of every kind, for ARGS="--minutes 60"; prints how
 
 torture: ready ## 200 kills of studies at random instants, in half an hour; ARGS="--page docs/torture.md" writes the page
 	$(PYTHON_IN_VENV) -m tests.torture $(ARGS)
+
+boards: ready ## boards that commands write and that pass, each with 100 drawn ones in ngspice: 20 minutes; ARGS="op27 tactile" runs these
+	$(PYTHON_IN_VENV) -m tests.bench $(ARGS)
 
 docs: ready ## the documentation into docs/_build/html: pages, pictures and reference; a warning is an error
 	$(PYTHON_IN_VENV) -m sphinx -W --keep-going -q -b html docs docs/_build/html

@@ -94,6 +94,7 @@ TUNE = Command(
         function="tune",
         document="cli.answers:tuned_document",
         outputs=(picture("settling time against overshoot"), REPORT),
+        files=own_file,
     ),
     parameters=(
         SCENE,
@@ -102,6 +103,7 @@ TUNE = Command(
         option("overshoot", type=click.FloatRange(0, min_open=True)),
         option("margin", type=click.FloatRange(1, 100)),
         ANY_PART,
+        OUTPUT,
     ),
 )
 

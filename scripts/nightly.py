@@ -35,6 +35,7 @@ STEPS = {
     "random-scenes": ("make", "test", "ARGS=tests/verification"),
     "fuzz": ("make", "fuzz"),
     "torture": ("make", "torture"),
+    "boards": ("make", "boards"),
     "bare": ("make", "test-bare", "ARGS=make test-browser test-kicad test-install docs"),
     "newer-debian": ("make", "test-bare", "RELEASE=trixie", "ARGS=make demo test"),
 }

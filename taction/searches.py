@@ -23,6 +23,7 @@ def tune(
     overshoot: float | None = None,
     margin: float | None = None,
     any_part: bool = False,
+    output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> Tuned:
     """Find the values with the least settling time, at the scene's lambda, and verify the design.
@@ -45,6 +46,8 @@ def tune(
         Factor by which C must be able to shrink; by default the scene's margin.
     any_part : bool
         Accept parts beyond the limits of real ones.
+    output : path, optional
+        Write the scene with the best design.
     progress : callable, optional
         Receives the name of each stage.
 
@@ -77,7 +80,10 @@ def tune(
     keys = [key.strip() for key in named if key.strip()]
     limits = {"overshoot": overshoot, "margin": margin, "reach": reach}
     tuning = run(read_scene(scene), keys, **limits, any_part=any_part, progress=progress)
-    return Tuned(tuning, verify(tuning.scene, progress), reach)
+    tuned = Tuned(tuning, verify(tuning.scene, progress), reach)
+    if output is not None:
+        _write_scene(tuning.scene, output)
+    return tuned
 
 
 def choose(

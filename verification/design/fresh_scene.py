@@ -46,6 +46,7 @@ ROUND = (1.0, 2.0, 5.0, 10.0)
 LEAST = 1e-3  # the default limit
 BAND = 2.0  # the settling band over the limit
 WORST = 0.2  # of the step: a limit above says nothing of the answer
+SERIES = "E96"
 OPAMP = "opa2134"  # where none is asked for: its input errors are small at any resistors
 
 FRACTIONS = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5)  # of the largest entry, the most pruning first
@@ -69,12 +70,15 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
     InputError, NoVerdictError
         The board cannot be built, or has no equilibrium.
     """
-    for grade in GRADES:
-        changed = with_values(scene, {"tolerances.resistor": grade})
-        share = exceeded(prepare(changed), BEYOND)
+    grade, share, limit = 0.0, math.inf, math.inf
+    for finer in GRADES:
+        changed = with_values(scene, {"tolerances.resistor": finer})
+        reached = exceeded(prepare(changed), BEYOND)
+        if max(LEAST, rounded_up(reached)) >= limit:
+            break  # input errors or rounded values decide
+        grade, share, limit = finer, reached, max(LEAST, rounded_up(reached))
         if share <= WANTED:
             break
-    limit = max(LEAST, rounded_up(share))
     if limit > WORST:
         text = (
             f"its input errors and resistors of {100 * grade:g} % move the outputs at rest by"
@@ -82,13 +86,17 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
             " --opamp opa189, or a larger lambda"
         )
         raise InputError(scene.file, Complaint("design.opamp", scene.design.opamp.base, text))
-    keys = {"checks.steady_state.tolerance": limit, "checks.settling_time.band": BAND * limit}
+    keys = {
+        "tolerances.resistor": grade,
+        "checks.steady_state.tolerance": limit,
+        "checks.settling_time.band": BAND * limit,
+    }
     note = (
         f"resistors of {100 * grade:g} % and the input errors of the op-amps move the outputs at"
         f" rest by up to {100 * share:.2g} % of the step in 98 % of the boards: the limit is"
         f" {100 * limit:g} %"
     )
-    return with_values(changed, keys), note
+    return with_values(scene, keys), note
 
 
 def exceeded(board: VariedBoard, beyond: float) -> float:
@@ -299,6 +307,7 @@ def fresh_scene(
         "problem": arrays,
         "design": {
             **{"amplifier": "linear", "strain_input": "voltage", "opamp": OPAMP},
+            "resistor_series": SERIES,
             **{**asked, "lambda": chosen},
         },
         "checks": LOOSE,

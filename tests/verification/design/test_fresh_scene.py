@@ -14,6 +14,8 @@ from click.testing import CliRunner, Result
 from numpy.typing import NDArray
 
 from taction.cli.main import main
+from taction.netlist_gen.board.part_warnings import broken_limits
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene, load_scene
@@ -74,6 +76,29 @@ def test_the_limits_are_those_that_most_boards_keep(scene: Scene) -> None:
     assert np.mean(errors(grade, 2000) <= limit) > 0.95
     assert limited.checks.settling_time.band == BAND * limit
     assert f"the limit is {100 * limit:g} %" in note
+
+
+def test_no_finer_resistors_where_input_errors_decide(scene: Scene) -> None:
+    """A TL084 has up to 9 mV offset, beside a unit of 1 V: no resistor helps."""
+    errors = {"design.opamp": "tl084", "design.unit_conductance": 1e-5, "design.gain": 1e5}
+    limited, note = with_limits(with_values(scene, errors))
+    assert limited.checks.steady_state.tolerance >= 0.02
+    assert limited.tolerances.resistor == 0.01
+    assert note.startswith("resistors of 1 %")
+
+
+def test_the_values_are_of_a_series_and_can_be_bought(
+    tmp_path: Path, problem: tuple[Matrix, Matrix]
+) -> None:
+    file = tmp_path / "board.toml"
+    assert new(*write(tmp_path, *problem), str(file)).exit_code == 0
+    scene = load_scene(file)
+    circuit = synthesise(scene)
+    ohms = circuit.forward.ohms[np.isfinite(circuit.forward.ohms)]
+    decades = 10.0 ** np.floor(np.log10(ohms))
+    E96 = {round(10.0 ** (k / 96.0), 2) for k in range(96)}
+    assert set(np.round(ohms / decades, 9).tolist()) <= E96
+    assert not broken_limits(circuit)
 
 
 def test_rounding_goes_up() -> None:

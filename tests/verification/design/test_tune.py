@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from taction.cli.main import main
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.system.errors import EngineError, InputError
 from taction.verification.design import tune as tune_module
 from taction.verification.design.trials import Trial
@@ -217,10 +217,14 @@ def test_resistors_that_nobody_sells_are_refused(monkeypatch: pytest.MonkeyPatch
 def test_the_command_shows_what_to_write_into_the_scene(tmp_path: Path) -> None:
     file = tmp_path / "slow.toml"
     file.write_text(TEXT, encoding="utf-8")
-    found = taction(str(file), "--overshoot", "0.02")
+    written = tmp_path / "tuned.toml"
+    found = taction(str(file), "--overshoot", "0.02", "-o", str(written))
     assert found.exit_code == 0, found.stderr
     assert "before" in found.stdout
     assert "\nresistance = " in found.stdout
+    scene = load_scene(written)
+    assert scene.checks.overshoot.max == 0.02
+    assert verify(scene).outcome.value == "pass"
 
 
 @pytest.mark.parametrize(
