@@ -28,12 +28,32 @@ def folder(plugin: Plugin) -> Path:
     return plugin(PACKAGE, ENTRY, SOURCE)
 
 
+DESIGN = """\
+[design]
+topology = "shielded"
+shielded.cable = "{cable}"
+capacitance = "10pF"
+lambda = 0.05
+gain = "1Mohm"
+unit_conductance = "2uS"
+stray_capacitance = "0.5pF"
+opamp.base = "ideal"
+opamp.dc_gain = 2e4
+opamp.gbw = "5MHz"
+opamp.phase_margin = 60.0
+opamp.output_resistance = 500
+opamp.input_capacitance = 5e-13
+
+[checks]
+"""  # op-amps that cannot drive every cable
+
+
 def written(folder: Path, cable: str = "470pF") -> Path:
-    """A shipped scene with the topology of the recipe."""
+    """A shipped scene with the topology of the recipe and slow op-amps."""
     text = SHIPPED.read_text("utf-8")
     assert "topology" not in text
-    keys = f'topology = "shielded"\nshielded.cable = "{cable}"\n'
-    text = text.replace("[design]\n", f"[design]\n{keys}")
+    before, after = text.partition("[design]\n")[0], text.partition("[checks]\n")[2]
+    text = before + DESIGN.format(cable=cable) + after
     path = folder / "board.toml"
     path.write_text(text, "utf-8")
     return path
