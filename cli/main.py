@@ -39,6 +39,7 @@ COMMANDS = {
     "stress": ("studies", "Run stiff and extreme scenes whose results are known."),
     "accuracy": ("studies", "Compare error and run time of engines and methods."),
     "reproduce": ("studies", "Test the paper, claim by claim and figure by figure."),
+    "demo": ("studies", "Tell the paper's story on three boards; no file is needed."),
     "models": ("boards", "List the op-amp presets, or import a vendor's model."),
     "new": ("boards", "Write a scene file with comments."),
     "doctor": ("boards", "List what is installed and what each part is for."),
@@ -63,9 +64,10 @@ SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "export"),
     "Check": ("regress", "diff", "reproduce"),
-    "Further": ("parts", "self"),
+    "Further": ("parts", "self", "demo"),
 }
 FIRST_STEPS = """\
+taction demo                  the paper's story on three boards, with a report; no file is needed
 taction new board.toml        write a scene with comments
 taction verify board.toml     simulate the board and judge it
 taction explore board.toml    move C, gain and more and watch the board

@@ -53,6 +53,7 @@ __all__ = [
     "bom",
     "choose",
     "corners",
+    "demo",
     "diff",
     "doctor",
     "explore",

@@ -48,6 +48,7 @@ CALLS: dict[str, tuple[str, ...]] = {
     "stress": ("--only", "nothing-moves"),
     "accuracy": ("a.toml",),
     "reproduce": (),
+    "demo": (),
     "models": (),
     "models show": ("ua741",),
     "models import": ("a.cir", "--subckt", "A", "--pins", "inp,inn,vcc,vee,out"),

@@ -47,6 +47,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "verify, ngspice and noise": ("verify", "ngspice.toml"),
     "verify, exponential": ("verify", "exponential.toml", "--changes", "0"),
     "verify-files": ("verify", "a.toml", "bad.toml", "slow.toml", "--jobs", "1"),
+    "demo": ("demo", "-o", "told.html"),
     "diff": ("diff", "a.toml", "slow.toml"),
     "diff, inconclusive": ("diff", "short.toml", "exponential.toml"),
     "netlist": ("netlist", "a.toml", "--explain"),

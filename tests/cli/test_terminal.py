@@ -88,6 +88,7 @@ COMMAND_LINES: dict[str, tuple[str, ...]] = {
     "choose": ("a.toml", "--opamps", "op27", "--points", "2", "--jobs", "1"),
 }
 WITHOUT_TABLES = {
+    "demo": "sentences, and a line for each of three boards",
     "netlist": "a deck",
     "kicad": "files, and what they leave out",
     "explore": "the address of a page",

@@ -1,0 +1,65 @@
+"""The demonstration tells what the paper says of its board."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taction
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.evidence.demonstration import Demonstration
+from taction.verification.verdict.checks import Outcome
+
+
+@pytest.fixture(scope="module")
+def told() -> Demonstration:
+    return taction.demo(None)
+
+
+def test_the_boards_behave_as_told(told: Demonstration) -> None:
+    assert told.outcome == "pass"
+    assert [step.verdict.outcome.value for step in told.steps] == ["pass", "fail", "pass"]
+    surprise = dataclasses.replace(told.steps[0], expected=Outcome.FAIL)
+    assert dataclasses.replace(told, steps=(surprise, *told.steps[1:])).outcome == "fail"
+
+
+def test_the_numbers_of_the_story_are_those_of_the_boards(told: Demonstration) -> None:
+    """Frequency: of the rightmost eigenvalue by LAPACK; the others stand in the verdicts."""
+    works, oscillates, settles = (step.text for step in told.steps)
+    eigenvalues = np.linalg.eigvals(LinearBoard(told.steps[1].verdict.circuit).state_space.A)
+    rightmost = eigenvalues[eigenvalues.real.argmax()]
+    assert rightmost.real > 0.0
+    assert f"oscillates at {abs(rightmost.imag) / 2e3 / np.pi:.1f} kHz" in oscillates
+    assert "7 sensors" in works
+    assert "2.42 ms" in works and "2.42 ms" in settles
+    lam = {round(step.verdict.circuit.value("lambda"), 12) for step in told.steps}
+    assert len(lam) == 1
+
+
+def test_the_report_is_written_where_it_is_asked_for(
+    told: Demonstration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = "taction.verification.evidence.demonstration.demonstrate"
+    monkeypatch.setattr(module, lambda progress: told)
+    file = tmp_path / "story.html"
+    assert taction.demo(file).file == str(file)
+    page = file.read_text("utf-8")
+    assert all(step.text.partition(".")[0] in page for step in told.steps)
+    with pytest.raises(taction.InputError, match=r"expected a file that ends in \.html"):
+        taction.demo(tmp_path / "story.pdf")
+
+
+def test_without_the_packages_of_reports_the_story_is_told_all_the_same(
+    told: Demonstration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = "taction.verification.evidence.demonstration.demonstrate"
+    monkeypatch.setattr(module, lambda progress: told)
+    page = "taction.verification.report.renderers.page.PACKAGES"
+    monkeypatch.setattr(page, ("no_such_package",))
+    said: list[str] = []
+    assert taction.demo(tmp_path / "story.html", progress=said.append).file is None
+    assert [line.startswith("no report: ") for line in said] == [True]
+    assert "taction[report]" in said[0]
