@@ -26,12 +26,15 @@ def view(found: Demonstration) -> Page:
         outcome=found.outcome if found.outcome == "fail" else "pass",
         summary=f"Three boards, {told}, in {found.seconds:.0f} s.",
         lines=(),
-        sections=tuple(
-            section
-            for number, step in enumerate(found.steps, 1)
-            for section in _sections(number, step)
-        )
-        + (Section("Next", (Notes("", (NEXT,)),), media=BOTH), origin_section(None)),
+        sections=(
+            *(
+                part
+                for number, step in enumerate(found.steps, 1)
+                for part in _sections(number, step)
+            ),
+            Section("Next", (Notes("", (NEXT,)),), media=BOTH),
+            origin_section(None),
+        ),
         sheet=lambda: Sheet.of(
             TITLE, [outputs_chart(step.verdict) for step in found.steps], 3, PANEL
         ),
