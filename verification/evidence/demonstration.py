@@ -118,8 +118,8 @@ def _works(verdict: Verdict) -> str:
     circuit = verdict.circuit
     return (
         f"{len(circuit.outputs)} sensors lie below a skin. A cylinder presses on it, and each"
-        " sensor feels a mixture of all places. To find the pressures is an inverse problem that noise"
-        f" makes unstable; a board of {len(circuit.opamps)} op-amps solves it with a regulariser."
+        " sensor feels a mixture of all places. To find the pressures is an inverse problem that"
+        f" noise makes unstable; a board of {len(circuit.opamps)} op-amps solves it with a regulariser."
         f" Its outputs come to rest after {_text(_figure(verdict, 'settling_time'), 's')}, where a"
         f" numerical solver says, and overshoot by {100 * _figure(verdict, 'overshoot'):.3g} %."
     )
