@@ -119,9 +119,10 @@ def _works(verdict: Verdict) -> str:
     return (
         f"{len(circuit.outputs)} sensors lie below a skin. A cylinder presses on it, and each"
         " sensor feels a mixture of all places. To find the pressures is an inverse problem that"
-        f" noise makes unstable; a board of {len(circuit.opamps)} op-amps solves it with a regulariser."
-        f" Its outputs come to rest after {_text(_figure(verdict, 'settling_time'), 's')}, where a"
-        f" numerical solver says, and overshoot by {100 * _figure(verdict, 'overshoot'):.3g} %."
+        f" noise makes unstable; a board of {len(circuit.opamps)} op-amps solves it with a"
+        f" regulariser. Its outputs rest after {_text(_figure(verdict, 'settling_time'), 's')},"
+        " where a numerical solver says, and overshoot by"
+        f" {100 * _figure(verdict, 'overshoot'):.3g} %."
     )
 
 
