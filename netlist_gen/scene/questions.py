@@ -9,6 +9,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS, TIMES
 
+PARTS = {"opamp", "gain", "unit_conductance"}
 USUAL = (1e-14, 1e-4)  # F: from a fraction of a stray capacitance to the largest film capacitors
 
 
@@ -22,7 +23,17 @@ def questions(scene: Scene) -> tuple[str, ...]:
     >>> print(questions(scene)[0][:71])
     design.capacitance = 1 F is not between 10 fF and 100 uF; is the prefix
     """
-    return (*scene.written_questions, *value_questions(scene))
+    return (*scene.written_questions, *value_questions(scene), *_no_parts(scene))
+
+
+def _no_parts(scene: Scene) -> Iterator[str]:
+    """Yield a hint where all parts are defaults: those of the paper's board, with a uA741."""
+    if not PARTS & scene.design.model_fields_set:
+        yield (
+            "design.opamp, gain and unit_conductance are not given: the paper's board with a"
+            " uA741, which its input errors move by more than most limits; `taction new --matrix"
+            " T.csv --strain eps.csv` writes parts that work"
+        )
 
 
 def value_questions(scene: Scene) -> Iterator[str]:

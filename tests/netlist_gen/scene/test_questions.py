@@ -8,7 +8,7 @@ import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes, with_value
 from taction.netlist_gen.scene.questions import axis_questions, questions
-from taction.netlist_gen.scene.scene import parse_scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import InputError
 from tests.support.making import make_scene
 
@@ -105,3 +105,12 @@ def test_opamp_is_the_key_of_its_preset(design: dict[str, Any]) -> None:
     assert changed.design.opamp.gbw == scene.design.opamp.gbw
     with pytest.raises(InputError, match="did you mean 'op27'"):
         parse_axes(scene, "opamp=op72")
+
+
+def test_a_board_of_defaults_is_named() -> None:
+    """It fails by far with the input errors of its uA741; one key of its parts is a choice."""
+    matrix, strain = [[1.0, 0.5], [0.5, 1.0]], [0.2, 0.1]
+    (found,) = questions(Scene.from_arrays(matrix, strain))
+    assert found.startswith("design.opamp, gain and unit_conductance are not given")
+    assert "`taction new --matrix T.csv --strain eps.csv`" in found
+    assert not questions(Scene.from_arrays(matrix, strain, opamp="opa2134"))
