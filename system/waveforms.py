@@ -51,6 +51,8 @@ class Waveforms:
         ngspice's matrix solver (``"KLU"``, ``"Sparse"``); empty for the other engine.
     method : str
         Integration method (``"trapezoidal"``, ``"gear"``, ``"Radau IIA"``), or ``"exact"``.
+    fill : callable or None
+        Returns the record with all its points, of one that has only its first and its last point.
     """
 
     time: Floats
@@ -63,6 +65,12 @@ class Waveforms:
     curve: Callable[[Floats, Indices], Floats] | None = None
     solver: str = ""
     method: str = ""
+    fill: Callable[[], Waveforms] | None = None
+
+    @property
+    def filled(self) -> Waveforms:
+        """The record with all its points."""
+        return self if self.fill is None else self.fill()
 
     @property
     def simulator(self) -> str:

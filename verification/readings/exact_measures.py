@@ -31,7 +31,8 @@ from taction.verification.readings.mode_fit import Mode
 from taction.verification.readings.readings import Reading, Step, read
 from taction.verification.readings.settling import ChannelState, Settlement
 
-DETAIL = 1e-2  # of the settling band: the first grid resolves modes above it
+DETAIL = 1e-4  # of the settling band: the first grid resolves modes above it
+LEVEL = 1e-6  # of the step: error of an excursion, if no limit is nearer
 
 
 def measure_exact(
@@ -43,6 +44,7 @@ def measure_exact(
     stop: float | None = None,
     band: float = SETTLING_BAND,
     target_error: float = 0.0,
+    level: float = LEVEL,
 ) -> Measurements:
     """Measure the step response of a stable linear board.
 
@@ -60,6 +62,8 @@ def measure_exact(
         As in `exact_solution`.
     target_error : float
         Bound of the error of a channel's distance from `target`, V.
+    level : float
+        Error that an excursion may have, fraction of A; with 0 only that of rounding.
 
     Raises
     ------
@@ -80,7 +84,8 @@ def measure_exact(
     step = Step(solution.start * signs if start is None else start, target)
     amplitude, final = step.amplitude, solution.final * signs
     tolerance = band * (amplitude or float(np.abs(final - target).max(initial=0.0)) or 1.0)
-    signal = ExactSignal(solution, signs, target, target_error, DETAIL * tolerance)
+    detail = DETAIL * tolerance
+    signal = ExactSignal(solution, signs, target, target_error, detail, level * amplitude)
     readings = read(signal, step, tolerance, np.zeros(len(target), dtype=np.bool_))
     modes = _modes(solution, amplitude)
     short = "the channel never reaches the levels of its step"

@@ -10,6 +10,7 @@ on the continuous solution. So no instant is left out, and the memory is bounded
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -289,13 +290,21 @@ class ExactSignal:
         Error of the target, V, which adds to the bounds of the solution.
     detail : float
         Amplitude of a mode below which the first grid does not resolve it, V.
+    level : float
+        Error that a maximum may have where several intervals may hold it, V; rounding if smaller.
     """
 
     def __init__(
-        self, solution: Exact, signs: Floats, target: Floats, target_error: float, detail: float
+        self,
+        solution: Exact,
+        signs: Floats,
+        target: Floats,
+        target_error: float,
+        detail: float,
+        level: float = 0.0,
     ) -> None:
         self.grid = ExactGrid(solution, signs, target, target_error, detail)
-        self.ends = self.grid.ends
+        self.ends, self.level = self.grid.ends, max(level, self.grid.noise)
         # (instant, height) by side (0: of e, 1: of -e), channel, and instant before
         self.peaks: dict[tuple[int, int, float], tuple[float, float]] = {}
 
@@ -323,24 +332,30 @@ class ExactSignal:
 
     def highest(self, sign: float) -> tuple[Floats, Floats]:
         """See `Signal`."""
-        grid, side = self.grid, int(sign < 0.0)
-        best, every = sign * self.ends, np.arange(len(self.ends))
+        heights, doubts = self._highest
+        side = int(sign < 0.0)
+        return heights[side], doubts[side]
+
+    @functools.cached_property
+    def _highest(self) -> tuple[Floats, Floats]:
+        """The maxima of ``e`` and of ``-e`` and their uncertainties, (2, N) each."""
+        grid, best = self.grid, np.stack([self.ends, -self.ends])
         for _ in range(ROUNDS):
-            best = np.maximum(best, (sign * grid.errors).max(axis=0))
-            place, channel = np.nonzero(grid.caps[side] > best + grid.noise)
+            best = np.maximum(best, [grid.errors.max(axis=0), -grid.errors.min(axis=0)])
+            side, place, channel = np.nonzero(grid.caps > best[:, None] + grid.noise)
             fine = grid.resolved[place]
             if fine.any():
-                sides = np.full(np.count_nonzero(fine), side)
-                heights = self.peak(sides, place[fine], channel[fine])[1]
-                np.maximum.at(best, channel[fine], heights)
-            above = grid.caps[side][place, channel] - best[channel] - grid.noise
+                heights = self.peak(side[fine], place[fine], channel[fine])[1]
+                np.maximum.at(best, (side[fine], channel[fine]), heights)
+            above = grid.caps[side, place, channel] - best[side, channel] - self.level
             coarse = np.flatnonzero(~fine & (above > 0.0))
             widest = coarse[np.argsort(-above[coarse])[:TOGETHER]]
             if not (widest.size and self.refine(place[widest])):
                 break
-        reached = grid.caps[side] + grid.reach
-        lowest = grid.reach[grid.caps[side].argmax(axis=0), every]
-        return best, np.maximum(reached.max(axis=0) - best, lowest)
+        reach = grid.reach
+        reached = (grid.caps + reach).max(axis=1)
+        lowest = np.take_along_axis(reach, grid.caps.argmax(axis=1), axis=0)
+        return best, np.maximum(reached - best, lowest)
 
     def peak(self, side: Ints, k: Ints, n: Ints) -> tuple[Floats, Floats]:
         """Return instants and heights of the peaks of channels n in the resolved intervals k.

@@ -33,7 +33,7 @@ from taction.verification.reference.dynamics import Response, ScaledNetwork, Tru
 from taction.verification.reference.regularisers import REGULARISERS
 
 ENERGY_STRIDE = 20  # every 20th instant of the response, whose instants are 1 % apart
-CACHED_SOLUTIONS = 8  # the points of a sweep over C share one solution
+CACHED_SOLUTIONS = 64  # the points of a grid with one lambda share one solution
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -299,6 +299,8 @@ def measure_with_bounds(
     wave: Waveforms,
     own: StateSpaceError | None,
     companion: Companion | None,
+    *,
+    finest: bool = False,
 ) -> tuple[Measurements, bool]:
     """Measure a record; the uncertainties of the readings are bounds.
 
@@ -308,6 +310,8 @@ def measure_with_bounds(
         The error of a record of the state-space engine.
     companion : Companion or None
         A second solution beside a record of ngspice.
+    finest : bool
+        Whether excursions of an exact solution have no error but that of rounding.
 
     Returns
     -------
@@ -316,14 +320,15 @@ def measure_with_bounds(
     """
     solution = None
     if design.poles.known_stable and is_exact(design.board) and (companion or own):
-        solution = _on_the_solution(design, ideal)
+        finest = finest or companion is not None
+        solution = _on_the_solution(design, ideal, finest=finest)
     if companion is not None:
         if companion.error is None:
             return measure_outputs(design, ideal, wave, error=companion.difference), False
         other = solution or _own_measures(design, ideal, companion.solution, companion.error)
         return bounded(measure_outputs(design, ideal, wave), other), False
     if solution is None:
-        return _own_measures(design, ideal, wave, own), False
+        return _own_measures(design, ideal, wave.filled, own), False
     # As for every engine, `final` is the end of the record.
     ends = zip(solution.channels, outputs(design.circuit, wave)[-1].tolist(), strict=True)
     channels = tuple(replace(channel, final=end) for channel, end in ends)
@@ -352,9 +357,11 @@ def _target_error(ideal: IdealAnswer) -> float:
     return 2.0 * ideal.solution.error_bound * ideal.network.U0
 
 
-def _on_the_solution(design: PlannedBoard, ideal: IdealAnswer) -> Measurements | None:
+def _on_the_solution(
+    design: PlannedBoard, ideal: IdealAnswer, *, finest: bool
+) -> Measurements | None:
     """Measure the exact solution of a linear board; None if its modes are not all stable."""
-    from taction.verification.readings.exact_measures import measure_exact
+    from taction.verification.readings.exact_measures import LEVEL, measure_exact
 
     try:
         return measure_exact(
@@ -365,6 +372,7 @@ def _on_the_solution(design: PlannedBoard, ideal: IdealAnswer) -> Measurements |
             stop=design.transient.stop,
             band=design.scene.checks.settling_time.band,
             target_error=_target_error(ideal),
+            level=0.0 if finest else LEVEL,
         )
     except EngineError:
         return None

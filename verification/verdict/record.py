@@ -115,7 +115,7 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
     ),
     "end_error": FigureRule(
         "step",
-        lambda v: max(map(abs, _relative(v, v.u[-1]))),
+        lambda v: max(map(abs, _relative(v, v.recording.first_and_last[-1]))),
         lambda v: v.error.steady_state + v.ideal.error,
     ),
     "growth_rate": FigureRule(
@@ -130,8 +130,8 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
     ),
     "lambda": FigureRule("", lambda v: v.circuit.value("lambda")),
     "resistance": FigureRule("ohm", lambda v: v.circuit.value("R")),
-    "wanted_error": FigureRule("step", lambda v: v.accuracy.wanted),
-    "attained_error": FigureRule("step", lambda v: v.accuracy.achieved),
+    "wanted_error": FigureRule("step", lambda v: v.recording.design.plan.wanted),
+    "attained_error": FigureRule("step", lambda v: v.recording.achieved),
     "simulation_error": FigureRule("step", lambda v: v.error.steady_state),
     "seconds": FigureRule("s", lambda v: v.timing["total"]),
 }
@@ -228,7 +228,7 @@ class Record:
     @classmethod
     def of(cls, verdict: Verdict, *, channels: bool = True) -> Record:
         """Return the record of a verdict; without `channels` only of the whole board."""
-        engine = verdict.waveforms.engine
+        engine = verdict.recording.ends.engine
         found = {name: rule.figure(verdict) for name, rule in FIGURES.items()}
         state = max((c.state for c in verdict.measurements.channels), key=STATES.index)
         return cls(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -98,13 +99,9 @@ class Accuracy:
 
 
 def attained(
-    design: PlannedBoard,
-    waveforms: Waveforms,
-    own: StateSpaceError | None,
-    companion: Companion | None,
-    amplitude: float,
-) -> Accuracy:
-    """Return the bound of the error that a transient attained.
+    design: PlannedBoard, own: StateSpaceError | None, companion: Companion | None
+) -> tuple[float, str, str]:
+    """Return the bound of the error of a transient, V, NaN if unknown; its method, and how.
 
     Parameters
     ----------
@@ -112,34 +109,18 @@ def attained(
         Of a record of the state-space engine.
     companion : Companion or None
         Second solution for the record of ngspice; None for an unstable board.
-    amplitude : float
-        Step amplitude, V.
     """
-    transient = design.transient
-    method, volts = str(transient.method), math.nan
-    how = "the board is unstable: the error grows with the voltages"
     if own is not None:
-        method, volts, how = own.method, own.volts, own.how
-    elif companion is not None:
-        volts, how = companion.difference + companion.doubt, companion.how
-    step = transient.stop / max(waveforms.cost.points, 1)
-    return Accuracy(
-        wanted=design.plan.wanted,
-        achieved=volts / (amplitude or 1.0) if math.isfinite(volts) else None,
-        seconds=waveforms.cost.seconds,
-        points=waveforms.cost.points,
-        points_per_period=design.scales.max_step_for(1.0) / step,
-        engine=waveforms.engine,
-        method=method,
-        how=how,
-    )
+        return own.volts, own.method, own.how
+    method = str(design.transient.method)
+    if companion is not None:
+        return companion.difference + companion.doubt, method, companion.how
+    return math.nan, method, "the board is unstable: the error grows with the voltages"
 
 
-def better_plan(
-    design: PlannedBoard, ideal: IdealAnswer, measured: Measurements, accuracy: Accuracy
-) -> TransientPlan | None:
+def better_plan(recording: Recording, ideal: IdealAnswer) -> TransientPlan | None:
     """Return a plan for a better run; None if the run suffices or no plan would be better."""
-    return _longer(design, ideal, measured) or _finer(design, accuracy)
+    return _longer(recording.design, ideal, recording.measurements) or _finer(recording)
 
 
 def _longer(
@@ -164,14 +145,16 @@ def _longer(
     return plan_transient(longer, design.board, design.scales, steps=steps, stable=True)
 
 
-def _finer(design: PlannedBoard, accuracy: Accuracy) -> TransientPlan | None:
+def _finer(recording: Recording) -> TransientPlan | None:
     """Plan smaller steps if a run with the steps of the plan missed the wanted error."""
+    design, achieved = recording.design, recording.achieved
     even = design.scene.analysis.points_per_period is not None
-    bounded = engine_of(accuracy.engine).error is not None
-    if accuracy.reached or accuracy.achieved is None or even or bounded:
+    bounded = engine_of(recording.ends.engine).error is not None
+    wanted = design.plan.wanted
+    if achieved is None or achieved <= wanted or even or bounded:
         return None
     forecast = design.plan.forecast
-    aim = AIM * accuracy.wanted * min(forecast.error / accuracy.achieved, 1.0)
+    aim = AIM * wanted * min(forecast.error / achieved, 1.0)
     if aim < LEAST_ERROR:
         return None
     analysis = design.scene.analysis.model_copy(update={"stop": design.transient.stop})
@@ -203,7 +186,7 @@ class MeasuredTransient:
         return f"{type(self).__name__}({self.circuit.name!r}, {self.waveforms!r}, {state})"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """A measured transient with its error.
 
@@ -211,34 +194,73 @@ class Recording:
     ----------
     design : PlannedBoard
         The board, with the plan of this record.
-    waveforms : Waveforms
-        The record, with the remarks of the engine.
+    ends : Waveforms
+        The record, with the remarks of the engine; at least its first and its last point.
     measurements : Measurements
         Measurements on the record.
-    u : ndarray (P, N)
-        Outputs, V.
     error : StepError
         Error of the readings.
     agreement : Agreement or None
         Comparison with the other engine; None if only one engine ran.
-    accuracy : Accuracy
-        The error over all time.
+    attained : tuple of float, str and str
+        Bound of the error of any output at any time, V, NaN if unknown; the method; how the bound
+        was found.
     forever : bool
         Whether the measurements are those of the exact solution, which has no end.
     exact_end : ndarray (N,) or None
         Outputs of the second solution at the record's end, V, or of the record if it is exact
         itself; None without a second solution.
+    before : Accuracy or None
+        Of the runs that did not suffice.
     """
 
     design: PlannedBoard
-    waveforms: Waveforms
+    ends: Waveforms
     measurements: Measurements
-    u: Floats
     error: StepError
     agreement: Agreement | None
-    accuracy: Accuracy
+    attained: tuple[float, str, str]
     forever: bool
     exact_end: Floats | None
+    before: Accuracy | None = None
+
+    @cached_property
+    def waveforms(self) -> Waveforms:
+        """The record with all its points."""
+        return self.ends.filled
+
+    @cached_property
+    def u(self) -> Floats:
+        """Outputs, V, (P, N)."""
+        return outputs(self.design.circuit, self.waveforms)
+
+    @property
+    def first_and_last(self) -> Floats:
+        """Outputs at the first and at the last instant, V, (2, N)."""
+        return outputs(self.design.circuit, self.ends)[[0, -1]]
+
+    @property
+    def achieved(self) -> float | None:
+        """Bound of the error over all time, in step amplitudes; None if it is unknown."""
+        volts = self.attained[0]
+        return volts / (self.measurements.amplitude or 1.0) if math.isfinite(volts) else None
+
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """The error over all time, and what it cost."""
+        cost, (_, method, how) = self.waveforms.cost, self.attained
+        found = Accuracy(
+            wanted=self.design.plan.wanted,
+            achieved=self.achieved,
+            seconds=cost.seconds,
+            points=cost.points,
+            points_per_period=self.design.scales.max_step_for(1.0)
+            / (self.design.transient.stop / max(cost.points, 1)),
+            engine=self.ends.engine,
+            method=method,
+            how=how,
+        )
+        return found if self.before is None else found.after(self.before)
 
 
 def record_transient(
@@ -261,7 +283,7 @@ def record_transient(
     clock.begin("simulation")
     pending = begin(design)
     ideal = ideal_answer(design.network, design.scene)
-    waveforms = pending.result()
+    waveforms = pending.result().filled
     clock.begin("measures")
     measurements = measure_outputs(design, ideal, waveforms)
     return MeasuredTransient(design.circuit, design.transient, waveforms, measurements)
@@ -282,21 +304,28 @@ def record_and_measure(
     """
     recording = _record(design, ideal, pending, clock)
     for _ in range(REPEATS):
-        plan = better_plan(design, ideal, recording.measurements, recording.accuracy)
+        plan = better_plan(recording, ideal)
         if plan is None:
             break
         design = replace(design, plan=plan)
         clock.begin("simulation", remark=plan.remark)
         pending = begin(design)
         repeated = _record(design, ideal, pending, clock)
-        recording = replace(repeated, accuracy=repeated.accuracy.after(recording.accuracy))
+        recording = replace(repeated, before=recording.accuracy)
     return recording
+
+
+def finest(recording: Recording, ideal: IdealAnswer) -> tuple[Measurements, StepError]:
+    """Return the measurements of an exact solution, and their errors, by rounding alone."""
+    design, wave = recording.design, recording.ends
+    own = own_error(design, wave)
+    measured, _ = measure_with_bounds(design, ideal, wave, own, None, finest=True)
+    return measured, step_error(measured, math.inf if own is None else own.volts)
 
 
 def _record(design: PlannedBoard, ideal: IdealAnswer, pending: Pending, clock: Clock) -> Recording:
     clock.begin("simulation", remark=design.plan.remark)
     wave = pending.result()
-    u = outputs(design.circuit, wave)
     clock.begin("comparison")
     companion, own = None, own_error(design, wave)
     if own is None and design.poles.known_stable:
@@ -312,23 +341,22 @@ def _record(design: PlannedBoard, ideal: IdealAnswer, pending: Pending, clock: C
         agreement = compare_engines(companion, steps, design.scene.agreement_limit, unit)
     return Recording(
         design=design,
-        waveforms=wave,
+        ends=wave,
         measurements=measured,
-        u=u,
         error=step_error(measured, end_error),
         agreement=agreement,
-        accuracy=attained(design, wave, own, companion, amplitude),
+        attained=attained(design, own, companion),
         forever=forever,
-        exact_end=_exact_end(design, u[-1], own, companion),
+        exact_end=_exact_end(design, wave, own, companion),
     )
 
 
 def _exact_end(
-    design: PlannedBoard, end: Floats, own: StateSpaceError | None, companion: Companion | None
+    design: PlannedBoard, wave: Waveforms, own: StateSpaceError | None, companion: Companion | None
 ) -> Floats | None:
     """Return the outputs of the second solution at the record's end, V, (N,)."""
     if companion is not None:
         return np.array(companion.other[-1])
     if own is None or not math.isfinite(own.volts):
         return None
-    return end if own.second is None else np.array(outputs(design.circuit, own.second)[-1])
+    return np.array(outputs(design.circuit, own.second or wave)[-1])

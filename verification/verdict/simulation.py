@@ -334,11 +334,19 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
 
     board, plan = design.board, design.plan
     tolerance = state_space_tolerance(plan.wanted)
-    instants, analysis = plan.instants(board), plan.transient
-    if instants is None:
+    analysis = plan.transient
+
+    def fill() -> Waveforms:
+        return simulate(board, analysis, times=plan.instants(board), tolerance=tolerance)
+
+    if plan.growing:
         analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
     try:
-        waveforms = simulate(board, analysis, times=instants, tolerance=tolerance)
+        if is_exact(board) and not plan.growing:  # measured on the solution, not on its points
+            ends = np.array([0.0, analysis.stop])
+            waveforms = replace(simulate(board, analysis, times=ends), fill=fill)
+        else:
+            waveforms = fill()
     except DivergesError as error:
         # A transient may diverge beside a stable equilibrium: its record ends early.
         if not isinstance(error.partial, Waveforms):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
@@ -15,6 +15,7 @@ from taction.spice_models.input_errors import MOST, not_known
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
 from taction.system.quantities import sizes
+from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -38,10 +39,16 @@ from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.progress import FULL, Clock, Effort, Progress
-from taction.verification.verdict.recording import Accuracy, Recording, record_and_measure
+from taction.verification.verdict.recording import (
+    Accuracy,
+    Recording,
+    finest,
+    record_and_measure,
+)
 from taction.verification.verdict.run_checks import run_checks
 from taction.verification.verdict.simulation import begin
 from taction.verification.verdict.warnings import (
+    WELL_ABOVE,
     find_contradiction,
     find_warnings,
     missing_witness,
@@ -49,7 +56,7 @@ from taction.verification.verdict.warnings import (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Verdict(Result):
     """All results of `verify`; ``print`` shows the table, `outcome` is the overall result."""
 
@@ -67,20 +74,41 @@ class Verdict(Result):
     steady: SteadyState
     margin: Margin | None
     constraint: ConstraintPlane | None
-    waveforms: Waveforms
-    u: Floats
+    recording: Recording
     measurements: Measurements
     error: StepError
-    accuracy: Accuracy
     agreement: Agreement | None
     energy: EnergyRise | None
     budget: ErrorBudget
     parts: PartLoads
     noise: OutputNoise | None
     checks: tuple[Check, ...]
-    warnings: tuple[str, ...]
+    failures: tuple[str, ...]
+    evidence: Evidence
     outcome: Outcome
     timing: dict[str, float]
+
+    @property
+    def waveforms(self) -> Waveforms:
+        """The record, with the remarks of the engine."""
+        return self.recording.waveforms
+
+    @property
+    def u(self) -> Floats:
+        """Outputs over time, V, (P, N)."""
+        return self.recording.u
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """The error of the transient over all time."""
+        return self.recording.accuracy
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What makes no check fail, but may be wrong."""
+        failures, nothing = list(self.failures), tuple[str, ...]()
+        found = partial(_warnings, self.evidence, self.recording)
+        return (*attempt("the warnings", found, nothing, failures.append), *failures)
 
     def __str__(self) -> str:
         text: str = load(f"{RENDERERS}.terminal:page_text")(self.page())
@@ -96,7 +124,7 @@ class Verdict(Result):
             circuit.values,
             f"op-amp {opamp_words(self.scene.design.opamp)}",
         )
-        engine = self.waveforms.engine
+        engine = self.recording.ends.engine
         return f"Verdict({self.scene.name!r}, {outcome}, {engine}; {', '.join(parts)})"
 
 
@@ -149,7 +177,7 @@ def verify(
         measurements=recording.measurements,
         error=recording.error,
         steady=steady,
-        end=float(recording.waveforms.time[-1]),
+        end=float(recording.ends.time[-1]),
         forever=recording.forever,
         wanted=recording.design.plan.wanted,
         agreement=recording.agreement,
@@ -157,7 +185,7 @@ def verify(
         margin=margin,
         reference_error=ideal.error,
         reference_problem=ideal.problem,
-        contradiction=find_contradiction(design.circuit, ideal, recording.u[0]),
+        contradiction=find_contradiction(design.circuit, ideal, recording.first_and_last[0]),
         parts=parts,
         noise=noise,
         spread=spread,
@@ -184,6 +212,21 @@ def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
     return stability_margin(design.board, reach, design.poles)
 
 
+def _judged(
+    evidence: Evidence, recording: Recording, ideal: IdealAnswer
+) -> tuple[tuple[Check, ...], Evidence]:
+    """Judge; where an error touches a limit that could be smaller, judge the finest readings."""
+    checks = run_checks(evidence)
+    undecided = any(check.outcome is Outcome.INCONCLUSIVE for check in checks)
+    limits = ((getattr(evidence.checks, name), name) for name in EXCURSIONS)
+    near = any(c and c.max < WELL_ABOVE * evidence.error.readings[name] for c, name in limits)
+    if not (evidence.forever and (undecided or near)):
+        return checks, evidence
+    measured, error = finest(recording, ideal)
+    evidence = replace(evidence, measurements=measured, error=error)
+    return run_checks(evidence), evidence
+
+
 def _verdict(
     evidence: Evidence,
     recording: Recording,
@@ -192,7 +235,8 @@ def _verdict(
     clock: Clock,
 ) -> Verdict:
     """Judge a recording, and add the details that `effort` asks for."""
-    checks, design, wave = run_checks(evidence), recording.design, recording.waveforms
+    checks, evidence = _judged(evidence, recording, ideal)
+    design = recording.design
     constraint, energy, budget, failures = None, None, ErrorBudget(), list[str]()
     detail = partial(attempt, tell=failures.append)
     answer = AnswerError.of(ideal.network, ideal.solution, design.problem.stress, ideal.problem)
@@ -202,7 +246,9 @@ def _verdict(
         more = evidence.noise, evidence.spread
         constraint = detail("the constraint plane", lambda: constraint_plane(design.circuit), None)
         energy = detail(
-            "the energy", lambda: energy_rise(design.network, wave.time, recording.u), None
+            "the energy",
+            lambda: energy_rise(design.network, recording.waveforms.time, recording.u),
+            None,
         )
         budget = detail(
             "the error budget",
@@ -210,8 +256,6 @@ def _verdict(
             budget,
         )
     clock.end()
-    nothing: tuple[str, ...] = ()
-    warnings = detail("the warnings", lambda: _warnings(evidence, recording), nothing)
     return Verdict(
         scene=design.scene,
         problem=design.problem,
@@ -223,18 +267,17 @@ def _verdict(
         steady=evidence.steady,
         margin=evidence.margin,
         constraint=constraint,
-        waveforms=wave,
-        u=recording.u,
+        recording=recording,
         measurements=recording.measurements,
         error=recording.error,
-        accuracy=recording.accuracy,
         agreement=recording.agreement,
         energy=energy,
         budget=budget,
         parts=evidence.parts,
         noise=evidence.noise,
         checks=checks,
-        warnings=(*warnings, *failures),
+        failures=tuple(failures),
+        evidence=evidence,
         outcome=overall(checks),
         timing=clock.seconds,
     )
@@ -244,7 +287,7 @@ def _warnings(evidence: Evidence, recording: Recording) -> tuple[str, ...]:
     design = recording.design
     remarks = (
         *questions(design.scene),
-        *recording.waveforms.flags,
+        *recording.ends.flags,
         *design.plan.notes,
         *part_warnings(design.circuit, design.rest),
         *notes(design.circuit),

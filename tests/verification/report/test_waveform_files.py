@@ -36,7 +36,7 @@ def verdict() -> Verdict:
     every = slice(None, None, 40)  # enough points to draw
     waves = found.waveforms
     waves = replace(waves, time=waves.time[every], values=waves.values[every])
-    return replace(found, waveforms=waves, u=found.u[every])
+    return replace(found, recording=replace(found.recording, ends=waves))
 
 
 @pytest.mark.parametrize(

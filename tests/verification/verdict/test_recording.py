@@ -221,19 +221,22 @@ TRIED = Accuracy(1e-4, 4e-4, 2.0, 1000, 100.0, "ngspice-46", "trapezoidal", "")
 def test_only_a_known_miss_of_a_stepping_engine_is_tried_again() -> None:
     design = design_board(ringing_scene(error=1e-4, engine="ngspice"), Clock(lambda stage: None))
     ideal = ideal_answer(design.network, design.scene)
-    done = verify(ringing_scene(engine="statespace")).measurements  # every channel settles
+    done = verify(ringing_scene(engine="statespace")).recording  # every channel settles
+    run = replace(done.ends, engine="ngspice-46")
+    tried = replace(done, design=design, ends=run)
 
-    def again(accuracy: Accuracy) -> TransientPlan | None:
-        return better_plan(design, ideal, done, accuracy)
+    def again(achieved: float | None, ends: Waveforms = run) -> TransientPlan | None:
+        volts = math.nan if achieved is None else achieved * done.measurements.amplitude
+        return better_plan(replace(tried, ends=ends, attained=(volts, "", "")), ideal)
 
-    plan = again(TRIED)
+    plan = again(4e-4)
     # The forecast was four times too small, so the next aim is four times smaller.
     aim = AIM * 1e-4 * design.plan.forecast.error / 4e-4
     assert 0.5 * aim < plan.forecast.error <= aim
     assert plan.transient.stop == design.transient.stop
-    assert again(replace(TRIED, achieved=1e-5)) is None
-    assert again(replace(TRIED, achieved=None)) is None
-    assert again(replace(TRIED, engine="statespace")) is None
+    assert again(1e-5) is None
+    assert again(None) is None
+    assert again(4e-4, done.ends) is None
     both = replace(TRIED, seconds=3.0).after(TRIED)
     assert (both.seconds, both.tries) == (5.0, 2)
 

@@ -34,6 +34,7 @@ def proposed_image(names: tuple[str, ...]) -> Ints:
     return np.array(image, dtype=np.int64)
 
 
+@functools.lru_cache(maxsize=16)
 def proposed_mirror(names: tuple[str, ...]) -> Halves | None:
     """Return the exchange of all unknowns with their images; None if each is its own image."""
     image = proposed_image(names)
