@@ -26,7 +26,7 @@ OPAMP = re.compile(r"^(X\S+) (\S+) (\S+) (\S+) (\S+)$")
 TRAN = re.compile(r"^\.tran (\S+) (\S+) .*$", re.MULTILINE)
 STEPS = re.compile(r"trtol=\S+")  # a deck may ask for steps that are finer than a bench needs
 LONGER = 1.5  # times the record of the deck: what has not settled then never does
-POINTS = 300  # of a record, at least
+POINTS = (300, 500, 800)  # of a record, at least; ngspice may give up at one spacing
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,13 +124,22 @@ def simulated(deck: str, ngspice: str) -> tuple[Floats, Floats]:
     Raises
     ------
     RuntimeError
-        ngspice fails, or its record ends early.
+        ngspice fails, or its record ends early, with each of `POINTS`.
     """
+    for points in POINTS:
+        try:
+            return _simulated(deck, ngspice, points)
+        except RuntimeError as error:
+            failure = error
+    raise failure
+
+
+def _simulated(deck: str, ngspice: str, points: int) -> tuple[Floats, Floats]:
     tran = TRAN.search(deck)
     if tran is None:
         raise RuntimeError("the deck has no .tran card")
     stop = LONGER * float(tran[2])
-    longer = f".tran {stop / POINTS!r} {stop!r} 0 {stop / POINTS!r} uic"
+    longer = f".tran {stop / points!r} {stop!r} 0 {stop / points!r} uic"
     deck = STEPS.sub("trtol=1", deck[: tran.start()]) + longer + deck[tran.end() :]
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
