@@ -1,6 +1,6 @@
 """The error budget of the outputs: a chain of solutions, whose differences are its parts.
 
-    true stress -> optimum without noise -> optimum -> pruned T -> resistors as built -> op-amps,
+    true stress -> answer without noise -> answer -> pruned T -> resistors as built -> op-amps,
     one link for each group of their figures -> end of the exact transient -> end of the record
 
 Each part is the signed difference of two solutions that follow each other, for every channel, so
@@ -245,7 +245,7 @@ class ErrorBudget:
     Attributes
     ----------
     total : ErrorPart or None
-        End of the record less true stress, or less the optimum where the stress is not known; None
+        End of the record less true stress, or less the answer where the stress is not known; None
         for a verification without details.
     solves : int
         Solutions that only the budget needed.
@@ -347,7 +347,7 @@ def error_budget(
     Parameters
     ----------
     answer : AnswerError
-        The optimum beside the true stress, with the optimum without noise.
+        The regularised answer beside the true stress, with that without noise.
     noise : OutputNoise, optional
         Noise of the outputs, if it was computed.
     spread : InputSpread, optional
@@ -360,13 +360,13 @@ def error_budget(
     """
     network, chain = design.network, ErrorChain(answer.stress)
     if answer.clean is None:
-        how = "regularised optimum against the true stress (regularisation and noise)"
+        how = "regularised answer against the true stress (regularisation and noise)"
         chain.link("ill_posedness", how, ideal.target)
     else:
-        how = "optimum for a strain without noise against the true stress"
+        how = "regularised answer for a strain without noise against the true stress"
         chain.link("regularisation", how, answer.clean)
         chain.solves += answer.has_noise
-        noisy = "optimum against that without noise"
+        noisy = "regularised answer against that without noise"
         how = noisy if answer.has_noise else "the strain is T times the true stress"
         chain.link("strain_noise", how, ideal.target)
     pruning = pruning_effect(network, design.scene.design.prune, ideal.solution)
@@ -374,8 +374,7 @@ def error_budget(
         bound = pruning.bound if math.isfinite(pruning.bound) else None
         proven = "no proven bound" if bound is None else f"proven bound {show(bound, 'V', 3)}"
         how = (
-            f"optimum without {pruning.entries} entries of T against the requested optimum;"
-            f" {proven}"
+            f"answer without {pruning.entries} entries of T against the requested answer; {proven}"
         )
         chain.link("pruning", how, pruning.target, bound=bound)
         chain.solves += 1
@@ -383,7 +382,7 @@ def error_budget(
     plain = design.board if stages is design.circuit else LinearBoard(stages)
     chain.solve(
         "resistors",
-        "board as built, with ideal op-amps, against that optimum",
+        "board as built, with ideal op-amps, against that answer",
         partial(outputs_at_rest, LinearBoard(with_ideal_opamps(stages))),
         partial(predicted_change, design),
     )
@@ -408,7 +407,7 @@ def error_budget(
         chain.parts.append(ErrorPart(name, volts, how))
     whole = None
     if chain.first is not None:
-        start = "optimum" if answer.stress is None else "true stress"
+        start = "regularised answer" if answer.stress is None else "true stress"
         whole = difference(
             "total", f"end of the record against the {start}", chain.first, recording.u[-1]
         )

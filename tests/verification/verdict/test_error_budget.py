@@ -277,7 +277,7 @@ def test_the_change_is_measured_beside_its_bound() -> None:
     change = float(np.abs(after - whole).max())
     assert part.value == pytest.approx(change, rel=1e-9)
     assert change < part.bound < 50 * change
-    assert part.how.startswith("optimum without 2 entries of T")
+    assert part.how.startswith("answer without 2 entries of T")
     # The reference keeps the whole T, and the other parts do not contain the pruning.
     assert np.array_equal(verdict.ideal.network.T, T)
     assert verdict.ideal.target == pytest.approx(whole, rel=1e-9)

@@ -427,11 +427,11 @@ def verdict_document_with_margins(verdict: Verdict) -> dict[str, Any]:
 
 
 def budget_parts(budget: ErrorBudget) -> dict[str, BudgetPart]:
-    """Return the parts of an error budget by name, their sum up to the optimum, and ``total``."""
+    """Return the parts of an error budget by name, their sum up to the answer, and ``total``."""
     parts = {part.name: part for part in budget}
     if "regularisation" in parts:
         both = np.array([parts[name].channels for name in ("regularisation", "strain_noise")])
-        how = "regularised optimum against the true stress: regularisation and strain_noise"
+        how = "regularised answer against the true stress: regularisation and strain_noise"
         whole = difference("ill_posedness", how, -both[0], both[1])
         parts = {whole.name: whole} | parts
     parts |= {} if budget.total is None else {"total": budget.total}

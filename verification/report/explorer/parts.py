@@ -253,10 +253,10 @@ def stress_chart(view: RestView) -> Chart:
     marks: list[Mark] = []
     if truth is not None:
         truth = truth * view.board.circuit.value("U0")
-        marks.append(Curve(x, truth, "truth", "true", mark="circle", size=3.0, width=5.0))
-    marks.append(Curve(x, targets, "numerical solution", "pass", "dash", width=2.0))
+        marks.append(Curve(x, truth, "true stress", "true", mark="circle", size=3.0, width=5.0))
+    marks.append(Curve(x, targets, "regularised answer", "pass", "dash", width=2.0))
     marks.append(Curve(x, view.rest, "board at rest", "fail", "", "circle-open", size=7.0))
-    note = f"Board less solution: at most {_largest(view.rest - targets)}."
+    note = f"Board less answer: at most {_largest(view.rest - targets)}."
     if truth is not None:
         note += f" {true_error_text(view.answer)}"
     along = Axis("channel", whole=True) if places is None else Axis("place y")

@@ -25,7 +25,7 @@ def answer_text(answer: AnswerError) -> str:
 def true_error_text(answer: AnswerError) -> str:
     """Return in a sentence how far the answer is from the true stress, and why."""
     text = _truth(answer, "the regularised answer")
-    share = f" ({of_unit(answer)})" if " is the true" in text or " from the true" in text else ""
+    share = f"; % {of_unit(answer)}" if " % from" in text else ""
     return f"{text[:1].upper()}{text[1:]}{share}."
 
 

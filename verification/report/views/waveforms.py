@@ -274,7 +274,7 @@ def nodes_sheet(wave: Waveforms, nodes: Sequence[str] | None = None) -> Sheet:
 
 
 def stress_chart(verdict: Verdict) -> Chart:
-    """Return the recovered stress beside the regularised optimum and the true stress."""
+    """Return the recovered stress beside the regularised answer and the true stress."""
     problem, unit = verdict.problem, verdict.circuit.value("U0")
     channels = verdict.measurements.channels
     if problem.positions is None:
@@ -285,7 +285,7 @@ def stress_chart(verdict: Verdict) -> Chart:
     optimum = np.array([c.target for c in channels]) / unit
     rest, final = verdict.steady.values / unit, np.array([c.final for c in channels]) / unit
     curves = [
-        Curve(where, optimum, "regularised optimum", "pass", "dash", "square-open"),
+        Curve(where, optimum, "regularised answer", "pass", "dash", "square-open"),
         Curve(where, rest, "board at rest", "ink", "", "line-ns", size=8.0),
     ]
     text = ""
