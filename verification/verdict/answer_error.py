@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,9 +20,12 @@ import numpy as np
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import SolverError
 from taction.verification.reference import IdealNetwork, Solution, solve
-from taction.verification.verdict.checks import Evidence
+from taction.verification.verdict.checks import Check, Evidence, Outcome
 from taction.verification.verdict.input_spread import SHARE
+from taction.verification.verdict.run_checks import unconfirmed
 
+DECISIVE = ("headroom", "engines_agree", "same_problem")
+"""Checks without which the equilibrium need not be that of the board."""
 ALIKE = 1e-9  # relative difference of errors that count as equal: those of a symmetric board
 
 
@@ -87,12 +91,19 @@ class AnswerError:
         known = None if stress is None else stress * network.U0
         return cls(network, solution.u * network.U0, error, known)
 
-    def judged(self, evidence: Evidence) -> AnswerError:
-        """Return the errors with the distance of the board, which has to come to rest."""
-        if evidence.growth or evidence.obstacle or evidence.unsteady:
+    def judged(self, evidence: Evidence, checks: Iterable[Check]) -> AnswerError:
+        """Return the errors with the distance of the board.
+
+        There is none for a board that does not come to rest, whose record does not confirm where,
+        or where another check doubts that the board is the one that was solved.
+        """
+        if evidence.growth or evidence.obstacle or evidence.unsteady or evidence.unwitnessed:
             return self
+        doubts = any(c.name in DECISIVE and c.outcome is not Outcome.PASS for c in checks)
         amplitude = evidence.measurements.amplitude
         distance, error, boards = evidence.resting
+        if doubts or unconfirmed(evidence) or not math.isfinite(distance + error):
+            return self
         return replace(
             self,
             board=distance * amplitude,

@@ -266,12 +266,12 @@ def _steady_state(evidence: Evidence) -> Check:
     reason = joined("largest |equilibrium - reference|", boards, at_end)
     if evidence.unsteady and not evidence.steady.linear:
         outcome, reason = Outcome.FAIL, f"no steady state: {evidence.unsteady}"
-    elif outcome is Outcome.PASS and (doubt := _unconfirmed(evidence)):
+    elif outcome is Outcome.PASS and (doubt := unconfirmed(evidence)):
         outcome, reason = Outcome.INCONCLUSIVE, joined(reason, doubt)
     return Check("steady_state", outcome, value, error, 0.0, limit, "step", reason)
 
 
-def _unconfirmed(evidence: Evidence) -> str:
+def unconfirmed(evidence: Evidence) -> str:
     """Return why the end of the record does not confirm the equilibrium; empty if it does."""
     limit = evidence.checks.steady_state.tolerance
     if evidence.forever:

@@ -240,7 +240,7 @@ def _verdict(
     constraint, energy, budget, failures = None, None, ErrorBudget(), list[str]()
     detail = partial(attempt, tell=failures.append)
     answer = AnswerError.of(ideal.network, ideal.solution, design.problem.stress, ideal.problem)
-    answer = detail("the error of the board at rest", partial(answer.judged, evidence), answer)
+    answer = detail("the error of the board", lambda: answer.judged(evidence, checks), answer)
     clock.begin("error budget")
     if effort.details:
         more = evidence.noise, evidence.spread

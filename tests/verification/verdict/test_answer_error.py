@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 import taction
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import SolverError
 from taction.verification.reference import IdealNetwork, solve
 from taction.verification.report.documents.verdict import budget_parts, verdict_document
+from taction.verification.report.views.answer import answer_text
 from taction.verification.verdict import answer_error
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.verify import Verdict, verify
@@ -29,11 +31,13 @@ LAM, U0 = 0.2, 0.5
 POOR = {"base": "ideal", "dc_gain": 2e3, "gbw": "10MHz", "output_resistance": "75ohm"}
 
 
-def judged(stress: Floats | None, eps: Floats, **design: Any) -> Verdict:
+def judged(
+    stress: Floats | None, eps: Floats, times: dict[str, Any] | None = None, **design: Any
+) -> Verdict:
     board = {"gain": "100kohm", "unit_conductance": "10uS", "unit_voltage": U0}
     board |= {"capacitance": "470pF", "stray_capacitance": 0, "lambda": LAM, "opamp": POOR}
     checks = {"steady_state": {"tolerance": 0.5}, "settling_time": {"band": 0.1}}
-    analysis = {"engine": "statespace"}
+    analysis = {"engine": "statespace", **(times or {})}
     scene = make_scene(design=board | design, analysis=analysis, checks=checks)
     return verify(scene, problem=InverseProblem(T, eps, stress, None))
 
@@ -126,6 +130,35 @@ def test_an_unstable_board_finds_no_answer() -> None:
     assert (found["board_error"], found["text"]) == (None, "")
     largest = np.abs(tikhonov(T, T @ STRESS, LAM) - STRESS).max() / STRESS.max()
     assert found["true_error"] == pytest.approx(largest, rel=1e-9)
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(
+    ("design", "analysis", "name"),
+    [
+        # 0.6 of stress is 18 V at the supply of 15 V.
+        ({"unit_voltage": "30V", "opamp": "op27"}, {}, "headroom"),
+        ({}, {"stop": 1e-5, "engine": "ngspice"}, "steady_state"),
+    ],
+)
+def test_a_board_that_need_not_rest_there_has_no_sentence(
+    design: dict[str, Any], analysis: dict[str, Any], name: str
+) -> None:
+    verdict = judged(STRESS, T @ STRESS, analysis, **design)
+    decided = {check.name: check.outcome.value for check in verdict.checks}
+    assert decided[name] != "pass"
+    found = verdict_document(verdict)["answer"]
+    assert (found["board_error"], found["text"]) == (None, "")
+    assert found["true_error"] > 0.0
+
+
+def test_a_board_of_another_problem_has_no_sentence() -> None:
+    """The synthesis is given a lambda that is not the scene's."""
+    scene = load_scene("scenes/custom-matrix.toml").with_engine("statespace")
+    circuit = synthesise(scene.with_lambda(0.02, ""), make_problem(scene))
+    verdict = verify(scene, circuit=circuit)
+    assert "same_problem" in {check.name for check in verdict.checks}
+    assert (verdict.answer.board, answer_text(verdict.answer)) == (None, "")
 
 
 def test_an_answer_that_cannot_be_trusted_has_no_error() -> None:
