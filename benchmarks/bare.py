@@ -70,7 +70,7 @@ def true_solution(board: LinearBoard, transient: Transient) -> Truth:
     instants so dense that cubic interpolation errs by `BETWEEN` of the step amplitude.
     """
     if not (board.circuit.amplifiers or board.descriptor.is_large):
-        return exact.exact_solution(board, stop=transient.stop).at
+        return exact.exact_solution(board).at
     times = StepModel.of(board, transient.stop, transient.initial, stable=True).instants(BETWEEN)
     found = simulate.simulate(board, transient, times=times, tolerance=TOLERANCE)
     return lambda at: lagrange(times, found.values, at, CUBIC)

@@ -114,7 +114,7 @@ def precision(name: str, board: Board) -> Figure:
     times, precise = precise_step(descriptor, stop, 22)
     charged = np.flatnonzero(descriptor.dense.mass.any(axis=1))
     names = [descriptor.names[place] for place in charged]
-    solution = exact.exact_solution(board.linear, stop=stop)
+    solution = exact.exact_solution(board.linear)
     columns = [names.index(node) for node in solution.nodes]
     off = np.abs(solution.at(np.array(times)) - precise[:, columns]).max()
     error = float(off / np.abs(solution.final - solution.start).max())

@@ -15,16 +15,16 @@ from taction.verification.readings.measurements import ChannelMeasure, Measureme
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
-from taction.verification.stability.poles import summarise
 from taction.verification.verdict.checks import Check, Evidence
 from taction.verification.verdict.companion import Agreement, StepError
 from taction.verification.verdict.planned_board import SteadyState
 from taction.verification.verdict.run_checks import run_checks
+from tests.support.poles import rounded_poles
 
 ROUNDING = 1e-15  # an error is never 0
 EXACT = StepError(ROUNDING, dict.fromkeys(READINGS, ROUNDING))
-STABLE = summarise(np.array([-1e3 + 1e5j, -1e3 - 1e5j]), complete=True)
-UNSTABLE = summarise(np.array([1e3 + 1e5j, 1e3 - 1e5j]), complete=True)
+STABLE = rounded_poles(np.array([-1e3 + 1e5j, -1e3 - 1e5j]))
+UNSTABLE = rounded_poles(np.array([1e3 + 1e5j, 1e3 - 1e5j]))
 
 
 def channel(index: int = 0, **changes: Any) -> ChannelMeasure:
@@ -101,7 +101,7 @@ def steady(
 ) -> SteadyState:
     """Equilibrium outputs; a mode with a time constant of 1 s leaves `left` V at 1 s."""
     amplitudes, poles = np.array([left * math.e]), np.array([-1.0 + 0j])
-    scales = TimeScales(poles, amplitudes, 1.0, (), math.inf, 0.0, 0.0, step=1.0)
+    scales = TimeScales(poles, amplitudes, poles.real, 1.0, (), math.inf, 0.0, 0.0, step=1.0)
     return SteadyState(np.array(volts), error, scales, linear)
 
 

@@ -87,7 +87,7 @@ class LinearResponse:
         cls, board: LinearBoard, scales: TimeScales, stop: float, initial: Initial
     ) -> LinearResponse:
         """Solve a small linear board; raises `EngineError` as `exact_solution`."""
-        solution = exact_solution(board, initial=initial, stop=stop)
+        solution = exact_solution(board, initial=initial)
         signs = np.array([output.sign for output in board.circuit.outputs])
         return cls(solution, signs, scales, _rise(solution, stop), stop)
 

@@ -41,7 +41,6 @@ def measure_exact(
     start: Floats | None = None,
     *,
     initial: Literal["zero", "rest"] = "zero",
-    stop: float | None = None,
     band: float = SETTLING_BAND,
     target_error: float = 0.0,
     level: float = LEVEL,
@@ -58,8 +57,6 @@ def measure_exact(
         u before the step, V; the default is the start of the solution.
     initial, band
         As in `taction.netlist_gen.analysis.Transient` and `measurements.measure`.
-    stop : float, optional
-        As in `exact_solution`.
     target_error : float
         Bound of the error of a channel's distance from `target`, V.
     level : float
@@ -77,7 +74,7 @@ def measure_exact(
     crossing.
     """
     board = LinearBoard.of(circuit)
-    solution = exact_solution(board, initial=initial, stop=stop)
+    solution = exact_solution(board, initial=initial)
     if not np.all(solution.poles.real < 0.0):
         raise EngineError("the board is not stable: its transient has no end to measure")
     signs = np.array([output.sign for output in board.circuit.outputs])
@@ -117,11 +114,12 @@ def _settlement(off: float, tolerance: float, bound: float, reading: Reading | N
 
 def _modes(solution: Exact, amplitude: float) -> tuple[Mode, ...]:
     """Return the ringing modes, strongest first, with amplitudes at t = 0 and no uncertainty."""
-    modes = []
-    for pole, row in zip(solution.poles.tolist(), np.abs(solution.share), strict=True):
-        peak = 2.0 * float(row.max(initial=0.0))
+    modes, flow = [], solution.flow
+    begin = flow.powers == 0
+    for pole, row in zip(flow.poles[begin].tolist(), np.abs(flow.share[begin]), strict=True):
+        peak = float(row.max(initial=0.0))
         if pole.imag > 0.0 and -pole.real < RINGS * abs(pole) and peak > FAINT * amplitude:
-            channels = tuple((2.0 * row).tolist())
+            channels = tuple(row.tolist())
             frequency = pole.imag / (2.0 * math.pi)
             mode = Mode(frequency, pole.real, peak, 0.0, 0.0, 0.0, channels, 0.0, 0.0, "")
             modes.append(mode)

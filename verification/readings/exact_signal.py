@@ -16,9 +16,7 @@ import math
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
-from taction.verification.engines.statespace.linearised.time_scales import UNRESOLVED
 from taction.verification.engines.statespace.transients.exact import Exact
-from taction.verification.engines.statespace.transients.matrix_exponential import Exponentials
 from taction.verification.readings.crossings import Crossings
 
 FINENESS = 0.25  # step times |p| of the fastest mode of a resolved interval: 25 points a period
@@ -59,14 +57,8 @@ class ExactGrid:
         self.noise = NOISE * (solution.error + target_error + EPS * largest)
         self.ends: Floats = solution.final * signs - target
         flow = solution.flow
-        self.modal = isinstance(flow, Exponentials)
-        if isinstance(flow, Exponentials):
-            self.poles, self.share = flow.poles, flow.share * signs
-            self.weight: Floats = np.abs(self.share)
-        else:
-            self.poles = solution.poles
-            step = float(np.abs(solution.final - solution.start).max(initial=detail))
-            self.weight = np.full((len(self.poles), len(signs)), UNRESOLVED * step)
+        self.rates, self.speeds, self.share = flow.rates, flow.speeds, flow.share * signs
+        self.weight: Floats = np.abs(self.share)
         self.lost, self.fastest = self._fastest(self.noise)
         self.time = self._first_grid(detail)
         self.errors, self.slopes, self.bounds = self._evaluate(self.time)
@@ -80,10 +72,10 @@ class ExactGrid:
         The last rate, of the time after all instants, is 0.
         """
         with np.errstate(divide="ignore"):
-            lives = np.log(level / self.weight.max(axis=1, initial=0.0)) / self.poles.real
+            lives = np.log(level / self.weight.max(axis=1, initial=0.0)) / self.rates
         lives = np.maximum(lives, 0.0)
         order = np.argsort(lives)
-        rates = np.append(np.abs(self.poles)[order], 0.0)
+        rates = np.append(self.speeds[order], 0.0)
         return lives[order], np.maximum.accumulate(rates[::-1])[::-1]
 
     def _rate(self, times: Floats) -> Floats:
@@ -93,7 +85,7 @@ class ExactGrid:
     def _first_grid(self, detail: float) -> Floats:
         """Return instants that resolve modes above `detail`, at least `PER_OCTAVE` to an octave."""
         lives, rates = self._fastest(detail)
-        shortest = 1.0 / float(np.abs(self.poles).max(initial=1.0))
+        shortest = 1.0 / float(self.speeds.max(initial=1.0))
         parts, t = [np.zeros(1)], 0.0
         for end, rate in zip(lives.tolist(), rates.tolist(), strict=False):
             if end <= t:
@@ -119,7 +111,7 @@ class ExactGrid:
 
     def remainder(self, time: float) -> Floats:
         """Return a bound (N,) on what the modes have left after `time`, V."""
-        return np.asarray(np.exp(self.poles.real * time) @ self.weight)
+        return np.asarray(np.exp(self.rates * time) @ self.weight)
 
     @property
     def reach(self) -> Floats:
@@ -148,18 +140,15 @@ class ExactGrid:
 
     def _envelopes(self, places: Ints) -> Floats:
         """Bound intervals by the modes that they resolve and the envelopes of the others."""
-        if not self.modal:
-            return np.full((2, len(places), len(self.ends)), np.inf)
         begin, end = self.time[places], self.time[places + 1]
         width = (end - begin)[:, None]
-        seen = np.abs(self.poles) * width <= FINENESS
-        size = np.exp(self.poles.real * begin[:, None])
+        seen, basis = self.speeds * width <= FINENESS, self.solution.flow.basis
+        size = np.exp(self.rates * begin[:, None])
         still = [
-            (np.exp(np.outer(t, self.poles)) * seen).real @ self.share.real
-            - (np.exp(np.outer(t, self.poles)) * seen).imag @ self.share.imag
-            for t in (begin, end)
+            (shape * seen).real @ self.share.real - (shape * seen).imag @ self.share.imag
+            for shape in (basis(begin), basis(end))
         ]
-        bend = np.where(seen, (np.abs(self.poles) * width) ** 2 / 8.0, 1.0)
+        bend = np.where(seen, (self.speeds * width) ** 2 / 8.0, 1.0)
         room = (size * bend) @ self.weight
         high = np.maximum(*still) + self.ends + room
         return np.stack([high, room - np.minimum(*still) - self.ends])

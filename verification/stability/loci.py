@@ -87,10 +87,15 @@ class PortResponse:
     def at(self, omega: Floats) -> Complexes:
         """Return the matrices at angular frequencies (P,), 1/s; shape (P, K, K)."""
         large = self.board.descriptor.is_large
-        modal = not large and self.board.state_space.modes.defect < WELL_CONDITIONED
+        modal = not large and self._modes_suffice
         impedance = self._from_modes(omega) if modal else self._from_solves(omega)
         weighted = self._roots[:, None] * impedance * self._roots
         return 1j * omega[:, None, None] * weighted if self.reactive else weighted
+
+    @cached_property
+    def _modes_suffice(self) -> bool:
+        modes = self.board.state_space.modes
+        return bool(modes.alone.all()) and modes.defect < WELL_CONDITIONED
 
     @cached_property
     def _roots(self) -> Floats:

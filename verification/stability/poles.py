@@ -8,18 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import EPS, Complexes, Floats
+from taction.system.array_types import Complexes, Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.count_unstable import count_right
-from taction.verification.engines.statespace.linearised.rightmost_poles import (
-    rightmost_poles,
-    slow_poles,
-)
+from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
-UNITS = 64  # times rounding times the fastest pole: error of an eigenvalue
-CLOSE = 1e3  # times that error: poles so close to the axis are computed by two eigenproblems
-SEARCHED = 1e-9  # times the fastest pole: the same, if only the rightmost poles are computed
+SEARCHED = 1e-9  # times the fastest pole: error of the rightmost poles that a search finds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,14 +84,14 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
 
     Notes
     -----
-    The cost is one dense eigenproblem without vectors, about 10 n³ flops (n = 91: 3 ms; 1 ms for a
-    board with mirror symmetry). For a large board Arnoldi's method computes only the rightmost
-    poles (500 channels: 2 s).
+    The cost is that of the modes, about 30 n³ flops (n = 91: 5 ms; 2 ms for a board with mirror
+    symmetry). For a large board Arnoldi's method computes only the rightmost poles (500 channels:
+    2 s).
     """
     board = LinearBoard.of(circuit)
     if board.descriptor.is_large:
         return summarise(rightmost_poles(board), complete=False)
-    return _resolved(board, summarise(board.state_space.eigenvalues, complete=True))
+    return _of_modes(board)
 
 
 def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:
@@ -109,24 +104,12 @@ def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:
     """
     if not scales.complete:
         return poles(board)
-    return _resolved(board, summarise(scales.poles, complete=True))
+    return _of_modes(board)
 
 
-def _resolved(board: LinearBoard, found: Poles) -> Poles:
-    """Compute the slow poles anew if a pole is so close to the axis that rounding may matter."""
-    if not np.any(np.abs(found.poles.real) <= CLOSE * found.errors):
-        return found
-    try:
-        slow = slow_poles(board)
-    except np.linalg.LinAlgError:
-        return found
-    fastest, slowest = float(np.abs(found.poles).max()), float(np.abs(slow).min())
-    limit = math.sqrt(fastest * slowest)  # where both errors are the same
-    values = np.concatenate([found.poles[np.abs(found.poles) > limit], slow[np.abs(slow) <= limit]])
-    if len(values) != len(found.poles):
-        return found
-    errors = UNITS * EPS * np.minimum(fastest, np.abs(values) ** 2 / slowest)
-    return summarise(values, complete=True, errors=errors)
+def _of_modes(board: LinearBoard) -> Poles:
+    modes = board.state_space.modes
+    return summarise(modes.poles, complete=True, errors=modes.pole_errors)
 
 
 def count_unstable(circuit: Circuit | LinearBoard) -> int:
@@ -150,11 +133,10 @@ def count_unstable(circuit: Circuit | LinearBoard) -> int:
 def summarise(values: Complexes, *, complete: bool, errors: Floats | None = None) -> Poles:
     """Sort poles and name the rightmost ones; a board without states is stable.
 
-    `errors` are those of the values, by default the rounding of the fastest pole.
+    `errors` are those of the values, by default `SEARCHED`.
     """
     if errors is None:
-        share = UNITS * EPS if complete else SEARCHED
-        errors = np.full(len(values), share * float(np.abs(values).max(initial=0.0)))
+        errors = np.full(len(values), SEARCHED * float(np.abs(values).max(initial=0.0)))
     order = np.lexsort((-values.imag, -values.real))
     values, errors = values[order], errors[order]
     rightmost = complex(values[0].real, abs(values[0].imag)) if len(values) else complex(-math.inf)

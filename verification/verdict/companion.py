@@ -369,7 +369,6 @@ def _on_the_solution(
             ideal.target,
             ideal.start,
             initial=design.transient.initial,
-            stop=design.transient.stop,
             band=design.scene.checks.settling_time.band,
             target_error=_target_error(ideal),
             level=0.0 if finest else LEVEL,

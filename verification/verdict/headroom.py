@@ -200,12 +200,10 @@ def _exact(loads: _Loads, initial: Initial) -> Iterator[Load]:
 
 def _not_excluded(loads: _Loads, solution: Exact) -> Ints:
     """Return the places of the rows that no upper bound excludes (see `headroom`)."""
-    if solution.form != "modes":
-        return np.arange(len(loads.rows))
     rates = np.abs(solution.poles.real)
     time = np.geomspace(EARLY / rates.max(), LATE / rates.min(), SAMPLES)
     reached = np.abs(solution.at(time)).max(axis=0, initial=0.0)
-    bound = np.abs(solution.share).sum(axis=0) + np.abs(solution.final)
+    bound = np.abs(solution.flow.share).sum(axis=0) + np.abs(solution.final)
     worst: dict[str, float] = {}
     for row, size in zip(loads.rows, reached.tolist(), strict=True):
         worst[row.quantity] = min(max(worst.get(row.quantity, 0.0), size), FULL)

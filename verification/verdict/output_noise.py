@@ -168,7 +168,7 @@ class OutputNoise:
 
 def _simulated(design: PlannedBoard, channel: int, lowest: float) -> float:
     """Return the noise of a channel above a frequency from ngspice, V."""
-    bands = noise_bands(design.board.state_space.eigenvalues, lowest)
+    bands = noise_bands(design.board.state_space.modes.poles, lowest)
     node = design.circuit.outputs[channel].node
     deck = write_deck(design.circuit, Noise(bands), saved=[node])
     with start(deck, find_simulator(), timeout=design.scene.analysis.timeout) as run:

@@ -268,7 +268,7 @@ def growing_record(board: LinearBoard, plan: TransientPlan) -> Waveforms:
     except EngineError:
         if board.descriptor.is_large:
             raise
-    solution = exact_solution(board, initial=initial, stop=stop, linearised=True)
+    solution = exact_solution(board, initial=initial, linearised=True)
     times = np.linspace(0.0, stop, GROWING + 1)
     cost, flag = Cost(0.0, len(times), 1), "the record is that of the linearised board"
     values, method = solution.at(times), "exact, linearised"

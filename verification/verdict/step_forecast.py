@@ -33,7 +33,6 @@ from taction.verification.engines.statespace.linearised.board import (
     initial_unknowns,
 )
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
-from taction.verification.engines.statespace.linearised.time_scales import RESOLVED
 
 Array = TypeVar("Array", Floats, Complexes)
 
@@ -89,7 +88,6 @@ CHARGE = 10.0  # times C times the step amplitude: above the charges of usual bo
 EXPONENT = 1.5  # the truncation error is proportional to this power of the error
 SEARCH_AIM = 0.93  # of the allowed error: target of each search step
 CLOSE = 0.8  # of the allowed error: the search stops above this fraction
-SPREAD = 1e-3  # relative perturbation of a matrix with defective modes
 TRIES = 12
 LEAST, MOST = 1e-15, 0.5  # truncation errors
 
@@ -296,17 +294,8 @@ class StepModel:
 
 
 def _modes(space: StateSpace, C: Floats, deviation: Floats) -> tuple[Complexes, Complexes]:
-    """Return poles (n,), one of each conjugate pair, and their amplitudes in ``C x``, (n, K).
-
-    Defective modes are replaced by those of a matrix whose entries differ by about `SPREAD`, which
-    is close enough for a forecast.
-    """
-    poles, amplitudes = space.modes.poles, space.modes.amplitudes(C, deviation).T
-    if not np.abs(amplitudes).sum(axis=0).max(initial=0.0) < RESOLVED * np.abs(C @ deviation).max():
-        noise = np.random.default_rng(0).standard_normal(space.A.shape)
-        poles, right = np.linalg.eig(space.A * (1.0 + SPREAD * noise))
-        weights = np.linalg.solve(right, deviation.astype(np.complex128))
-        amplitudes = weights[:, None] * (C @ right).T
+    """Return poles (n,), one of each conjugate pair, and their amplitudes in ``C x``, (n, K)."""
+    poles, amplitudes = space.modes.centres, space.modes.amplitudes(C, deviation).T
     kept = poles.imag >= 0.0
     twice = np.where(poles[kept].imag > 0.0, 2.0, 1.0)[:, None]
     return poles[kept], twice * amplitudes[kept]

@@ -129,7 +129,7 @@ def test_the_answer_follows_from_the_built_resistor() -> None:
 
 @pytest.mark.parametrize("kind", ["current", "voltage"])
 def test_poles_and_noise_of_a_channel_are_those_of_the_closed_form(kind: str) -> None:
-    found, expected = one(kind).state_space.eigenvalues, poles(kind)
+    found, expected = one(kind).state_space.modes.poles, poles(kind)
     assert np.sort_complex(found) == pytest.approx(np.sort_complex(expected), rel=1e-6)
     rms, _ = output_noise(one(kind))
     assert rms[0] == pytest.approx(noise(kind), rel=1e-6)
@@ -147,4 +147,4 @@ def test_the_noise_gain_moves_onset_and_noise() -> None:
     assert gains[1] > 1.004 * gains[0]  # the slower constraint stage is stable up to more gain
     for kind, gain in zip(("current", "voltage"), gains, strict=True):
         for factor, sign in ((1 - 1e-4, -1), (1 + 1e-4, 1)):
-            assert sign * max(one(kind, gain=gain * factor).state_space.eigenvalues.real) > 0
+            assert sign * max(one(kind, gain=gain * factor).state_space.modes.poles.real) > 0

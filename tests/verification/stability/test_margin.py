@@ -24,13 +24,14 @@ from taction.verification.stability.margin import (
     stability_margin,
     stable_values,
 )
-from taction.verification.stability.poles import poles, summarise
+from taction.verification.stability.poles import poles
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.boards import lag_board, window
 from tests.support.measured import evidence
 from tests.support.paths import CASES, SCENES
+from tests.support.poles import rounded_poles
 
 FILE = SCENES / "tuned-breadboard.toml"
 SCENE = load_scene(FILE)
@@ -124,7 +125,7 @@ def test_without_loci_no_margin_is_known(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_board_on_the_axis_has_no_known_margin() -> None:
-    margin = stability_margin(board(), found=summarise(np.array([1e-12 + 1e6j]), complete=True))
+    margin = stability_margin(board(), found=rounded_poles(np.array([1e-12 + 1e6j])))
     assert margin.factor == 0.0
     assert margin.doubt == "the board itself may be stable or unstable"
 

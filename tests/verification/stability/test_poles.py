@@ -11,8 +11,9 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.stability.poles import count_unstable, poles, summarise
+from taction.verification.stability.poles import count_unstable, poles
 from tests.support.boards import lags, paper_board, single_mode
+from tests.support.poles import rounded_poles
 
 TAU = 0.455e-6
 
@@ -74,10 +75,10 @@ def test_modes_that_cannot_be_told_apart_are_given_time_too() -> None:
 
 
 def test_a_board_without_oscillating_poles_has_no_frequency() -> None:
-    found = summarise(np.array([-3.0, -1.0], dtype=np.complex128), complete=True)
+    found = rounded_poles(np.array([-3.0, -1.0], dtype=np.complex128))
     assert (found.rightmost, found.stable) == (-1.0, True)
     assert (found.damping_ratio, found.frequency) == (1.0, 0.0)
-    nothing = summarise(np.zeros(0, dtype=np.complex128), complete=True)
+    nothing = rounded_poles(np.zeros(0, dtype=np.complex128))
     assert nothing.stable
 
 

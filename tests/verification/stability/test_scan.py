@@ -11,6 +11,7 @@ from taction.system.errors import EngineError
 from taction.verification.stability.edges import Scan
 from taction.verification.stability.poles import Poles, summarise
 from taction.verification.stability.scan import scan
+from tests.support.poles import rounded_poles
 
 GRID = np.geomspace(0.1, 10.0, 31).tolist()
 
@@ -23,13 +24,13 @@ def poles_of(*laws: Callable[[float], complex]) -> Callable[[float], Poles]:
         listed = [complex(law(x)) for law in laws]
         listed += [p.conjugate() for p in listed if p.imag]
         found = np.array(listed)
-        return summarise(found, complete=True)
+        return rounded_poles(found)
 
     return read
 
 
 def pair(pole: complex) -> Poles:
-    return summarise(np.array([pole, np.conj(pole)]), complete=True)
+    return rounded_poles(np.array([pole, np.conj(pole)]))
 
 
 def places(found: Scan) -> list[float]:
@@ -95,7 +96,7 @@ def test_rounding_at_a_crossing_does_not_make_several_of_it(rng: np.random.Gener
 
 def test_a_linear_scan_reaches_zero() -> None:
     found = scan(
-        lambda v: summarise(np.array([0.3 - v, -5.0], dtype=complex), complete=True),
+        lambda v: rounded_poles(np.array([0.3 - v, -5.0], dtype=complex)),
         [0.0, 0.5, 1.0],
         logarithmic=False,
     )
@@ -141,7 +142,7 @@ def test_a_pole_on_the_axis_to_within_rounding_is_no_crossing_and_no_stable_rang
     def read(value: float) -> Poles:
         noise = 1e-9 * float(rng.standard_normal())
         drift = 0.0 if value < 1.0 else 1.0 - value
-        return summarise(np.array([noise + drift, -1e6], dtype=complex), complete=True)
+        return rounded_poles(np.array([noise + drift, -1e6], dtype=complex))
 
     found = scan(read, GRID)
     assert found.edges == ()

@@ -55,7 +55,7 @@ def numbers(figures: dict[str, str]) -> dict[str, float]:
 
 
 def from_ngspice(board: LinearBoard, channel: int) -> float:
-    bands = noise_bands(board.state_space.eigenvalues)
+    bands = noise_bands(board.state_space.modes.poles)
     deck = write_deck(board.circuit, Noise(bands), saved=[board.circuit.outputs[channel].node])
     with start(deck, find_simulator(), timeout=60.0) as run:
         return run.noise()

@@ -14,7 +14,6 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import describe_states
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
-from taction.verification.stability.poles import summarise
 from taction.verification.verdict.checks import Check, Outcome, at_most, overall
 from taction.verification.verdict.companion import StepError
 from taction.verification.verdict.run_checks import run_checks
@@ -29,6 +28,7 @@ from tests.support.measured import (
     oscillating,
     steady,
 )
+from tests.support.poles import rounded_poles
 
 PASS, FAIL, UNDECIDED = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
 
@@ -253,7 +253,7 @@ def test_an_unstable_board_fails_whatever_its_transient_shows() -> None:
 
 def test_a_pole_within_rounding_of_the_axis_decides_nothing() -> None:
     given = evidence(
-        poles=summarise(np.array([1e-9, -1e6], dtype=np.complex128), complete=True),
+        poles=rounded_poles(np.array([1e-9, -1e6], dtype=np.complex128)),
         checks={"overshoot": {"max": 0.5}, "rise_time": {"max": 1.0}},
     )
     for name in ("steady_state", "settling_time", "rise_time", "overshoot", "stability"):
@@ -288,7 +288,7 @@ def test_a_board_that_need_not_move_is_no_verdict() -> None:
 
 def test_a_pole_within_its_rounding_of_the_axis_is_undecided() -> None:
     for real, outcome in ((-1.0, PASS), (-1e-7, UNDECIDED), (1e-7, UNDECIDED), (1.0, FAIL)):
-        given = summarise(np.array([real + 1e6j, real - 1e6j, -1e8]), complete=True)
+        given = rounded_poles(np.array([real + 1e6j, real - 1e6j, -1e8]))
         assert check("stability", evidence(poles=given)).outcome is outcome
 
 

@@ -13,11 +13,11 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.stability.poles import summarise
 from taction.verification.verdict.companion import StepError
 from taction.verification.verdict.warnings import find_contradiction, find_warnings
 from tests.support.making import make_scene, matrix_problem
 from tests.support.measured import EXACT, UNSTABLE, channel, evidence
+from tests.support.poles import rounded_poles
 
 
 def errors(steady_state: float = 0.0, **readings: float) -> StepError:
@@ -42,7 +42,7 @@ def test_a_tolerance_close_to_the_simulations_error(error: StepError, says: str)
 
 
 def test_a_board_at_the_edge_of_oscillation() -> None:
-    edge = summarise(np.array([-50 + 1e5j, -50 - 1e5j]), complete=True)
+    edge = rounded_poles(np.array([-50 + 1e5j, -50 - 1e5j]))
     (found,) = find_warnings(evidence(poles=edge))
     assert "damping ratio 0.0005" in found
 

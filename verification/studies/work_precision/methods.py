@@ -134,7 +134,7 @@ def exact(task: Task, _: float) -> MethodRun:
     """Run the exact engine with `BASE_POINTS` recorded points on a ringing period."""
     started = clock.perf_counter()
     transient = task.transient
-    solution = exact_solution(task.circuit, initial=transient.initial, stop=transient.stop)
+    solution = exact_solution(task.circuit, initial=transient.initial)
     time = record_times(transient, transient.stop)
     values = solution.uniform(float(time[1]), len(time))
     cost = Cost(clock.perf_counter() - started, 0, 1)

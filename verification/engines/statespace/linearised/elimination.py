@@ -9,14 +9,49 @@ import numpy as np
 
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.exactness import (
-    SINGULAR,
-    Exactness,
-    ScaledInverse,
-    find_exactness,
-)
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
+SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
+
+
+class ScaledInverse:
+    """Solver of ``A X = B``: an inverse with scaled rows, and one step of refinement."""
+
+    def __init__(self, A: Floats) -> None:
+        filled = A != 0.0
+        decoupled = filled.diagonal().copy()
+        np.fill_diagonal(filled, False)
+        decoupled &= ~(filled.any(axis=0) | filled.any(axis=1))
+        self.coupled = np.flatnonzero(~decoupled)
+        self.diagonal = np.where(decoupled, A.diagonal(), 1.0)[:, None]
+        scaled = A.take(self.coupled, axis=0).take(self.coupled, axis=1)
+        scale = np.abs(scaled).max(axis=1, initial=0.0)
+        scale[scale == 0.0] = 1.0
+        self.scale = scale[:, None]
+        self.scaled = scaled / self.scale
+        try:
+            self.inverse = np.linalg.inv(self.scaled)
+        except np.linalg.LinAlgError:
+            self.inverse = np.full_like(self.scaled, np.inf)
+        self.largest = float(np.abs(self.inverse).max(initial=0.0))
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the scaled matrix in the row-sum norm; inf if singular."""
+        norms = [np.abs(X).sum(axis=1).max(initial=1.0) for X in (self.scaled, self.inverse)]
+        return float(norms[0] * norms[1])
+
+    def solve(self, B: Floats, names: Sequence[str], failure: str) -> Floats:
+        """Return X; for a singular A raise EngineError with the names of the unknowns."""
+        if not self.largest < SINGULAR:
+            listed = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+            raise EngineError(f"{failure}: {listed}")
+        X = B / self.diagonal
+        if self.coupled.size:
+            right = B.take(self.coupled, axis=0) / self.scale
+            Y = self.inverse @ right
+            X[self.coupled] = Y + self.inverse @ (right - self.scaled @ Y)
+        return X
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +60,8 @@ class ReducedEquations:
 
     The shapes of A, B, C and D are (n, n), (n, inputs), (size, n) and (size, inputs), those of
     `charge` and `offset` (n, size) and (n,). `places` are the states' places among the unknowns;
-    None where the states are combinations of unknowns. `exactness` is None where it is not known.
+    None where the states are combinations of unknowns. `size` (n, n) is the size of the terms of A,
+    to which its rounding is relative.
     """
 
     A: Floats
@@ -35,7 +71,7 @@ class ReducedEquations:
     charge: Floats
     offset: Floats
     places: Ints | None
-    exactness: Exactness | None = None
+    size: Floats
 
 
 def eliminate(
@@ -73,13 +109,9 @@ def eliminate(
     rates = K[:n, : n + inputs] - K[:n, n + inputs :] @ passive
     charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
     right = np.concatenate([rates, charge.take(d, axis=0)], axis=1)
+    terms = np.abs(K[:n, :n]) + np.abs(K[:n, n + inputs :]) @ np.abs(passive[:, :n])
+    sizes = np.abs(mass.solve(terms, charged, "the capacitances do not determine the states"))
     rates = mass.solve(right, charged, "the capacitances do not determine the states")
-    exactness = None
-    if basis is None and not o.size:
-        plain = np.concatenate([K[:, :n], K[:, n + inputs :]], axis=1)
-        exactness = find_exactness(
-            plain, M[np.ix_(d, d)], passive[:, :n], rates[:, :n], mass, inner_factor
-        )
     inner = np.zeros((len(f), n + inputs))
     inner[d, np.arange(n)] = 1.0
     inner[a] = -passive
@@ -96,7 +128,7 @@ def eliminate(
         charge=rates[:, n + inputs : -1],
         offset=rates[:, -1],
         places=f[d] if basis is None else None,
-        exactness=exactness,
+        size=sizes,
     )
 
 

@@ -169,7 +169,7 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
     inputs = np.zeros((descriptor.size, SOURCES + len(live)))
     inputs[live, SOURCES + np.arange(len(live))] = 1.0
     space = driven(descriptor, board.operating_point, inputs)
-    poles = space.eigenvalues
+    poles = board.state_space.modes.poles
     lead = float(poles.real.max(initial=-1.0))
     if lead > len(poles) * EPS * float(np.abs(poles).max(initial=0.0)):
         raise EngineError("the board is not stable")

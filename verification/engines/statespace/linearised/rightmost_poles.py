@@ -3,10 +3,6 @@
 Arnoldi's method on ``(sigma M - K)^-1 M`` finds the poles nearest to a shift; one iteration costs
 one structured solve (see `structured_solve`). The poles of a coarse board (see `coarse_board`)
 select the shifts. A shift at the origin finds the slowest poles, which a coarse board may lack.
-
-Small boards have their slow poles from the eigenvalues of ``K⁻¹ M``: the error of an eigenvalue is
-the rounding of the largest eigenvalue. So the eigenvalues of the state matrix are precise for fast
-poles, and those of its inverse, 1/p, for slow poles.
 """
 
 from __future__ import annotations
@@ -19,7 +15,6 @@ from taction.system.array_types import Complexes
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 
 NEAREST = 4  # number of poles requested at a shift
 FIRST_OFFSET = 0.01  # of the first shift to the right of a coarse pole, over the pole's magnitude
@@ -133,29 +128,3 @@ def _distinct(poles: Complexes) -> list[complex]:
         if all(abs(pole - other) > 0.3 * abs(pole) for other in kept):
             kept.append(pole)
     return kept
-
-
-NONE = 1e-13  # of the largest 1/p: smaller values are the rounding of 0
-
-
-def slow_poles(board: LinearBoard) -> Complexes:
-    """Return the poles that are not too fast for the inverse, 1/s, in no order.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        The board has no equilibrium, or a pole at zero.
-
-    Notes
-    -----
-    Costs one dense factorisation of all unknowns and one eigenproblem (n = 91: 4 ms).
-    """
-    matrices = linear_matrices(board.descriptor, board.operating_point)
-    scale = np.abs(matrices.stiffness).max(axis=1, keepdims=True)
-    charged = np.flatnonzero(matrices.mass.any(axis=0))
-    K, M = matrices.stiffness / scale, matrices.mass[:, charged] / scale
-    times = np.linalg.solve(K, M)
-    times += np.linalg.solve(K, M - K @ times)
-    inverse = np.linalg.eigvals(times[charged]).astype(np.complex128)
-    large = inverse[np.abs(inverse) > NONE * np.abs(inverse).max(initial=0.0)]
-    return np.asarray(1.0 / large)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats
+from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
@@ -65,16 +65,10 @@ class StateSpace:
         return self.descriptor.names
 
     @functools.cached_property
-    def eigenvalues(self) -> Complexes:
-        """Eigenvalues of A, 1/s, (n,), in no order; cheaper than `modes`."""
-        parts = [np.linalg.eigvals(block.A) for block in self.blocks]
-        return np.concatenate(parts).astype(np.complex128)
-
-    @functools.cached_property
     def modes(self) -> Modes:
         """Eigenvalues of A with their vectors."""
-        known = [block.exactness for block in self.blocks]
-        return decompose([block.A for block in self.blocks], self.halves and self.halves[1], known)
+        matrices, sizes = ([part.A for part in self.blocks], [part.size for part in self.blocks])
+        return decompose(matrices, self.halves and self.halves[1], sizes)
 
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it

@@ -16,8 +16,6 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 GROWN = 10.0  # step amplitudes: an instability of this height counts as shown
 LEAST = 1.0  # time constants: growth shown of a mode that is as high from the start
 INVISIBLE = 1e-12  # amplitude of a mode that only rounding and asymmetry excite
-RESOLVED = 1e6  # step amplitudes: modes with a larger sum of amplitudes are defective
-UNRESOLVED = 1e6  # amplitude assumed for defective modes: t^k exp(-t) peaks higher than exp(-t)
 SLOWER = 0.5  # times the slowest rate of a coarse board: the board has a mode that it lacks
 RINGS = 1.0 / math.sqrt(2.0)  # a mode rings if its damping ratio is below this
 
@@ -51,7 +49,9 @@ class TimeScales:
     poles : ndarray (n,)
         Poles, 1/s, rightmost first.
     amplitudes : ndarray (n,)
-        Largest share of each mode in any output, in step amplitudes.
+        Height of each mode's envelope in any output, in step amplitudes.
+    rates : ndarray (n,)
+        Rate of each mode's envelope, 1/s.
     slowest : float
         Time constant of the slowest relevant decaying mode, s.
     ringing : tuple of Ringing
@@ -72,6 +72,7 @@ class TimeScales:
 
     poles: Complexes
     amplitudes: Floats
+    rates: Floats
     slowest: float
     ringing: tuple[Ringing, ...]
     growth_time: float
@@ -99,7 +100,7 @@ class TimeScales:
     def _decaying(self, slowest: float) -> tuple[Floats, Floats]:
         """Return amplitudes and rates, 1/s, of the modes that decay faster than `slowest`."""
         decaying = self.poles.real < -slowest
-        return self.amplitudes[decaying], self.poles.real[decaying]
+        return self.amplitudes[decaying], self.rates[decaying]
 
     def with_slower(self, pole: complex) -> TimeScales:
         """Return scales of a large board with its rightmost pole, 1/s, if it is slower than theirs.
@@ -110,8 +111,13 @@ class TimeScales:
         slowest = -float(rates.max(initial=-math.inf))
         if self.complete or not 0.0 < rate <= SLOWER * slowest:
             return self
-        poles, amplitudes = np.append(self.poles, pole), np.append(self.amplitudes, 1.0)
-        return replace(self, poles=poles, amplitudes=amplitudes, slowest=1.0 / rate)
+        return replace(
+            self,
+            poles=np.append(self.poles, pole),
+            amplitudes=np.append(self.amplitudes, 1.0),
+            rates=np.append(self.rates, -rate),
+            slowest=1.0 / rate,
+        )
 
     def max_step_for(self, points: float) -> float:
         """Return the step that puts `points` points on the period of the fastest ringing, s.
@@ -182,15 +188,12 @@ def time_scales(
     step = float(np.abs(C @ deviation).max(initial=0.0))
     weight = np.ones(space.n)
     if step > 0.0:
-        with np.errstate(invalid="ignore", over="ignore"):
-            weight = np.abs(modes.amplitudes(C, deviation)).max(axis=0, initial=0.0) / step
-        if not weight.sum() < RESOLVED:
-            weight = np.full(space.n, UNRESOLVED)
-    scales = _scales(modes.poles, weight, error, points)
+        weight = modes.heights(C, deviation).max(axis=0, initial=0.0) / step
+    scales = _scales(modes.poles, weight, modes.rates, error, points)
     return replace(scales, step=step, complete=not large)
 
 
-def _scales(p: Complexes, weight: Floats, error: float, points: float) -> TimeScales:
+def _scales(p: Complexes, weight: Floats, rates: Floats, error: float, points: float) -> TimeScales:
     relevant = weight >= error
     decay = -1.0 / p.real[relevant & (p.real < 0.0)]
     rings = relevant & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
@@ -199,6 +202,7 @@ def _scales(p: Complexes, weight: Floats, error: float, points: float) -> TimeSc
     scales = TimeScales(
         poles=p,
         amplitudes=weight,
+        rates=rates,
         slowest=float(decay.max(initial=0.0)),
         ringing=tuple(sorted(_ringing(p[rings], 2.0 * weight[rings]), key=lambda r: r.period)),
         growth_time=float((np.maximum(growth, LEAST) / p.real[growing]).min(initial=math.inf)),

@@ -6,27 +6,18 @@ import functools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import EPS, Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import (
     Initial,
     LinearBoard,
     initial_unknowns,
 )
-from taction.verification.engines.statespace.linearised.state_space import StateSpace
-from taction.verification.engines.statespace.transients.matrix_exponential import (
-    Flow,
-    LadderFlow,
-    ModalFlow,
-)
-
-TRUSTED = 1e-9  # modal error, in step amplitudes, below which the matrix exponential is not tried
+from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,22 +30,16 @@ class Exact:
         Just after the strain step, and at the equilibrium (reached or not), V.
     poles : ndarray (n,)
         1/s, rightmost first.
-    share : ndarray (n, K)
-        Modal amplitudes, V; zero where the modes are not used.
     rest_error : ndarray (K,)
         Bound on the rounding error of `final`, V.
-    form : str
-        ``"exponential"`` (of the matrix) where modes are defective or ill-conditioned.
     """
 
     nodes: tuple[str, ...]
     start: Floats
     final: Floats
     poles: Complexes
-    share: Complexes
     rest_error: Floats
-    form: Literal["modes", "exponential"]
-    flow: Flow
+    flow: ModalFlow
 
     @property
     def error(self) -> float:
@@ -72,7 +57,6 @@ class Exact:
             nodes=tuple(self.nodes[k] for k in columns.tolist()),
             start=self.start[columns],
             final=self.final[columns],
-            share=self.share[:, columns],
             rest_error=self.rest_error[columns],
             flow=self.flow.part(columns),
         )
@@ -87,9 +71,7 @@ class Exact:
 
     def uniform(self, step: float, count: int) -> Floats:
         """Return voltages at ``step * (0 .. count - 1)``; shape (count, K)."""
-        if isinstance(self.flow, ModalFlow):
-            return self.final + self.flow.uniform(step, count)
-        return self.at(np.arange(count) * np.float64(step))
+        return self.final + self.flow.uniform(step, count)
 
 
 def exact_solution(
@@ -98,7 +80,6 @@ def exact_solution(
     initial: Initial = "zero",
     voltages: Mapping[str, float] | None = None,
     nodes: Iterable[str] | None = None,
-    stop: float | None = None,
     linearised: bool = False,
 ) -> Exact:
     """Solve a linear board exactly.
@@ -111,9 +92,6 @@ def exact_solution(
         See `taction.netlist_gen.analysis.Transient`.
     nodes : iterable of str, optional
         By default the outputs' nodes.
-    stop : float, optional
-        Latest instant of interest, s; needed only where modes cannot be used. By default ten
-        time constants of the slowest mode.
     linearised : bool
         Whether a board with behavioural amplifiers may stand for its linearisation.
 
@@ -134,14 +112,14 @@ def exact_solution(
         what = f"{kind} amplifiers" if nonlinear else "op-amps with limits"
         raise EngineError(f"board {name!r} has {what}: the board is not linear")
     if not voltages and nodes is None:
-        return _outputs_solution(board, initial, stop)
-    return _solve(board, initial, voltages, board.reported(nodes), stop)
+        return _outputs_solution(board, initial)
+    return _solve(board, initial, voltages, board.reported(nodes))
 
 
 @functools.lru_cache(maxsize=4)
-def _outputs_solution(board: LinearBoard, initial: Initial, stop: float | None) -> Exact:
+def _outputs_solution(board: LinearBoard, initial: Initial) -> Exact:
     """Return the solution of the outputs, which one verification uses several times."""
-    return _solve(board, initial, None, board.reported(None), stop)
+    return _solve(board, initial, None, board.reported(None))
 
 
 def _solve(
@@ -149,7 +127,6 @@ def _solve(
     initial: Initial,
     voltages: Mapping[str, float] | None,
     reported: tuple[str, ...],
-    stop: float | None,
 ) -> Exact:
     space = board.state_space
     C, D = space.rows(reported)
@@ -157,7 +134,7 @@ def _solve(
     deviation = x0 - space.state_of(board.equilibrium.values)
     start = C @ x0 + D.sum(axis=1)
     final, rest_error = _at_rest(board, reported)
-    return _exact(board, reported, C, deviation, start, final, rest_error, stop)
+    return _exact(board, reported, C, deviation, start, final, rest_error)
 
 
 def _at_rest(board: LinearBoard, reported: tuple[str, ...]) -> tuple[Floats, Floats]:
@@ -177,15 +154,13 @@ def _exact(
     start: Floats,
     final: Floats,
     rest_error: Floats,
-    stop: float | None,
 ) -> Exact:
-    """Return ``final + C exp(A t) deviation``, with the modal amplitudes where they are used."""
-    space = board.state_space
-    flow, form = _choose_flow(space, C, deviation, stop)
-    share = np.zeros((space.n, len(C)), dtype=np.complex128)
-    if form == "modes":
-        share += space.modes.amplitudes(C, deviation).T
-    return Exact(names, start, final, space.modes.poles, share, rest_error, form, flow)
+    """Return ``final + C exp(A t) deviation``."""
+    modes = board.state_space.modes
+    flow = ModalFlow(modes, C, deviation)
+    if not flow.error < math.inf:
+        raise EngineError("rounding hides the solution")
+    return Exact(names, start, final, modes.poles, rest_error, flow)
 
 
 def combinations(
@@ -195,7 +170,6 @@ def combinations(
     rates: Floats,
     *,
     initial: Initial = "zero",
-    stop: float | None = None,
 ) -> Exact:
     """Solve for ``volts @ V + rates @ dV/dt`` of a linear board, V the voltages of `nodes`.
 
@@ -226,22 +200,4 @@ def combinations(
     final = volts @ rest
     start = volts @ (C @ x0 + D.sum(axis=1)) + (rates @ C @ space.A) @ deviation
     names = tuple(map(str, range(len(volts))))
-    return _exact(board, names, rows, deviation, start, final, np.abs(volts) @ error, stop)
-
-
-def _choose_flow(
-    space: StateSpace, C: Floats, deviation: Floats, stop: float | None
-) -> tuple[Flow, Literal["modes", "exponential"]]:
-    """Return the modal flow if its error is small, else the flow with the smaller error."""
-    modal = ModalFlow(space.modes, C, deviation)
-    amplitude = float(np.abs(C @ deviation).max(initial=0.0))
-    if modal.error <= TRUSTED * amplitude or not space.n:
-        return modal, "modes"
-    if stop is None:
-        poles = space.modes.poles
-        slowest = float(np.abs(poles.real).min())
-        stop = 10.0 / slowest if slowest > 0.0 else 1e3 / float(np.abs(poles).max())
-    ladder = LadderFlow(space.A, C, deviation, stop)
-    if not min(ladder.error, modal.error) < math.inf:
-        raise EngineError(f"rounding hides the solution over {show(stop, 's', 3)}")
-    return (ladder, "exponential") if ladder.error < modal.error else (modal, "modes")
+    return _exact(board, names, rows, deviation, start, final, np.abs(volts) @ error)

@@ -71,7 +71,6 @@ def simulate(
         initial=analysis.initial,
         voltages=analysis.voltages,
         nodes=nodes,
-        stop=analysis.stop if times is None else max(analysis.stop, float(times[-1])),
     )
     instants, values, flags = _sampled(solution, analysis, times)
     cost = Cost(clock.perf_counter() - began, len(instants), 1)

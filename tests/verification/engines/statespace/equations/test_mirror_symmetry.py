@@ -106,7 +106,7 @@ def test_the_halves_of_a_board_have_its_poles(channels: int, exponential: bool) 
         space = LinearBoard(circuit, point=point).state_space
         assert space.halves is not None
         found, wanted = (
-            space.eigenvalues,
+            space.modes.poles,
             np.linalg.eigvals(space.A),
         )
         for few, others in ((found, wanted), (wanted, found)):

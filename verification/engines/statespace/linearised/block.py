@@ -1,0 +1,229 @@
+"""Modes of one matrix, (nearly) defective ones joined, with the errors that rounding causes."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from taction.system.array_types import EPS, Bools, Complexes, Floats
+from taction.verification.engines.statespace.linearised.real_modes import (
+    Joined,
+    both,
+    column_sizes,
+    complex_columns,
+    complex_rows,
+    mode_groups,
+    row_sizes,
+)
+
+UNITS = 32.0  # times rounding: error of an element, which several operations compute
+LINKED = 0.25  # of the distance of two modes: with a larger coupling, rounding may join them
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Modes of ``A = right (diag(centres) + inner) left``, as real columns and rows.
+
+    Attributes
+    ----------
+    kept : ndarray (k,)
+        Eigenvalues, 1/s: the `real` real ones, then that with Im > 0 of every pair; for joined
+        modes, their common centre.
+    right, left : ndarray (n, n)
+        Columns and rows; the rows are not finite where the modes are defective.
+    coupled : ndarray (k,)
+        Coupling of each mode to modes too close to it, 1/s.
+    size : ndarray (n, n)
+        Size of A's elements to which their rounding is relative, 1/s.
+    joined : tuple of Joined
+        The modes that have no directions of their own.
+    """
+
+    kept: Complexes
+    real: int
+    right: Floats
+    left: Floats
+    coupled: Floats
+    size: Floats
+    joined: tuple[Joined, ...] = ()
+
+    @property
+    def poles(self) -> Complexes:
+        """Eigenvalues of all modes, 1/s, (n,)."""
+        values = self.kept.copy()
+        for block in self.joined:
+            values[block.members] += np.linalg.eigvals(block.inner)
+        return both(values, self.real)
+
+    @property
+    def alone(self) -> Bools:
+        """Whether each of all modes is a block of its own, (n,)."""
+        alone = np.ones(len(self.kept), dtype=np.bool_)
+        for block in self.joined:
+            alone[block.members] = False
+        return both(alone, self.real)
+
+    @property
+    def rates(self) -> Floats:
+        """Rate of the envelope of each of all modes, 1/s, (n,)."""
+        rates = self.kept.real.copy()
+        for block in self.joined:
+            rates[block.members] += block.scale(complex(self.kept[block.members[0]]))
+        return both(rates, self.real)
+
+    def shares(self, C: Floats, deviation: Floats) -> tuple[Complexes, Complexes]:
+        """Return ``C right`` (len(C), n) and ``left deviation`` (n,), which multiply to shares."""
+        dual = complex_rows(self.left @ deviation, self.real, len(self.kept))
+        return complex_columns(C @ self.right, self.real), both(dual, self.real)
+
+    def envelopes(self, C: Floats, deviation: Floats) -> tuple[Floats, Floats]:
+        """Return bounds on both factors of the shares at any time, over ``exp(rates t)``."""
+        seen, dual = (np.abs(part) for part in self.shares(C, deviation))
+        return self._grown(seen.T).T, self._grown(dual, transposed=False)
+
+    def terms(self, C: Floats, size: Floats) -> Floats:
+        """Return the sizes of the sums in `shares` for deviations of a `size`, (len(C), n)."""
+        seen = self._grown(np.abs(complex_columns(C @ self.right, self.real)).T).T
+        return np.asarray(seen * (self._left_sizes @ size))
+
+    def _grown(self, X: Floats, *, transposed: bool = True) -> Floats:
+        """Multiply the rows of X at joined modes by the growth within their blocks."""
+        if not self.joined:
+            return X
+        grown, shift = X.copy(), len(self.kept) - self.real
+        for block, G in zip(self.joined, self._growths, strict=True):
+            factor = G.T if transposed else G
+            for at in (block.members, block.members + shift)[: 1 + (block.members[0] >= self.real)]:
+                grown[at] = factor @ X[at]
+        return grown
+
+    @functools.cached_property
+    def _growths(self) -> list[Floats]:
+        return [block.growth(complex(self.kept[block.members[0]])) for block in self.joined]
+
+    @functools.cached_property
+    def _left_sizes(self) -> Floats:
+        """Magnitudes of the dual vectors, (n, n)."""
+        return row_sizes(self.left, self.real)
+
+    @functools.cached_property
+    def rest(self) -> Floats:
+        """``1 - left right``, (n, n)."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.asarray(np.eye(len(self.right)) - self.left @ self.right)
+
+    @property
+    def defect(self) -> float:
+        """Largest element of ``left right - 1``; infinite where the modes are defective."""
+        off = np.abs(self.rest).max(initial=0.0)
+        return float(off) if np.isfinite(off) else math.inf
+
+    @property
+    def is_refinable(self) -> bool:
+        """Whether Newton's steps converge: the rows are close to the inverse of the columns."""
+        return self.defect * len(self.right) < 1.0
+
+    @functools.cached_property
+    def rounding(self) -> Floats:
+        """What the rounding of A's elements adds to ``left A right``, (n, n), 1/s.
+
+        Roundings are independent, so their squares add up: ``eps`` is three standard deviations of
+        an element's rounding.
+        """
+        right = column_sizes(self.right, self.real) ** 2
+        return np.asarray(EPS * np.sqrt(self._left_sizes**2 @ (self.size**2 @ right)))
+
+    @functools.cached_property
+    def error(self) -> Floats:
+        """Bound on the elements of ``left A right`` beside those of the modes, (n, n), 1/s."""
+        E, own = self.rounding.copy(), np.abs(both(self.kept, self.real))
+        E[np.diag_indices(len(E))] += 2.0 * EPS * own + both(self.coupled, self.real)
+        return E
+
+    def errors(self, C: Floats, deviation: Floats) -> tuple[Floats, Floats]:
+        """Return bounds a, b (len(C), n) on the error of ``C x`` by mode i, to first order.
+
+        The error is at most ``sum_i (a_i t + b_i) exp(rates_i t)``: a change D of A changes ``C x``
+        by ``sum_ij (C right)_j (left D right)_ji (left deviation)_i`` times the divided difference
+        of the exponentials, which is at most t, and at most 2 over the distance of the poles. What
+        the rows lack to the inverse of the columns is an error of `dual`.
+        """
+        if not math.isfinite(self.defect):
+            unknown = np.full((len(C), len(self.right)), np.inf)
+            return unknown, unknown
+        E, centres = self.error.copy(), both(self.kept, self.real)
+        E[np.diag_indices(len(E))] *= 0.5  # it counts once
+        gap = np.abs(centres[:, None] - centres)
+        near = gap <= np.abs(centres.real)
+        if self.joined:
+            near |= near.T
+        wide = np.where(near, 0.0, 2.0 / np.where(near, 1.0, gap))
+        seen, dual = self.envelopes(C, deviation)
+        lag, vague = (
+            (seen @ (E * part)) * dual + seen * ((E * part.T) @ dual) for part in (near, wide)
+        )
+        missing = np.abs(both(complex_form(self.rest, self), self.real))
+        return lag, vague + seen * (missing @ dual)
+
+    @functools.cached_property
+    def pole_errors(self) -> Floats:
+        """Bound on the error of each of all poles, 1/s, (n,).
+
+        Every eigenvalue of ``D + E``, D diagonal, is within the spectral radius of ``|E|`` of an
+        element of D: by Gershgorin's discs with the best scaling. Modes whose coupling by rounding
+        is not small beside their distance are taken together, and couplings to others, of which
+        only the product of both directions counts, are added.
+        """
+        if not math.isfinite(self.defect):
+            return np.full(len(self.right), np.inf)
+        count = len(self.kept)
+        E = UNITS * EPS * (self._left_sizes @ self.size @ column_sizes(self.right, self.real))
+        E[np.diag_indices(len(E))] += both(self.coupled, self.real)
+        centres = both(self.kept, self.real)
+        gap = np.abs(centres[:count, None] - centres)
+        mutual = E[:count] * E.T[:count]
+        linked = mutual >= (LINKED * gap) ** 2
+        np.fill_diagonal(linked, False)
+        for block in self.joined:
+            linked[block.places] = True
+        with np.errstate(divide="ignore", invalid="ignore"):
+            second = np.where(linked | (gap == 0.0), 0.0, 2.0 * mutual / gap).sum(axis=1)
+        errors = E.diagonal()[:count] + second
+        inner = np.zeros((count, count))
+        for block in self.joined:
+            inner[block.places] = np.abs(block.inner)
+        for group in mode_groups(linked, self.real):
+            at = np.concatenate([group, group[group >= self.real] + count - self.real])
+            part, own = E[np.ix_(at, at)], inner[np.ix_(group, group)]
+            moved = part.copy()
+            moved[: len(group), : len(group)] += own
+            if len(at) > len(group):  # and the conjugates
+                pairs = np.flatnonzero(group >= self.real)
+                places = np.arange(len(group), len(at))
+                moved[np.ix_(places, places)] += own[np.ix_(pairs, pairs)]
+            radius = _spectral_radius(moved) + _spectral_radius(own)
+            apart = np.abs(centres[group, None] - centres[group]).max(initial=0.0)
+            if np.any(linked[group][:, group[group >= self.real] + count - self.real]):
+                apart = max(apart, 2.0 * float(np.abs(centres[group].imag).max()))
+            errors[group] = radius + apart + second[group].max(initial=0.0)
+        return both(errors, self.real)
+
+    def columns(self) -> Complexes:
+        """Return the eigenvectors, (n, n)."""
+        return complex_columns(self.right, self.real)
+
+    def rows(self) -> Complexes:
+        """Return the dual vectors, (n, n)."""
+        return both(complex_rows(self.left, self.real, len(self.kept)), self.real)
+
+
+def _spectral_radius(X: Floats) -> float:
+    return float(np.abs(np.linalg.eigvals(X)).max(initial=0.0))
+
+
+def complex_form(X: Floats, block: Block) -> Complexes:
+    """Return a matrix between real columns as one between modes, without conjugate rows, (k, n)."""
+    return complex_columns(complex_rows(X, block.real, len(block.kept)), block.real)
