@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mpmath as mp
 import numpy as np
 import pytest
 
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import EPS
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import count_unstable, poles
@@ -107,3 +110,28 @@ def test_the_winding_counts_nearly_defective_cells(opamp: str, gain: float, unst
     circuit = synthesise(scene)
     assert count_unstable(circuit) == unstable
     assert poles(circuit).unstable_count == unstable
+
+
+@pytest.mark.parametrize(
+    ("opamp", "gain", "C"),
+    [
+        ("tl084", 1e4, 1.2658030773648652e-12),
+        ("ua741", 1e4, 1.0466766142971814e-11),
+        ("op27", 1e5, 2.870828828623284e-11),
+    ],
+)
+def test_poles_that_nearly_meet_are_within_their_errors(opamp: str, gain: float, C: float) -> None:
+    """Two real poles become a pair at C; against the poles of the state matrix with 50 digits."""
+    scene = Scene.from_arrays(
+        np.eye(1), np.ones(1), capacitance=C, gain=gain, opamp=opamp, lam=0.1,
+        unit_conductance="10uS",
+    )  # fmt: skip
+    board = LinearBoard(synthesise(scene))
+    found = poles(board)
+    with mp.workdps(50):
+        listed, _ = mp.eig(mp.matrix(board.state_space.A.tolist()))
+        true = np.array([complex(value) for value in listed])
+    off = np.abs(found.poles[:, None] - true).min(axis=1)
+    assert off.max() > 64.0 * EPS * np.abs(true).max()
+    assert np.all(off <= found.errors)
+    assert np.all(found.errors <= 1e-3 * np.abs(found.poles))

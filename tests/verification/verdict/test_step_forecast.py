@@ -90,9 +90,9 @@ def test_even_steps_err_as_the_trapezoidal_rule_does(points: float) -> None:
     forecast = model.even(step)
     exact = exact_solution(circuit)
     k = np.arange(int(stop / step))
-    p = exact.poles
+    p = exact.flow.poles
     rule = ((1 + p * step / 2) / (1 - p * step / 2)) ** k[:, None] - np.exp(p * step * k[:, None])
-    off = np.abs((rule @ exact.share).real).max() / np.abs(exact.final - exact.start).max()
+    off = np.abs((rule @ exact.flow.share).real).max() / np.abs(exact.final - exact.start).max()
     assert forecast.error == pytest.approx(off, rel=0.1)
     assert forecast.steps == pytest.approx(stop / step, rel=0.05)
 

@@ -131,7 +131,9 @@ def test_a_given_stop_is_kept_however_short() -> None:
 
 
 def test_a_board_without_visible_modes_has_no_plan() -> None:
-    still = TimeScales(*(time_scales(paper_board()).poles[:0],) * 2, np.zeros(0), 0.0, (), math.inf, 0.0, 0.0)
+    still = TimeScales(
+        *(time_scales(paper_board()).poles[:0],) * 2, np.zeros(0), 0.0, (), math.inf, 0.0, 0.0
+    )
     with pytest.raises(EngineError, match="no stop time can be chosen"):
         plan_transient(make_scene(), LinearBoard(paper_board()), still)
 

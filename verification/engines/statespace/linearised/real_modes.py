@@ -131,11 +131,12 @@ def turns(
         return turn, close
     gap[close] = np.inf
     change = turn
-    for _ in range(SWEEPS):
-        change = _coupled(change, joined, real) / gap
-        turn = turn + change
-        if not np.abs(change).max(initial=0.0) > FINER * np.abs(turn).max(initial=0.0):
-            break
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for _ in range(SWEEPS):
+            change = _coupled(change, joined, real) / gap
+            turn = turn + change
+            if not np.abs(change).max(initial=0.0) > FINER * np.abs(turn).max(initial=0.0):
+                break
     far = ~(np.abs(turn) < SEPARABLE)
     turn[far] = 0.0
     return turn, close | far

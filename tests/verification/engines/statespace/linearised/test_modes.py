@@ -119,3 +119,37 @@ def test_a_board_of_nearly_defective_modes_has_its_transient() -> None:
     C, D = space.rows(solution.nodes)
     wanted = (C @ run.y).T + D.sum(axis=1)
     assert np.abs(solution.at(times) - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+def linked_lags(count: int, pole: complex, spread: float, seed: int) -> Floats:
+    """A chain of equal first- or second-order lags with slightly different rates."""
+    rng = np.random.default_rng(seed)
+    block = np.array([[pole.real, pole.imag], [-pole.imag, pole.real]])
+    cell = block if pole.imag else block[:1, :1]
+    m = len(cell)
+    A = np.kron(np.diag(1.0 + spread * rng.standard_normal(count)), cell)
+    A += np.kron(np.eye(count, k=-1), abs(pole) * np.ones((m, m)))
+    turn, _ = np.linalg.qr(rng.standard_normal((len(A), len(A))))
+    return np.asarray(turn @ A @ turn.T)
+
+
+@pytest.mark.parametrize("spread", [0.0, 1e-9, 1e-3])
+@pytest.mark.parametrize("pole", [-1.0 + 0.0j, -1.0 + 2.0j, -1.0 + 1e-9j])
+@pytest.mark.parametrize("count", [2, 5])
+def test_a_chain_of_lags_is_one_block(count: int, pole: complex, spread: float) -> None:
+    """Against the exponential of the matrix with 60 digits; a slow mode beside them stays alone."""
+    part = linked_lags(count, pole, spread, count)
+    n = len(part)
+    A = np.block([[part, np.zeros((n, 1))], [np.ones((1, n)), np.full((1, 1), -0.01)]])
+    start = np.random.default_rng([count, 1]).standard_normal(n + 1)
+    modes, times = decompose([A]), np.array([0.0, 0.1, 1.0, 5.0, 20.0, 100.0])
+    flow = ModalFlow(modes, np.eye(n + 1), start)
+    with mp.workdps(60):
+        matrix, column = mp.matrix(A.tolist()), mp.matrix(start.tolist())
+        exact = [mp.expm(matrix * mp.mpf(t), method="taylor") * column for t in times.tolist()]
+        truth = np.array([[float(x) for x in state] for state in exact])
+    assert np.all(np.abs(flow.at(times) - truth) <= flow.bounds(times))
+    assert flow.error < 1e-6
+    assert modes.poles[0].real == pytest.approx(-0.01, rel=1e-12)
+    assert modes.alone[0]
+    assert modes.alone.sum() < n or spread == 1e-3
