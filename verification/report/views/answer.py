@@ -34,7 +34,7 @@ def answer_heading(answer: AnswerError) -> str:
     far, texts, subject = answer.true_error, [], "the regularised answer"
     if answer.board is not None and answer.unit:
         near = _within(answer.board + answer.board_error, answer.unit)
-        texts, subject = [f"the board is {near} of {subject}"], "which"
+        texts, subject = [f"{near} of {subject}"], "which"
     if far is not None:
         texts.append(f"{subject} is {figure(far, 'step', 3)} from the true stress")
     return ", ".join(texts)

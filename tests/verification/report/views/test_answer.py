@@ -76,13 +76,11 @@ def test_what_is_known() -> None:
         "The board finds the regularised answer within 0.0005 % (of the largest stress, 2 V);"
         " the true stress is not known."
     )
-    assert answer_heading(one(1.25, 0.25, None)) == (
-        "the board is within 0.0005 % of the regularised answer"
-    )
+    assert answer_heading(one(1.25, 0.25, None)) == ("within 0.0005 % of the regularised answer")
     assert answer_text(one(1.25, 0.25, 0.0)).endswith("stress, 2 V); the true stress is zero.")
     assert "within 1 ppm (" in answer_text(one(1.25, 0.25, None, board=0.0))
     assert answer_heading(one(1.0, 0.25, 1.0)) == (
-        "the board is within 0.0005 % of the regularised answer, which is 20 % from the true stress"
+        "within 0.0005 % of the regularised answer, which is 20 % from the true stress"
     )
 
 
