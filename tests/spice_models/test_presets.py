@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from taction import spice_models
+from taction.spice_models.input_errors import spreads, with_input_errors
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import derive, figure_origins, load_presets
 
@@ -176,3 +177,20 @@ def test_contradictions_are_named(ua741: OpAmp, figures: dict[str, float], text:
 def test_second_pole_needs_a_first() -> None:
     with pytest.raises(ValueError, match="needs a finite gbw"):
         derive(load_presets()["ideal"], "x", second_pole=1e6)
+
+
+def test_a_limit_that_no_document_confirms_is_an_assumed_spread() -> None:
+    """The OPA189's limits are from memory; a TL084's are in its sheet, an AD8065 has none."""
+    found = {name: spreads(load_presets()[name]) for name in ("opa189", "tl084", "ad8065")}
+    assert all(each.assumed for each in found["opa189"].values())
+    assert not any(each.assumed for each in found["tl084"].values())
+    assert found["ad8065"]["bias_current"].assumed
+    assert not found["ad8065"]["offset_voltage"].assumed
+
+
+def test_the_currents_of_a_chopper_have_opposite_signs() -> None:
+    """The sheet's 70 pA of each input, twice that as the offset current; no figure is missing."""
+    opamp = with_input_errors(load_presets()["opa189"], "typical", {})
+    assert opamp.input_currents == pytest.approx((70e-12, -70e-12))
+    assert opamp.not_known == ()
+    assert opamp.output_current * opamp.output_resistance < opamp.swing(15.0)
