@@ -29,9 +29,13 @@ def main() -> int:
 
         def judge(source: str) -> list[Judgement]:
             found = []
-            for file in written(folder, source):
-                board = board_of(file)
-                found.append(judged(board, options.ngspice, options.draws, options.seed))
+            try:
+                for file in written(folder, source):
+                    board = board_of(file)
+                    found.append(judged(board, options.ngspice, options.draws, options.seed))
+                    print(line(found[-1]), flush=True)
+            except Exception as error:  # another source may still be judged
+                found.append(Judgement(source, repr(error), ("",)))
                 print(line(found[-1]), flush=True)
             return found
 

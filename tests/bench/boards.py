@@ -84,10 +84,9 @@ def written(folder: Path, source: str) -> Iterator[Path]:
         command("new", *write_matrix(matrix, folder, source), *own, made)
         command("scale", plain, *own, "-o", scaled)
         files = [fresh, made, scaled]
-        for start in (fresh, made):
-            if passes(start):
-                files.append(folder / f"{start.stem}-tune.toml")
-                command("tune", start, "-o", files[-1])
+        if passes(fresh):
+            files.append(folder / f"{source}-tune.toml")
+            command("tune", fresh, "-o", files[-1])
     else:
         options = [] if source == "tactile" else write_matrix(source, folder, source)
         command("new", *options, plain)
