@@ -340,6 +340,11 @@ KICAD = Command(
     ),
     parameters=(SCENE, folder("output", "-o"), option("channel", metavar="N", type=int)),
 )
+BUILD = Command(
+    job=Job(function="build", files=lambda found, call: [found.folder]),
+    parameters=(SCENE, folder("output", "-o"), ENGINE),
+    ends="Exit status: that of the verdict.",
+)
 SOLVE = Command(
     job=replace(SOLUTION, before=None),
     parameters=(SCENE,),

@@ -25,6 +25,7 @@ COMMANDS = {
     "netlist": ("boards", "Write the ngspice deck of a scene."),
     "bom": ("boards", "List the parts to buy, with packages and power."),
     "kicad": ("boards", "Draw one channel of a board for KiCad, and list its parts."),
+    "build": ("boards", "Write all files for building a board, with its verdict."),
     "solve": ("boards", "Solve the problem numerically, with a certificate."),
     "simulate": ("boards", "Run the transient: waveforms and measurements."),
     "montecarlo": ("studies", "Estimate the yield under component tolerances."),
@@ -62,7 +63,7 @@ EVERY = {**FAMILIES, **COMMANDS}
 RENAMED = {"parts": "models", "waveforms": "simulate"}
 SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
-    "Design": ("design", "onset", "sweep", "yield", "export"),
+    "Design": ("design", "onset", "sweep", "yield", "build", "export"),
     "Check": ("regress", "diff", "reproduce"),
     "Further": ("parts", "self", "demo"),
 }

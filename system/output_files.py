@@ -7,6 +7,7 @@ import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from taction.system.atomic_files import PREFIX
 from taction.system.errors import Complaint, InputError
 
 
@@ -87,6 +88,39 @@ def make_folder(folder: str | Path, option: str = "-o") -> None:
     except OSError as error:
         reason = f"cannot be made: {error.strerror}"
         raise InputError(option, Complaint("FOLDER", repr(str(folder)), reason)) from None
+
+
+def check_own_folder(folder: str | Path, files: Collection[str], option: str = "-o") -> None:
+    """Refuse a folder that cannot be written, or that holds other files, before any work is done.
+
+    Parameters
+    ----------
+    files : collection of str
+        The files that will be written, below `folder`; older ones will be replaced.
+
+    Raises
+    ------
+    InputError
+        `folder` is a file, may not be written, or holds what is not one of `files`.
+    """
+    place, text = Path(folder), ""
+    there = next(each for each in (place, *place.absolute().parents) if os.path.lexists(each))
+    if not there.is_dir():
+        text = "a file; expected a folder" if there == place else f"{there} is a file"
+    elif not os.access(there, os.W_OK | os.X_OK):
+        text = f"you may not write to {there}; expected another folder"
+    elif there == place:
+        own = {Path(name) for name in files}
+        folders = {each.parent for each in own} - {Path()}
+        inside = [Path(), *(each for each in folders if (place / each).is_dir())]
+        found = {each / name for each in inside for name in os.listdir(place / each)}  # noqa: PTH208
+        unfinished = {each for each in found if each.name.startswith(PREFIX)}
+        foreign = sorted(map(str, found - own - folders - unfinished))
+        if foreign:
+            named = ", ".join(map(repr, foreign[:3])) + (", ..." if foreign[3:] else "")
+            text = f"it holds {named}, not written by this command; expected a new or empty folder"
+    if text:
+        raise InputError(option, Complaint("FOLDER", repr(str(folder)), text))
 
 
 def printable(text: str) -> str:

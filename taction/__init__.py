@@ -17,7 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from taction.designs import bom, kicad, netlist, solve
+    from taction.designs import bom, build, kicad, netlist, solve
     from taction.netlist_gen.board.circuit import Circuit
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.deck.deck import write_deck
@@ -51,6 +51,7 @@ __all__ = [
     "Waveforms",
     "accuracy",
     "bom",
+    "build",
     "choose",
     "corners",
     "demo",

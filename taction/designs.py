@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
     from taction.verification.reference import Solution
     from taction.verification.verdict.board_power import PartsList
+    from taction.verification.verdict.built_board import BuiltBoard
     from taction.verification.verdict.deck import Netlist
+    from taction.verification.verdict.progress import Progress
 
 
 def netlist(
@@ -189,6 +191,88 @@ def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) ->
     make_folder(place)
     write_together(files)
     return KicadProject(scene, project, tuple(map(str, files)))
+
+
+def build(
+    scene: str | Path | Scene,
+    *,
+    output: str | Path,
+    engine: str | None = None,
+    progress: Progress = lambda stage: None,
+) -> BuiltBoard:
+    """Write all that a builder of the board of SCENE needs, and verify the board.
+
+    FOLDER gets the list of parts, a list of wires by pin, a KiCad project with all channels (KiCad
+    8 or newer), the deck, and the report of the verdict. Without a verdict, the other files are
+    written, too.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board.
+    output : path
+        Folder, new or with the files of an earlier build, which are replaced.
+    engine : str, optional
+        Engine in the place of the scene's own.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    BuiltBoard
+        `files`, `parts` and `verdict`, or why there is none: `refused`.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be built, or the folder holds other files or cannot be written.
+
+    Examples
+    --------
+    >>> import taction, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     built = taction.build("scenes/custom-matrix.toml", output=folder, engine="statespace")
+    >>> built.outcome, built.files[:4]
+    ('pass', ('report.html', 'parts.csv', 'wiring.csv', 'deck.cir'))
+    """
+    from taction.netlist_gen.board.bill_of_materials import bill_of_materials
+    from taction.netlist_gen.board.synthesis import synthesise
+    from taction.netlist_gen.kicad.board import board_files
+    from taction.netlist_gen.kicad.parts import Catalogue
+    from taction.netlist_gen.kicad.wiring import wiring
+    from taction.system.atomic_files import write_together
+    from taction.system.errors import TactionError
+    from taction.system.output_files import check_own_folder, make_folder
+    from taction.transients import verify
+    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.report.renderers.page import check_packages, page_html
+    from taction.verification.report.views.parts import parts_csv
+    from taction.verification.verdict.built_board import KICAD, OWN, REPORT, BuiltBoard
+    from taction.verification.verdict.deck import deck_of
+
+    scene, place = read_scene(scene, engine), Path(output)
+    check_packages("-o", str(output))
+    circuit = synthesise(scene)
+    drawn = {f"{KICAD}/{name}": text for name, text in board_files(circuit, scene).items()}
+    check_own_folder(place, [*OWN, *drawn])
+    parts = bill_of_materials(circuit, scene)
+    texts = {"parts.csv": parts_csv(parts), "wiring.csv": wiring(Catalogue(circuit, scene))} | drawn
+    verdict, refused, status = None, "", None
+    try:
+        texts["deck.cir"] = deck_of(scene)[1].text
+        verdict = verify(scene, progress=progress)
+    except TactionError as error:
+        refused, status = str(error), error.exit_status
+    files = tuple(name for name in [*OWN, *drawn] if name in texts or name == REPORT)
+    found = BuiltBoard(scene, str(place), files, parts, verdict, refused, status)
+    texts[REPORT] = page_html(found.page())
+    make_folder(place / KICAD)
+    write_together({place / name: text for name, text in texts.items()})
+    for name in OWN.keys() - texts.keys():
+        (place / name).unlink(missing_ok=True)  # of an earlier board
+    return found
 
 
 @overload

@@ -10,8 +10,8 @@ output is on its right.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Collection, Iterator, Sequence
+from itertools import count, pairwise
 from typing import Literal
 
 from taction.netlist_gen.board.circuit import (
@@ -22,7 +22,7 @@ from taction.netlist_gen.board.circuit import (
     TransistorCell,
 )
 from taction.netlist_gen.kicad import symbols
-from taction.netlist_gen.kicad.parts import Catalogue
+from taction.netlist_gen.kicad.parts import Catalogue, spare_node
 from taction.netlist_gen.kicad.sheet import TITLE, Label, Part, Placed, Sheet
 from taction.netlist_gen.kicad.stages import Branch, Passive, Rung, Stage, branch, shared_nodes
 from taction.netlist_gen.kicad.symbols import Point, Symbol
@@ -43,7 +43,7 @@ def channel_sheet(
     A `brief` drawing has one resistor of each matrix, that between channel and row, and no
     supplies. Every part has its name in the deck.
     """
-    drawing = _Drawing(circuit, n, scene)
+    drawing = Drawing(Catalogue(circuit, scene), Sheet(f"{circuit.name}-channel-{n}"))
     hidden = (
         {each.card for matrix in circuit.matrices for each in matrix.resistors()}
         if brief
@@ -53,18 +53,25 @@ def channel_sheet(
     y = drawing.branch(TOP, f"Signal plane, channel {n}", circuit.feedback.sinks[n - 1], hidden)
     drawing.branch(y, f"Constraint plane, sensor row {k}", circuit.forward.sinks[k - 1], hidden)
     if not brief:
-        drawing.supplies((round(drawing.sheet.corner[0]) + 22, TOP))
+        parts = [placed.part for placed in drawing.sheet.placed]
+        used = {int(part.reference[1:]) for part in parts if part.symbol.prefix == "U"}
+        nets = {label.text for label in drawing.sheet.labels}
+        place = round(drawing.sheet.corner[0]) + 22, TOP
+        drawing.supplies(place, [f"U{number}" for number in sorted(used)], nets)
     return drawing.sheet
 
 
-class _Drawing:
-    def __init__(self, circuit: Circuit, n: int, scene: Scene | None) -> None:
-        self.circuit, self.shared = circuit, shared_nodes(circuit)
-        self.sheet = Sheet(f"{circuit.name}-channel-{n}")
-        self.catalogue = Catalogue(circuit, scene)
-        self.ports = 0
+class Drawing:
+    """A sheet on which branches of a board are drawn; `ports` counts the symbols of supplies."""
 
-    def branch(self, top: int, title: str, start: str, hidden: set[str]) -> int:
+    def __init__(
+        self, catalogue: Catalogue, sheet: Sheet, ports: Iterator[int] | None = None
+    ) -> None:
+        self.catalogue, self.sheet = catalogue, sheet
+        self.circuit, self.shared = catalogue.circuit, shared_nodes(catalogue.circuit)
+        self.ports = count(1) if ports is None else ports
+
+    def branch(self, top: int, title: str, start: str, hidden: Collection[str] = ()) -> int:
         """Draw a branch below `top`; return the top of the next one."""
         self.sheet.labels.append(Label(title, (LEFT, top), size=TITLE))
         found, x, y, bottom = branch(self.circuit, start), LEFT, top, top
@@ -209,8 +216,13 @@ class _Drawing:
             end = drawn.pin(place)
             self.label(node, end, "right" if place else "left")
 
-    def supplies(self, at: Point) -> None:
-        """Draw the supplies of the packages, their sources for KiCad, and constant voltages."""
+    def supplies(
+        self, at: Point, packages: Sequence[str], nets: Collection[str], across: int = 2
+    ) -> int:
+        """Draw the supplies of packages, their sources for KiCad, and voltages; return the end.
+
+        Of the voltages, those that are constant and those at one of `nets`.
+        """
         x, y = at
         self.sheet.labels.append(Label("Supplies", (x - 6, y), size=TITLE))
         for place, symbol in enumerate((*self.catalogue.rails, symbols.GROUND)):
@@ -218,21 +230,30 @@ class _Drawing:
             self.port(symbol, start)
             self.port(symbols.FLAG, self.sheet.wire(start, (start[0] + 4, start[1])))
         y += 30
-        parts = [placed.part for placed in self.sheet.placed]
-        used = {int(part.reference[1:]) for part in parts if part.symbol.prefix == "U"}
-        for place, package in enumerate(sorted(used)):
-            self.supply((x + 30 * (place % 2), y + 34 * (place // 2)), f"U{package}")
-        y += 34 * ((len(used) + 1) // 2)
-        drawn_nets = {label.text for label in self.sheet.labels}
-        sources = [
-            each for each in self.circuit.voltages if not each.switched or each.node in drawn_nets
-        ]
+        for place, package in enumerate(packages):
+            self.supply((x + 30 * (place % across), y + 34 * (place // across)), package)
+        y += 34 * -(-len(packages) // across)
+        sources = [each for each in self.circuit.voltages if not each.switched or each.node in nets]
         for place, source in enumerate(sources):
-            drawn = self.down(self.catalogue.part(source), (x + 24 * place, y))
+            column, row = place % (2 * across), place // (2 * across)
+            drawn = self.down(self.catalogue.part(source), (x + 24 * column, y + 20 * row))
             (left, top) = drawn.pin(0)
             end = self.sheet.wire((left, top), (left, top - 3), (left + 2, top - 3))
             self.label(source.node, end, "right")
             self.port(symbols.GROUND, drawn.pin(1))
+        return round(y + 20 * -(-len(sources) // (2 * across)))
+
+    def unused(self, at: Point, package: str, unit: int) -> None:
+        """Draw an op-amp without use: a follower at ground, so that it rests."""
+        part = self.catalogue.opamp(package, unit)
+        drawn = self.sheet.place(part, at, reference=(at[0] + 3, at[1] - 4.2))
+        self.sheet.labels.append(Label("not used", (at[0] - 1, at[1]), "middle"))
+        (x, y), ground = drawn.pin(2), drawn.pin(1)
+        end = self.sheet.wire(drawn.pin(0), (at[0] - 8, at[1] - 2), (at[0] - 8, at[1] - 8),
+                              (x + 2, at[1] - 8), (x + 2, y))  # fmt: skip
+        self.sheet.wire((x, y), end)
+        self.name(spare_node(package, unit), end)
+        self.port(symbols.GROUND, self.sheet.wire(ground, (ground[0], ground[1] + 4)))
 
     def supply(self, at: Point, package: str) -> None:
         """Draw the supply pins of a package with two decoupling capacitors."""
@@ -250,10 +271,9 @@ class _Drawing:
 
     def port(self, symbol: Symbol, at: Point) -> None:
         """Place the symbol of ground, of a supply or of a power flag, with its name."""
-        self.ports += 1
         shown = symbol.name not in (symbols.GROUND.name, symbols.FLAG.name)
         up = -3.2 if symbol.name.startswith("+") else 3.2
-        part = Part(symbol, f"{symbol.prefix}{self.ports:03d}", symbol.name)
+        part = Part(symbol, f"{symbol.prefix}{next(self.ports):03d}", symbol.name)
         self.sheet.place(part, at, value=(at[0], at[1] + up) if shown else None)
 
     def across(self, part: Part, at: Point) -> Placed:

@@ -31,7 +31,7 @@ KINDS: dict[type, tuple[Symbol, str, str, str, str]] = {  # field, unit, letter 
 
 
 @cache
-def value_text(value: float) -> str:
+def value_text(value: float, digits: int = DIGITS) -> str:
     """Return a value as a schematic has it.
 
     Examples
@@ -39,7 +39,7 @@ def value_text(value: float) -> str:
     >>> value_text(52631.578947), value_text(1e-11), value_text(4.7e6), value_text(-2e-6)
     ('52.63k', '10p', '4.7M', '-2u')
     """
-    return show(value, "", DIGITS).replace(" ", "")
+    return show(value, "", digits).replace(" ", "")
 
 
 def reference(name: str) -> str:
@@ -52,6 +52,11 @@ def reference(name: str) -> str:
     """
     moved = INNER.sub(r"\2\1", name)
     return moved if moved[-1].isdigit() else f"{moved}_1"
+
+
+def spare_node(package: str, unit: int) -> str:
+    """Return the net at the output of an op-amp without use, which is a follower at ground."""
+    return f"unused_{package}_{unit}"
 
 
 @dataclass(frozen=True)

@@ -70,25 +70,30 @@ def kicad_project(circuit: Circuit, scene: Scene, channel: int = 1) -> Project:
     if not row:
         raise InputError("--channel", Complaint("N", repr(channel), text))
     sheet, catalogue = channel_sheet(circuit, channel, row, scene), Catalogue(circuit, scene)
-    name, own = sheet.project, "${KIPRJMOD}"
-    table = (
-        f'(sym_lib_table\n  (version 7)\n  (lib (name "{LIBRARY}")(type "KiCad")(uri'
-        f' "{own}/{scene.name}.kicad_sym")(options "")(descr "Symbols of taction"))\n)\n'
-    )
+    name = sheet.project
     capacitance, gain = (value_text(circuit.value(fact)) for fact in ("C", "gain"))
     comments = (
         f"Channel {channel} of {total}, sensor row {row} of {circuit.shape[0]}",
         f"C = {capacitance}F, gain s = {gain}ohm, lambda = {circuit.value('lambda'):.4g}",
         "Field Deck: the name in the deck; packages U as in taction bom",
     )
-    files = {
-        f"{name}.kicad_sch": sheet.schematic(scene.name, comments),
+    drawn = {f"{name}.kicad_sch": sheet.schematic(scene.name, comments)}
+    files = drawn | project_files(catalogue, scene, name)
+    return Project(files, channel, row, tuple(_not_drawn(circuit)))
+
+
+def project_files(catalogue: Catalogue, scene: Scene, name: str) -> dict[str, str]:
+    """Return the files of the project `name` beside its schematics."""
+    table = (
+        f'(sym_lib_table\n  (version 7)\n  (lib (name "{LIBRARY}")(type "KiCad")(uri'
+        f' "${{KIPRJMOD}}/{scene.name}.kicad_sym")(options "")(descr "Symbols of taction"))\n)\n'
+    )
+    return {
         f"{name}.kicad_pro": f"{json.dumps(_settings(name), indent=2)}\n",
         f"{scene.name}.kicad_sym": library(catalogue.symbols),
         "sym-lib-table": table,
         f"{scene.name}-bom.csv": parts_list(catalogue),
     }
-    return Project(files, channel, row, tuple(_not_drawn(circuit)))
 
 
 def _not_drawn(circuit: Circuit) -> Iterator[str]:

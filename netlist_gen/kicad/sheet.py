@@ -102,7 +102,7 @@ class Label:
     ----------
     kind : str
         ``"text"``; ``"label"``: a net of this sheet, above its wire; ``"input"``, ``"output"``: a
-        net of the whole board.
+        net of several sheets: its label is global in a project of one sheet, else hierarchical.
     size : float
         Height, mm.
     """
@@ -115,12 +115,11 @@ class Label:
 
     @property
     def width(self) -> float:
-        """About, in steps of the grid; of global labels with their frame."""
+        """About, in steps of the grid; of labels with a frame, with it."""
         return 3.0 + len(self.text) if self.kind == "output" else 0.95 * len(self.text) * self.size
 
-    @property
-    def expression(self) -> Expression:
-        """The label as it stands in a schematic."""
+    def expression(self, shared: str) -> Expression:
+        """Return the label as it stands in a schematic; `shared` is the kind with a frame."""
         side = [] if self.anchor == "middle" else [self.anchor]
         where = ["at", *_mm(self.at), 180 if self.anchor == "right" else 0]
         if self.kind == "text":
@@ -128,14 +127,45 @@ class Label:
             return ["text", Quoted(self.text), *more, where, _effects(*side, size=self.size)]
         if self.kind == "label":
             return ["label", Quoted(self.text), where, _effects(*side, "bottom")]
-        return ["global_label", Quoted(self.text), ["shape", self.kind], where, _effects(*side)]
+        return [shared, Quoted(self.text), ["shape", self.kind], where, _effects(*side)]
+
+
+@dataclass(frozen=True, slots=True)
+class Below:
+    """A sheet as a box on the sheet above it: its nets are pins, inputs left and outputs right."""
+
+    name: str
+    at: Point
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    @property
+    def size(self) -> Point:
+        """Width and height of the box."""
+        wide = [max(map(len, nets), default=0) for nets in (self.inputs, self.outputs)]
+        rows = max(len(self.inputs), len(self.outputs), 1)
+        return max(sum(wide), len(self.name)) + 6, 2 * rows + 2
+
+    @property
+    def pins(self) -> Iterator[tuple[str, Literal["left", "right"], Point]]:
+        """Net, side and place of every pin."""
+        (x, y), (width, _) = self.at, self.size
+        for row, net in enumerate(self.inputs, 1):
+            yield net, "left", (x, y + 2 * row)
+        for row, net in enumerate(self.outputs, 1):
+            yield net, "right", (x + width, y + 2 * row)
 
 
 @dataclass(eq=False)
 class Sheet:
-    """One page. Junctions follow from the wires: a wire ends on another one only to join it."""
+    """One page. Junctions follow from the wires: a wire ends on another one only to join it.
+
+    A project has one sheet, or a sheet without a `name` with the others as boxes `below` it.
+    """
 
     project: str
+    name: str = ""
+    below: list[Below] = field(default_factory=list)
     placed: list[Placed] = field(default_factory=list)
     segments: list[tuple[Point, Point]] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
@@ -157,6 +187,8 @@ class Sheet:
         points += [end for segment in self.segments for end in segment]
         points += [(x + label.width, y) for label in self.labels for x, y in (label.at,)
                    if label.anchor == "left"]  # fmt: skip
+        points += [(x + wide, y + high) for box in self.below
+                   for (x, y), (wide, high) in ((box.at, box.size),)]  # fmt: skip
         return max(x for x, _ in points), max(y for _, y in points)
 
     def junctions(self) -> list[Point]:
@@ -172,7 +204,9 @@ class Sheet:
     def schematic(self, title: str, comments: tuple[str, ...]) -> str:
         """Return the file ``.kicad_sch``."""
         symbols = {placed.part.symbol.name: placed.part.symbol for placed in self.placed}
-        items = [*map(self._symbol, self.placed), *(label.expression for label in self.labels)]
+        shared = "hierarchical_label" if self.name else "global_label"
+        items = [*map(self._symbol, self.placed)]
+        items += [label.expression(shared) for label in self.labels]
         items += self._wires()
         block = [["comment", number, Quoted(text)] for number, text in enumerate(comments, 1)]
         whole: Expression = [
@@ -183,13 +217,44 @@ class Sheet:
             ["title_block", ["title", Quoted(title)], *block],
             ["lib_symbols", *(_in_library(s, f"{LIBRARY}:{s.name}") for s in symbols.values())],
             *([*item, self._id(str(number))] for number, item in enumerate(items)),
-            ["sheet_instances", ["path", Quoted("/"), ["page", Quoted("1")]]],
+            *(self._box(page, box) for page, box in enumerate(self.below, 2)),
+            *(() if self.name else (FIRST,)),
         ]
         return f"{written(whole)}\n"
 
     def _id(self, what: str) -> Expression:
         """Return an identifier that is the same each time the same sheet is drawn."""
-        return ["uuid", Quoted(uuid.uuid5(NAMES, f"taction/{self.project}/{what}"))]
+        place = f"{self.project}/{self.name}" if self.name else self.project
+        return ["uuid", Quoted(uuid.uuid5(NAMES, f"taction/{place}/{what}"))]
+
+    def _path(self) -> Expression:
+        """Return the identifiers of the sheets from the first one to this one."""
+        first = Sheet(self.project)
+        path = f"/{first._id('sheet')[1]}"
+        return ["path", Quoted(f"{path}/{first._id(self.name)[1]}" if self.name else path)]
+
+    def _box(self, page: int, box: Below) -> Expression:
+        """Return the box of a sheet below this one."""
+        (x, y), (width, height) = box.at, box.size
+        texts = {"Sheetname": (box.name, y - 0.5, "bottom"),
+                 "Sheetfile": (f"{box.name}.kicad_sch", y + height + 0.5, "top")}  # fmt: skip
+        turned = {"left": 180, "right": 0}
+        return [
+            *("sheet", ["at", *_mm(box.at)], ["size", *_mm((width, height))]),
+            *(_stroke(0.15), ["fill", ["color", 0, 0, 0, 0.0]], self._id(box.name)),
+            *(
+                ["property", Quoted(key), Quoted(text), ["at", *_mm((x, level)), 0],
+                 _effects("left", side)]
+                for key, (text, level, side) in texts.items()
+            ),
+            *(
+                ["pin", Quoted(net), "input" if side == "left" else "output",
+                 ["at", *_mm(at), turned[side]], self._id(f"{box.name}/{net}"), _effects(side)]
+                for net, side, at in box.pins
+            ),
+            ["instances", ["project", Quoted(self.project),
+                           [*self._path(), ["page", Quoted(page)]]]],
+        ]  # fmt: skip
 
     def _symbol(self, placed: Placed) -> Expression:
         part, angle = placed.part, placed.angle
@@ -198,7 +263,6 @@ class Sheet:
         texts |= {name: (text, None) for name, text in ({"Footprint": "", "Datasheet": ""}
                                                        | dict(part.fields)).items()}  # fmt: skip
         pins = (pin.number for pin in part.symbol.units[part.unit - 1])
-        path = ["path", Quoted(f"/{self._id('sheet')[1]}")]
         return [
             *("symbol", ["lib_id", Quoted(f"{LIBRARY}:{part.symbol.name}")]),
             ["at", *_mm(placed.at), angle],
@@ -211,8 +275,8 @@ class Sheet:
                 for name, (text, place) in texts.items()
             ),
             *(["pin", Quoted(n), self._id(f"{part.reference}/{part.unit}/{n}")] for n in pins),
-            ["instances", ["project", Quoted(self.project),
-                           [*path, ["reference", Quoted(part.reference)], ["unit", part.unit]]]],
+            ["instances", ["project", Quoted(self.project), [*self._path(),
+                           ["reference", Quoted(part.reference)], ["unit", part.unit]]]],
         ]  # fmt: skip
 
     def _wires(self) -> Iterator[Expression]:
@@ -236,6 +300,7 @@ class Sheet:
 
 
 HEAD: Expression = (["version", VERSION], ["generator", Quoted("taction")])
+FIRST: Expression = ["sheet_instances", ["path", Quoted("/"), ["page", Quoted("1")]]]
 
 
 def library(symbols: Iterable[Symbol]) -> str:

@@ -93,7 +93,7 @@ def middle_channel(circuit: Circuit) -> int:
 
 def branch(circuit: Circuit, start: str) -> Branch:
     """Return the branch of a node, with the matrix resistors that end at it."""
-    nodes = _connected(circuit, start)
+    nodes = nodes_of_branch(circuit, start)
     known = set(nodes)
     parts: tuple[Passive, ...] = (*circuit.resistors, *circuit.real_capacitors)
     left = {part.card: part for part in parts if known & {part.a, part.b}}
@@ -145,7 +145,7 @@ def _into(circuit: Circuit, node: str) -> Iterator[Resistor]:
             yield from replace(matrix, ohms=ohms).resistors()
 
 
-def _connected(circuit: Circuit, start: str) -> list[str]:
+def nodes_of_branch(circuit: Circuit, start: str) -> list[str]:
     """Return the nodes of a branch, in the order in which a signal from `start` reaches them."""
     fixed = {GROUND, *(source.node for source in circuit.voltages)}
     parts: tuple[Passive | Cell | TransistorCell, ...] = (

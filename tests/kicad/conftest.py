@@ -18,7 +18,8 @@ from xml.etree import ElementTree
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.kicad.project import Project, kicad_project
+from taction.netlist_gen.kicad.board import board_files
+from taction.netlist_gen.kicad.project import kicad_project
 from taction.netlist_gen.scene.scene import Scene
 
 KICAD = os.environ.get("TACTION_KICAD", "")
@@ -35,22 +36,27 @@ class Opened:
     """A project on the disk, its board, and what KiCad reads in it."""
 
     folder: Path
+    scene: Scene
     circuit: Circuit
-    project: Project
+    files: dict[str, str]
+    channel: int  # 0: the whole board
+    row: int
 
     @classmethod
-    def of(cls, scene: Scene, folder: Path, channel: int = 1) -> Opened:
-        """Write the project of a scene into a folder."""
+    def of(cls, scene: Scene, folder: Path, channel: int = 0) -> Opened:
+        """Write the project of a channel of a scene, or of its whole board, into a folder."""
         circuit = synthesise(scene)
-        project = kicad_project(circuit, scene, channel)
-        for name, text in project.files.items():
+        files, row = board_files(circuit, scene), 0
+        if channel:
+            project = kicad_project(circuit, scene, channel)
+            files, row = project.files, project.row
+        for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
-        return cls(folder, circuit, project)
+        return cls(folder, scene, circuit, files, channel, row)
 
     def file(self, ending: str) -> Path:
-        """Return the file of the project with an ending."""
-        (name,) = (name for name in self.project.files if name.endswith(ending))
-        return self.folder / name
+        """Return the first file of the project with an ending."""
+        return self.folder / next(name for name in self.files if name.endswith(ending))
 
     def kicad(self, *words: str, out: str) -> Path:
         """Run ``kicad-cli sch ...`` on the schematic; return the file that it writes."""
@@ -80,7 +86,7 @@ class Opened:
     def nets(self) -> dict[tuple[str, str], str]:
         """The net of every pin of every part, by reference and number of the pin."""
         return {
-            (node.attrib["ref"], node.attrib["pin"]): net.attrib["name"].removeprefix("/")
+            (node.attrib["ref"], node.attrib["pin"]): net.attrib["name"].rpartition("/")[2]
             for net in self.netlist.find("nets")
             for node in net.findall("node")
         }

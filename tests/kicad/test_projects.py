@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,8 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import taction
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.kicad.parts import Catalogue
+from taction.netlist_gen.kicad.wiring import wiring
 from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
 from tests.kicad.conftest import Opened, rows
 from tests.support.making import make_scene
@@ -24,10 +28,13 @@ PASSIVE = {"topology": "passive", "lambda": 100.0}
 SHEETS = {
     "TL084": (("2", "3", "1"), ("6", "5", "7"), ("9", "10", "8"), ("13", "12", "14")),
     "TL072": (("2", "3", "1"), ("6", "5", "7")),
+    "OPA2134": (("2", "3", "1"), ("6", "5", "7")),
     "UA741": (("2", "3", "6"),),
     "OPA189": (("2", "3", "6"),),
 }
 RAILS = {"TL084": ("4", "11"), "TL072": ("8", "4"), "UA741": ("7", "4"), "OPA189": ("7", "4")}
+SHEETS["TL074"], RAILS["TL074"] = SHEETS["TL084"], RAILS["TL084"]
+RAILS["OPA2134"] = RAILS["TL072"]
 # What a drawing of one channel cannot avoid: signals of other channels, and the op-amps of other
 # channels in the same packages.
 EXPECTED = {
@@ -47,13 +54,17 @@ def one_by_one() -> Scene:
     return parse_scene(tables, "scene.toml")
 
 
-def scene_of(name: str) -> Scene:
+def scene_of(name: str, folder: Path) -> Scene:
     if name.endswith(".toml"):
         return load_scene(SCENES / name)
     rest = {"analysis": {"initial": "rest"}}
     if name == "one by one":
         return one_by_one()
+    if name == "new":
+        taction.new(file=folder / "new.toml")
+        return load_scene(folder / "new.toml")
     made = {
+        "quad": ({"channels": 3}, {"opamp": "tl074", "strain_input": "voltage"}),
         "npn": ({"channels": 3}, {"opamp": "tl072", **NPN}),
         "pnp": ({"channels": 3}, {"opamp": "ua741", **DEVICES}),
         "passive": ({"channels": 3}, {"opamp": "tl072", **PASSIVE}),
@@ -81,14 +92,36 @@ NAMES = (
 )
 
 
-@pytest.fixture(scope="module", params=NAMES)
+WHOLE = (
+    "new",
+    "quad",
+    "tuned-breadboard.toml",
+    "custom-matrix.toml",
+    "paper-exponential.toml",
+    "paper-exponential-devices.toml",
+    "tangential-exponential.toml",
+    "one by one",
+    "npn",
+    "pnp",
+    "passive",
+    "passive exponential",
+)
+PARAMS = [(name, False) for name in NAMES] + [(name, True) for name in WHOLE]
+
+
+@pytest.fixture(scope="module", params=PARAMS, ids=lambda p: f"{p[0]}{', whole' * p[1]}")
 def opened(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Opened:
-    scene = scene_of(request.param)
+    name, whole = request.param
+    folder = tmp_path_factory.mktemp("project")
+    scene = scene_of(name, folder)
     channel = 2 if len(synthesise(scene).signal_nodes) > 1 else 1
-    return Opened.of(scene, tmp_path_factory.mktemp("project"), channel)
+    return Opened.of(scene, folder, 0 if whole else channel)
 
 
 def test_the_rules_are_kept(opened: Opened) -> None:
+    if not opened.channel:
+        assert not opened.violations
+        return
     assert set(opened.violations) <= EXPECTED
     text = opened.file(".kicad_sch").read_text("utf-8")
     labels = re.findall(r'\(global_label "(\w+)"', text)
@@ -99,7 +132,10 @@ def test_the_rules_are_kept(opened: Opened) -> None:
 
 def own_nodes(opened: Opened) -> set[str]:
     """The nodes of which the drawing has every part."""
-    n, k = opened.project.channel, opened.project.row
+    if not opened.channel:
+        pins = [each for _, nodes in deck_pins(opened.circuit) for each in nodes.values()]
+        return {*pins, *(cell.output for cell in opened.circuit.opamps)}
+    n, k = opened.channel, opened.row
     names = {f"{kind}_{n}" for kind in ("x", "ja", "ju", "b", "e", "y", "t")}
     names |= {f"c_{k}", f"jz_{k}"}
     return names | ({f"v_{n}"} if opened.circuit.topology == "passive" else set())
@@ -134,11 +170,11 @@ def expected_nets(opened: Opened) -> dict[tuple[str, str], str]:
             for pin, node in zip(("1", "2"), reversed(ends) if turned else ends, strict=True):
                 found[by_deck[name], pin] = node
     for place, cell in enumerate(circuit.opamps):
-        if own & {cell.inverting, cell.noninverting}:
+        if own & {cell.inverting, cell.noninverting} or not opened.channel:
             nodes = cell.inverting, cell.noninverting, cell.output
             found |= dict(zip(opamp_pins(opened, place), nodes, strict=True))
     for amplifier in circuit.amplifiers:
-        if amplifier.name == f"a_{opened.project.channel}":
+        if amplifier.name == f"a_{opened.channel}" or not opened.channel:
             name = by_deck[f"B{amplifier.name}"]
             found |= {(name, "1"): amplifier.input, (name, "2"): amplifier.output}
     for place, cell in enumerate(circuit.transistors):
@@ -154,10 +190,23 @@ def expected_nets(opened: Opened) -> dict[tuple[str, str], str]:
 
 def opamp_pins(opened: Opened, place: int) -> list[tuple[str, str]]:
     """Pins -, + and output of an op-amp of the board, by its place: packages fill in this order."""
-    size = next(iter(opened.circuit.models.values())).channels_per_package
+    size, _ = packing(opened.circuit)
     reference = f"U{place // size + 1}"
     pins = SHEETS.get(opened.fields[reference]["Value"], (("-", "+", "out"),))[place % size]
     return [(reference, pin) for pin in pins]
+
+
+def unused_pins(opened: Opened) -> Iterator[list[tuple[str, str]]]:
+    """Pins -, + and output of each op-amp without use, of a whole board."""
+    size, count = packing(opened.circuit)
+    if not opened.channel:
+        for place in range(count, size * -(-count // size)):
+            yield opamp_pins(opened, place)
+
+
+def packing(circuit: Circuit) -> tuple[int, int]:
+    size = next(iter(circuit.models.values())).channels_per_package
+    return size, len(circuit.opamps)
 
 
 def test_every_pin_is_on_the_net_of_the_circuit(opened: Opened) -> None:
@@ -165,6 +214,10 @@ def test_every_pin_is_on_the_net_of_the_circuit(opened: Opened) -> None:
     assert len(expected) > 20
     rest = {pin: net for pin, net in opened.nets.items() if pin not in expected}
     assert {pin: opened.nets.get(pin) for pin in expected} == expected
+    for pins in unused_pins(opened):
+        nets = [rest.pop(pin) for pin in pins]
+        assert nets == [nets[2], "GND", nets[2]]  # a follower at ground, with nothing else
+        assert list(opened.nets.values()).count(nets[2]) == 2
     # All else is supply: packages, and capacitors from each rail to ground.
     rail = f"{opened.circuit.supply:g}V"
     for (reference, pin), net in rest.items():
@@ -204,7 +257,8 @@ def test_the_list_has_the_rows_that_kicad_makes(opened: Opened) -> None:
     """A board of one channel is drawn whole, so both lists are the same."""
     ours, drawn = rows(opened.file(".csv")), opened.bill
     assert list(ours[0]) == list(drawn[0])
-    whole = len(opened.circuit.signal_nodes) == len(opened.circuit.constraint_nodes) == 1
+    one = len(opened.circuit.signal_nodes) == len(opened.circuit.constraint_nodes) == 1
+    whole = one or not opened.channel
     key = ("Value", "Tolerance", "MPN", "Description", "Footprint", "Datasheet", "DNP")
     listed = {tuple(row[name] for name in key): row for row in ours}
     assert len(listed) == len(ours)
@@ -222,7 +276,23 @@ def test_the_preset_of_the_project_gives_the_same_list(opened: Opened) -> None:
     assert rows(opened.kicad(*words, out="preset.csv")) == opened.bill
 
 
-def test_it_is_drawn_on_one_page(opened: Opened, tmp_path: Path) -> None:
+def test_every_sheet_is_one_page(opened: Opened) -> None:
     made = opened.kicad("export", "pdf", out="drawing.pdf").read_bytes()
     assert made.startswith(b"%PDF")
-    assert made.count(b"/Type /Page\n") == 1
+    sheets = sum(name.endswith(".kicad_sch") for name in opened.files)
+    assert made.count(b"/Type /Page\n") == sheets
+
+
+def test_the_list_of_wires_is_that_of_kicad(opened: Opened) -> None:
+    if opened.channel:
+        pytest.skip("one channel is not the whole board")
+    text = wiring(Catalogue(opened.circuit, opened.scene))
+    listed = {(row["Part"], row["Pin"]): row["Net"] for row in csv.DictReader(text.splitlines())}
+    assert len(listed) == len(text.splitlines()) - 1
+    for reference in {reference for reference, _ in listed}:
+        pins = [pin for pin in listed if pin[0] == reference]
+        wires, drawn = ([nets[pin] for pin in pins] for nets in (listed, opened.nets))
+        if reference[0] in "RC":  # may be turned
+            wires, drawn = sorted(wires), sorted(drawn)
+        assert wires == drawn
+    assert listed.keys() == opened.nets.keys()

@@ -37,6 +37,7 @@ MODELS = {
     "netlist": "verification.report.documents.plain.NetlistDocument",
     "bom": "verification.report.documents.plain.BomDocument",
     "kicad": "verification.report.documents.plain.KicadDocument",
+    "build": "verification.verdict.built_board.BuiltBoard",
     "explore": "verification.report.documents.plain.ExploreDocument",
     "solve": "verification.report.documents.plain.SolveDocument",
     "simulate": "verification.report.documents.verdict.SimulateDocument",

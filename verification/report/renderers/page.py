@@ -40,10 +40,21 @@ def check_report_file(path: str) -> None:
         The ending is not in `ENDINGS`, the folder is missing, or a package is not installed.
     """
     check_file(path, "--report", ENDINGS, {})
+    check_packages("--report", path)
+
+
+def check_packages(option: str, path: str) -> None:
+    """Refuse a report for which a package is not installed.
+
+    Raises
+    ------
+    InputError
+        The message has the remedy.
+    """
     missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
     if missing:
         text = REMEDY.format(" and ".join(missing))
-        raise InputError("--report", Complaint("FILE", repr(path), text))
+        raise InputError(option, Complaint("FILE", repr(path), text))
 
 
 def write_page(page: Page, path: str) -> None:

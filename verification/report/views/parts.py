@@ -8,11 +8,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from taction.netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine
+from taction.netlist_gen.kicad.parts import value_text
 from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Shown, Table
-from taction.verification.report.texts import number_cell, quantity
+from taction.verification.report.texts import counted, number_cell, quantity
 from taction.verification.verdict.board_power import BoardPower, PartsList
 
 SHOWN = 3  # references in a line of the table
+DIGITS = 6  # of a value in a file; the JSON document has all of them
 # The fields of KiCad's bill of materials, then our own; a footprint is not known.
 COLUMNS = (
     *("Reference", "Value", "Footprint", "Quantity", "DNP"),
@@ -31,7 +33,7 @@ def view(result: PartsList) -> Page:
         title=result.scene.name,
         command="taction bom",
         outcome="",
-        summary=_counts(parts),
+        summary=counts_text(parts),
         lines=(),
         sections=(
             Section("Parts", (Table.of("Parts", parts.lines, columns),), media=BOTH),
@@ -40,7 +42,8 @@ def view(result: PartsList) -> Page:
     )
 
 
-def _counts(parts: BillOfMaterials) -> str:
+def counts_text(parts: BillOfMaterials) -> str:
+    """Return how many parts and values there are, and how many are not standard."""
     counts = " and ".join(f"{parts.count(kind)} {kind}s" for kind in UNITS)
     odd = sum(line.preferred is not None for line in parts.lines)
     remedy = "; set resistor_series and capacitor_series" if odd else ""
@@ -49,10 +52,7 @@ def _counts(parts: BillOfMaterials) -> str:
 
 def _lines(parts: BillOfMaterials, power: BoardPower) -> Iterator[str]:
     """Yield the packages, the power and what is not listed."""
-    names = [package.reference for package in parts.packages]
-    shown = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
-    spare = f"; spare op-amps: {parts.spare} in {names[-1]}" if parts.spare else ""
-    yield f"{len(names)} packages {parts.opamp}, {shown}{spare}"
+    yield packages_text(parts)
     yield (
         f"supply current {quantity(power.supply_current, 'A', 3)}, dissipation"
         f" {quantity(power.total, 'W', 3)} at rest: op-amps {quantity(power.quiescent, 'W', 3)}"
@@ -60,6 +60,14 @@ def _lines(parts: BillOfMaterials, power: BoardPower) -> Iterator[str]:
         f" resistors {quantity(power.resistors, 'W', 3)}"
     )
     yield from (f"not included: {what}" for what in parts.not_listed)
+
+
+def packages_text(parts: BillOfMaterials) -> str:
+    """Return the packages of op-amps, and the op-amps without use."""
+    names = [package.reference for package in parts.packages]
+    shown = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
+    spare = f"; spare op-amps: {parts.spare} in {names[-1]}" if parts.spare else ""
+    return f"{counted(len(names), 'package')} {parts.opamp}, {shown}{spare}"
 
 
 def part_columns(shown: int) -> dict[str, Callable[[PartLine], Shown]]:
@@ -92,7 +100,7 @@ def nearest_value(line: PartLine, standard: str) -> str:
 
 
 def parts_csv(parts: BillOfMaterials) -> str:
-    """Return the parts as CSV in SI base units, one row for each value, the op-amps last."""
+    """Return the parts as CSV, one row for each value, the op-amps last; values have prefixes."""
     text = io.StringIO()
     table = csv.DictWriter(text, COLUMNS, restval="", lineterminator="\n")
     table.writeheader()
@@ -102,13 +110,13 @@ def parts_csv(parts: BillOfMaterials) -> str:
 
 def _records(parts: BillOfMaterials) -> Iterator[dict[str, Any]]:
     for line in parts.lines:
-        record = _record(line.references, repr(line.value), line.kind)
+        record = _record(line.references, value_text(line.value, DIGITS), line.kind)
         record |= {"Unit": line.unit}
         if line.tolerance is not None:
             record["Tolerance"] = repr(line.tolerance)
         if (near := line.preferred) is not None:
-            record |= {"Preferred": repr(near.value), "Series": near.series}
-            record["Deviation"] = repr(near.deviation)
+            record |= {"Preferred": value_text(near.value, DIGITS), "Series": near.series}
+            record["Deviation"] = f"{near.deviation:.3g}"
         yield record
     names = tuple(package.reference for package in parts.packages)
     yield _record(names, parts.opamp.upper(), "op-amp")

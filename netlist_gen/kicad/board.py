@@ -1,0 +1,127 @@
+"""A whole board as one KiCad project: a sheet for each channel and each sensor row.
+
+The first sheet has these as boxes, whose pins are joined by the names of their nets, and the
+supplies of all packages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count
+from typing import Literal
+
+from taction.netlist_gen.board.bill_of_materials import packages
+from taction.netlist_gen.board.circuit import Circuit, Role
+from taction.netlist_gen.kicad.drawing import LEFT, TOP, Drawing
+from taction.netlist_gen.kicad.parts import Catalogue, value_text
+from taction.netlist_gen.kicad.project import project_files
+from taction.netlist_gen.kicad.sheet import TITLE, Below, Label, Sheet
+from taction.netlist_gen.kicad.stages import nodes_of_branch, shared_nodes
+from taction.netlist_gen.scene.scene import Scene
+
+ROW = 270  # width of the first sheet, steps of the grid; a large board has a wider one
+KINDS = {Role.FEEDBACK: ("channel", "Signal plane, channel"),
+         Role.FORWARD: ("row", "Constraint plane, sensor row")}  # fmt: skip
+
+
+def board_files(circuit: Circuit, scene: Scene) -> dict[str, str]:
+    """Return the files of the KiCad project of the board of `scene` by their names.
+
+    The first one is the schematic to open.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
+    >>> files = list(board_files(taction.synthesise(scene), scene))
+    >>> files[0], files[1], len(files)
+    ('custom-matrix.kicad_sch', 'channel-1.kicad_sch', 15)
+    """
+    catalogue, ports, name = Catalogue(circuit, scene), count(1), circuit.name
+    first = Drawing(catalogue, Sheet(name), ports)
+    first.shared = set()  # nets of the first sheet, which no sheet above shares
+    sheets = {}
+    for title, start, words in branches(circuit):
+        drawing = Drawing(catalogue, Sheet(name, title), ports)
+        drawing.branch(TOP, words, start)
+        sheets[title] = drawing.sheet
+    _supplies(first, _boxes(first, list(sheets.values())))
+    capacitance, gain = (value_text(circuit.value(fact)) for fact in ("C", "gain"))
+    comments = (
+        f"C = {capacitance}F, gain s = {gain}ohm, lambda = {circuit.value('lambda'):.4g}",
+        "Field Deck: the name in the deck; packages U as in taction bom",
+    )
+    drawn = {name: first.sheet} | sheets
+    schematics = {
+        f"{title}.kicad_sch": sheet.schematic(
+            scene.name if sheet.name == "" else f"{scene.name}: {title}", comments
+        )
+        for title, sheet in drawn.items()
+    }
+    return schematics | project_files(catalogue, scene, name)
+
+
+def branches(circuit: Circuit) -> Iterator[tuple[str, str, str]]:
+    """Yield each branch of a board once: the name of its sheet, its first node, and its title."""
+    shared = shared_nodes(circuit)
+    known: set[str] = set()
+    for role, (word, title) in KINDS.items():
+        matrices = [each for each in circuit.matrices if each.name in circuit.named(role)]
+        for number, start in enumerate((s for each in matrices for s in each.sinks), 1):
+            if start not in known:
+                known |= set(nodes_of_branch(circuit, start))
+                yield f"{word}-{number}", start, f"{title} {number}"
+    inputs = [cell.inverting for cell in circuit.opamps]
+    left = [node for node in inputs if node not in known | shared]
+    for number, start in enumerate(left, 1):
+        if start not in known:
+            known |= set(nodes_of_branch(circuit, start))
+            yield f"more-{number}", start, f"More stages, {number}"
+
+
+def _boxes(drawing: Drawing, sheets: list[Sheet]) -> int:
+    """Draw the boxes of `sheets` in rows, each net named at the pins; return the end below."""
+    root = drawing.sheet
+    root.labels.append(Label("Channels and sensor rows", (LEFT, TOP), size=TITLE))
+    boxes = [_box(sheet) for sheet in sheets]
+    margins = [
+        [max(map(len, nets), default=0) + 4 for nets in (box.inputs, box.outputs)] for box in boxes
+    ]
+    widths = [sum(aside) + round(box.size[0]) for box, aside in zip(boxes, margins, strict=True)]
+    area = sum(wide * box.size[1] for box, wide in zip(boxes, widths, strict=True))
+    row = max(ROW, round((2.0 * area) ** 0.5))
+    x, y, height = LEFT, TOP + 6, 0
+    for box, aside, width in zip(boxes, margins, widths, strict=True):
+        if x > LEFT and x + width > row:
+            x, y, height = LEFT, y + height + 10, 0
+        placed = replace(box, at=(x + aside[0], y))
+        root.below.append(placed)
+        for net, side, pin in placed.pins:
+            end = root.wire(pin, (pin[0] + (2 if side == "right" else -2), pin[1]))
+            anchor: Literal["left", "right"] = "left" if side == "right" else "right"
+            root.labels.append(Label(net, end, anchor, "label"))
+        x, height = x + width + 4, max(height, round(box.size[1]))
+    return y + height
+
+
+def _box(sheet: Sheet) -> Below:
+    """Return the box of a sheet, its shared nets as pins: a net that it drives is an output."""
+    named = {kind: dict.fromkeys(label.text for label in sheet.labels if label.kind == kind)
+             for kind in ("input", "output")}  # fmt: skip
+    inputs = tuple(net for net in named["input"] if net not in named["output"])
+    return Below(sheet.name, (0, 0), inputs, tuple(named["output"]))
+
+
+def _supplies(drawing: Drawing, top: int) -> None:
+    """Draw the supplies, all voltages, and the op-amps without use, below `top`."""
+    held = list(packages(drawing.circuit))
+    across = max(ROW // 30, round(len(held) ** 0.5))
+    nets = {source.node for source in drawing.circuit.voltages}
+    names = [each.reference for each in held]
+    end = drawing.supplies((LEFT + 6, top + 8), names, nets, across)
+    spare = [(each.reference, 1 + len(each.opamps) + more)
+             for each in held for more in range(each.spare)]  # fmt: skip
+    for place, each in enumerate(spare):
+        row, column = divmod(place, across)
+        drawing.unused((LEFT + 16 + 30 * column, end + 24 * row), *each)
