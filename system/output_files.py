@@ -85,8 +85,8 @@ def make_folder(folder: str | Path, option: str = "-o") -> None:
     """
     try:
         Path(folder).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = f"cannot be made: {error.strerror}"
+    except (OSError, ValueError) as error:  # a name with a zero byte is a ValueError
+        reason = f"cannot be made: {getattr(error, 'strerror', error)}"
         raise InputError(option, Complaint("FOLDER", repr(str(folder)), reason)) from None
 
 

@@ -188,10 +188,14 @@ def packages(circuit: Circuit) -> Iterator[Package]:
             yield Package(f"U{number}", held, size - len(held))
 
 
+def changed_figures(scene: Scene) -> list[str]:
+    """Return the keys of figures that the scene's op-amps have in the place of their part's."""
+    return sorted(scene.design.opamp.model_fields_set - {"base", "file", "level", "input_errors"})
+
+
 def _not_listed(circuit: Circuit, scene: Scene) -> Iterator[str]:
     choice = scene.design.opamp
-    changed = sorted(choice.model_fields_set - {"base", "file", "level", "input_errors"})
-    if changed:
+    if changed := changed_figures(scene):
         yield f"op-amps with the scene's {', '.join(changed)}, which {choice.base} does not have"
     if not any(model.supply_current for model in circuit.models.values()):
         yield "the supply current of the op-amps: set design.opamp.supply_current"

@@ -1,1 +1,1 @@
-"""One channel of a board as a KiCad project: schematic, symbols and parts list."""
+"""A channel of a board, or a whole board, as a KiCad project; the list of its wires."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 from taction.netlist_gen.board import circuit as boards
-from taction.netlist_gen.board.bill_of_materials import packages, tolerance_of
+from taction.netlist_gen.board.bill_of_materials import changed_figures, packages, tolerance_of
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad import symbols
 from taction.netlist_gen.kicad.sheet import Part
@@ -78,7 +78,7 @@ class Catalogue:
             choice = self.scene.design.opamp
             name = (choice.file or choice.base).rpartition("/")[2].partition(".")[0].upper()
             preset = "" if choice.file else choice.base
-            changed = bool(choice.model_fields_set - {"base", "file"})
+            changed = bool(changed_figures(self.scene))
         usual = preset in symbols.USUAL_PINS and count == OPAMPS[preset].channels_per_package
         symbol = symbols.opamp(ODD.sub("_", name), count, usual=usual)
         if changed or preset in ("", "ideal"):

@@ -32,15 +32,21 @@ def test_the_table_has_engineering_units() -> None:
     assert "not a standard value: 18; set resistor_series" in text
 
 
-def test_csv_and_json_agree_in_base_units(tmp_path: Path) -> None:
+PREFIXES = {"": 1.0, "p": 1e-12, "n": 1e-9, "u": 1e-6, "k": 1e3, "M": 1e6}
+
+
+def test_csv_and_json_agree(tmp_path: Path) -> None:
     file = tmp_path / "parts.csv"
     found = document(taction("bom", CUSTOM, "-o", str(file), "--json"))
     with file.open(encoding="utf-8", newline="") as text:
         rows = list(csv.DictReader(text))
     assert list(rows[0])[:5] == ["Reference", "Value", "Footprint", "Quantity", "DNP"]
     *parts, opamps = rows
-    assert [float(row["Value"]) for row in parts] == [part["value"] for part in found["parts"]]
+    assert [row["Value"] for row in parts][:3] == ["10k", "52.6316k", "54.9451k"]
     for row, part in zip(parts, found["parts"], strict=True):
+        number, prefix = re.fullmatch(r"([\d.]+)([pnukM]?)", row["Value"]).groups()
+        assert len(number.replace(".", "")) <= 6
+        assert float(number) * PREFIXES[prefix] == pytest.approx(part["value"], rel=5.1e-6)
         assert row["Reference"].split(",") == part["references"]
         assert int(row["Quantity"]) == part["count"] == len(part["references"])
         assert (row["Preferred"] == "") is part["standard"]

@@ -34,6 +34,7 @@ CALLS: dict[str, tuple[str, ...]] = {
     "netlist": ("a.toml",),
     "bom": ("a.toml",),
     "kicad": ("a.toml", "-o", "drawing"),
+    "build": ("a.toml", "-o", "built"),
     "solve": ("a.toml",),
     "simulate": ("a.toml",),
     "montecarlo": ("a.toml", "-n", "3", "--no-remedy"),

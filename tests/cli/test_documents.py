@@ -54,6 +54,7 @@ LINES: dict[str, tuple[str, ...]] = {
     "netlist, pruned": ("netlist", "pruned.toml", "--explain", "-o", "a.cir"),
     "bom": ("bom", "a.toml"),
     "kicad": ("kicad", "a.toml", "-o", "drawing"),
+    "build": ("build", "a.toml", "-o", "built"),
     "solve": ("solve", "a.toml"),
     "solve, exponential": ("solve", "exponential.toml"),
     "simulate": ("simulate", "a.toml", "-o", "w.csv"),

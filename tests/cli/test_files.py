@@ -39,6 +39,7 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("netlist", ("a.toml",), {"-o": "x.cir"}),
     ("bom", ("a.toml",), {"-o": "x.csv"}),
     ("kicad", ("a.toml",), {"-o": "x"}),
+    ("build", ("a.toml",), {"-o": "x"}),
     ("simulate", ("a.toml",), {"-o": "x.csv"}),
     ("montecarlo", ("a.toml", *DRAWN), {**PICTURES, "-o": "x.sqlite"}),
     ("montecarlo", ("a.toml", "--sample", "2"), {"--report": "x.html"}),
@@ -129,7 +130,7 @@ def test_files_are_whole_although_the_reader_has_gone(
     silent = name in ("new", "netlist", "kicad") and not mode  # nothing on stdout
     assert end.value.code == (0 if silent else 141)
     for made in map(Path, files.values()):
-        parts = list(made.iterdir()) if made.is_dir() else [made]
+        parts = [p for p in made.rglob("*") if p.is_file()] if made.is_dir() else [made]
         assert parts
         for part in parts:
             assert part.stat().st_size > 80

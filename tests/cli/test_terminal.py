@@ -74,6 +74,7 @@ COMMAND_LINES: dict[str, tuple[str, ...]] = {
     "verify several": ("a.toml", "slow.toml", "bad.toml", "--jobs", "1"),
     "diff": ("a.toml", "slow.toml"),
     "bom": ("a.toml",),
+    "build": ("a.toml", "-o", "built"),
     "montecarlo": ("a.toml", "-n", "4", "--jobs", "1"),
     "corners": ("a.toml", "--corner", "capacitor=-1", "--corner", "resistor=1"),
     "onset": ("a.toml", "--over", "C=1fF:1pF:5", "--no-confirm"),
