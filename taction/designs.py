@@ -196,8 +196,8 @@ def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) ->
 def build(
     scene: str | Path | Scene,
     *,
-    output: str | Path,
     engine: str | None = None,
+    output: str | Path,
     progress: Progress = lambda stage: None,
 ) -> BuiltBoard:
     """Write all that a builder of the board of SCENE needs, and verify the board.
@@ -210,12 +210,12 @@ def build(
     ----------
     scene : path or Scene
         The board.
-    output : path
-        Folder, new or with the files of an earlier build, which are replaced.
     engine : str, optional
         Engine in the place of the scene's own.
 
         ``"auto"``, ``"ngspice"`` or ``"statespace"``.
+    output : path
+        Folder, new or with the files of an earlier build, which are replaced.
     progress : callable, optional
         Receives the name of each stage.
 
