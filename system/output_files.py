@@ -113,9 +113,13 @@ def check_own_folder(folder: str | Path, files: Collection[str], option: str = "
         own = {Path(name) for name in files}
         folders = {each.parent for each in own} - {Path()}
         inside = [Path(), *(each for each in folders if (place / each).is_dir())]
-        found = {each / name for each in inside for name in os.listdir(place / each)}  # noqa: PTH208
-        unfinished = {each for each in found if each.name.startswith(PREFIX)}
-        foreign = sorted(map(str, found - own - folders - unfinished))
+        found = {
+            each / name
+            for each in inside
+            for name in os.listdir(place / each)  # noqa: PTH208 - names are enough
+            if not name.startswith(PREFIX)
+        }
+        foreign = sorted(map(str, found - own - folders))
         if foreign:
             named = ", ".join(map(repr, foreign[:3])) + (", ..." if foreign[3:] else "")
             text = f"it holds {named}, not written by this command; expected a new or empty folder"
