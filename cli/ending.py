@@ -69,7 +69,9 @@ def run_command(function: Callable[[], object], *, as_json: bool, words: Sequenc
             _leave_stdout()
             say(f"stdout cannot be written: {error.strerror}")
             return STATUS["inconclusive"]
-    return 128 + received[0] if received and status == INTERRUPTED else status
+    # A page that is served until Ctrl-C ends well by Ctrl-C, and only by it.
+    ended = received and (status == INTERRUPTED or received[0] != signal.SIGINT)
+    return 128 + received[0] if ended else status
 
 
 def _status(

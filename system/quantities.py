@@ -78,6 +78,29 @@ def parse(value: object, unit: str) -> float:
     return number
 
 
+def number(text: str) -> float:
+    """Return a plain number; NaN and infinity are numbers here.
+
+    Raises
+    ------
+    ValueError
+        The text is no number, or one that Python reads and nobody means: with digits of another
+        script, with ``_``, or so small that it would be 0.
+
+    Examples
+    --------
+    >>> number(" 1.5e-3 ")
+    0.0015
+    """
+    if not text.isascii() or "_" in text:
+        odd = next(character for character in text if character == "_" or not character.isascii())
+        raise ValueError(f"{text.strip()!r} has {odd!r}; expected the digits 0 to 9")
+    value = float(text)
+    if value == 0.0 and re.search("[1-9]", text.lower().partition("e")[0]):
+        raise ValueError(f"{text.strip()!r} would be 0; expected 0, or a number above 1e-300")
+    return value
+
+
 def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
     if len(text) > LONGEST:  # quantiphy takes seconds for thousands of digits
         raise ValueError(f"over {LONGEST} characters; {expected}")
@@ -95,9 +118,10 @@ def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
         raise ValueError(f"not a number with a prefix and a unit; {expected}")
     digits, suffix = match.groups()
     if suffix in UNITS[unit]:  # quantiphy reads the m of "1mho" as milli
-        return float(digits), suffix
+        return number(digits), suffix
     if suffix.lower().startswith("meg"):
         suffix = "M" + suffix[3:]
+    number(digits)
     try:
         quantity = Quantity(digits + suffix, ignore_sf=False)
     except QuantiPhyError as error:

@@ -17,6 +17,7 @@ from taction.netlist_gen.scene.problem import StatedProblem, fitted
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, read_bounded, read_text
+from taction.system.quantities import number
 
 SEPARATORS = {";": "';'", "\t": "tabs", " ": "blanks"}
 _COMMA = re.compile(r"[-+]?[0-9]*[.,]?[0-9]+([eE][-+]?[0-9]+)?")  # a number, perhaps 1,5
@@ -135,12 +136,12 @@ def _real_numbers(file: io.BytesIO) -> Floats:
 def _read_csv(path: Path, key: str, skip: int = 0) -> Floats:
     """Read numbers separated by commas, after the line `skip`."""
     rows: list[list[float]] = []
-    for number, cells in _rows(path, key):
-        if number <= skip:
+    for line, cells in _rows(path, key):
+        if line <= skip:
             continue
-        rows.append(_numbers(cells, path, key, number))
+        rows.append(_numbers(cells, path, key, line))
         if len(rows[-1]) != len(rows[0]):
-            text = f"line {number} has {len(rows[-1])} values, the first {len(rows[0])}; expected"
+            text = f"line {line} has {len(rows[-1])} values, the first {len(rows[0])}; expected"
             text += " as many in every line"
             raise InputError(path, Complaint(key, repr(path.name), text))
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else 0)
@@ -150,10 +151,10 @@ def _rows(path: Path, key: str) -> Iterator[tuple[int, list[str]]]:
     """Yield number and cells of each line; empty lines and lines that start with # are skipped."""
     try:
         text = read_text(path, LARGEST)
-        for number, cells in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
+        for line, cells in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
             if not cells or not "".join(cells).strip() or cells[0].lstrip().startswith("#"):
                 continue
-            yield number, cells
+            yield line, cells
     except (ValueError, csv.Error) as error:  # ValueError: no such file, or binary data
         text = f"{error}; expected numbers separated by commas"
         raise InputError(path, Complaint(key, repr(path.name), text)) from None
@@ -179,13 +180,14 @@ def _expected(cells: Sequence[str], line: int) -> str:
 def _numbers(cells: list[str], path: Path, key: str, line: int) -> list[float]:
     numbers = []
     for column, cell in enumerate(cells, start=1):
+        problem, value = f"{cell.strip()!r} is not a finite number", math.nan
         try:
-            number = math.nan if "_" in cell else float(cell)  # Python reads 1_5 as 15
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            problem = f"{cell.strip()!r} is not a finite number" if cell.strip() else "no value"
+            value = number(cell)
+        except ValueError as error:
+            problem = problem if "float" in str(error) else str(error).partition("; expected")[0]
+        if not math.isfinite(value):
+            problem = problem if cell.strip() else "no value"
             text = f"line {line}, column {column}: {problem}; {_expected(cells, line)}"
             raise InputError(path, Complaint(key, repr(path.name), text))
-        numbers.append(number)
+        numbers.append(value)
     return numbers

@@ -17,6 +17,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.spice_models.opamp import phase_margin
 from taction.system.errors import Complaint, InputError
+from taction.system.quantities import number as plain_number
 from taction.system.quantities import parse
 
 SYMBOLS = {
@@ -118,7 +119,8 @@ def read_value(key: Key, text: str) -> Value:
             return {"true": True, "false": False}.get(text, text)
         if key.unit:
             return parse(text, key.unit)
-        number = int(text) if key.kind == "integer" else float(text)
+        read = plain_number(text)
+        number = int(text) if key.kind == "integer" else read
     except ValueError as error:
         plain = f"expected {'a whole' if key.kind == 'integer' else 'a plain'} number"
         accepted = str(error) if key.unit else plain

@@ -131,6 +131,7 @@ ArrayOrFile = Annotated[Any, _NameOrArray()]
 
 
 NAME_PATTERN = r"^[A-Za-z0-9_.-]+$"
+MOST_NAME = 64  # characters
 
 
 class CylinderLoad(Model):
@@ -220,7 +221,7 @@ class MatrixProblem(Model):
 class StatedProblem(Model):
     """The part of a scene that states its problem; file names are relative to `folder`."""
 
-    name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=64)] = "scene"
+    name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=MOST_NAME)] = "scene"
     problem: Annotated[TactileProblem | MatrixProblem, Field(discriminator="kind")] = Field(
         description="a table with kind = 'tactile' or 'matrix'"
     )

@@ -32,7 +32,7 @@ from taction.system.errors import Complaint, InputError, listed
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
 from taction.system.picture import plot
 from taction.system.plugins import cached
-from taction.system.quantities import quantity, sizes
+from taction.system.quantities import number, quantity, sizes
 from taction.system.reading_definitions import EXCURSIONS
 
 if TYPE_CHECKING:
@@ -295,7 +295,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         text = read_text(path, MAX_BYTES)
         if _DEEP.search(text):  # tomllib takes quadratic time
             raise ValueError(f"a key of over {DEEPEST} parts")
-        return tomllib.loads(text)
+        return tomllib.loads(text, parse_float=lambda part: number(part.replace("_", "")))
     except UnusableFileError as error:
         raise InputError(path, Complaint("file", "", f"{error}; expected {accepted}")) from None
     except ValueError as error:  # no TOML, or an integer of over 4300 digits

@@ -36,6 +36,7 @@ from taction.system.errors import (
     SimulatorNotFound,
     SimulatorTooOld,
 )
+from taction.system.quantities import number
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
 from taction.verification.design.ranges import Range, read_ends
@@ -129,7 +130,7 @@ def _number(option: str, given: str | float | None) -> float | None:
     text = str(given).strip()
     percent = option == "--overshoot" and text.endswith("%")
     try:
-        return float(text.removesuffix("%")) / 100.0 if percent else float(text)
+        return number(text.removesuffix("%")) / 100.0 if percent else number(text)
     except ValueError:
         complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
         raise InputError(option, complaint) from None

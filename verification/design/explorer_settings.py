@@ -6,6 +6,7 @@ The settings give the scene that has them, its command line, and its file.
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -16,11 +17,12 @@ import numpy as np
 from taction.netlist_gen.scene.axes import OPAMP, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
+from taction.netlist_gen.scene.problem import MOST_NAME, NAME_PATTERN
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, InputError
-from taction.system.quantities import parse
+from taction.system.quantities import number, parse
 from taction.verification.reference.ideal_answer import resolve_lambda
 
 LAMBDA, STRAY, VARIANCE = "design.lambda", "design.stray_capacitance", "problem.noise.variance"
@@ -236,8 +238,13 @@ class Settings:
             `name` is no plain name that ends with ``.toml``, the file exists, or it cannot be
             written.
         """
-        if Path(name).name != name or not name.endswith(SUFFIX) or name == SUFFIX:
-            text = f"expected the name of a new file that ends with {SUFFIX!r}, without a folder"
+        stem = name.removesuffix(SUFFIX)
+        plain = re.fullmatch(NAME_PATTERN, stem) and len(stem) <= MOST_NAME
+        if not name.endswith(SUFFIX) or not plain:
+            text = (
+                f"expected the name of a new file that ends with {SUFFIX!r}, without a folder, as"
+                f" scenes have it: letters, digits, '.', '_' and '-', {MOST_NAME} at most"
+            )
             raise InputError("save", Complaint("file", repr(name), text))
         file = start.scene.folder / name
         try:
@@ -272,7 +279,7 @@ def read_value(control: Control, text: str) -> float:
 
 def _plain(text: str) -> float:
     try:
-        value = float(text)
+        value = number(text)
     except ValueError:
         raise ValueError("expected a plain number") from None
     if not abs(value) < float("inf"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.documents import HIDDEN
 from taction.system.quantities import quantity
 from taction.system.waveforms import Waveforms
 from taction.verification.readings.measurements import Measurements
@@ -74,6 +76,9 @@ class Accuracy:
         How `achieved` was measured.
     tries : int
         Number of runs; 2 or more if the first run did not suffice.
+    asked : bool
+        Whether the scene allows `wanted`; False where it states the steps, of which an error
+        follows that it does not name.
     """
 
     wanted: float
@@ -85,11 +90,17 @@ class Accuracy:
     method: str
     how: str
     tries: int = 1
+    asked: Annotated[bool, HIDDEN] = True
 
     @property
     def reached(self) -> bool:
         """Whether the achieved error is known and does not exceed the wanted error."""
         return self.achieved is not None and self.achieved <= self.wanted
+
+    @property
+    def missed(self) -> bool:
+        """Whether the achieved error is known and exceeds the error that the scene allows."""
+        return self.asked and self.achieved is not None and not self.reached
 
     def after(self, earlier: Accuracy) -> Accuracy:
         """Return this accuracy with the cost of an `earlier` run added."""
@@ -259,6 +270,7 @@ class Recording:
             engine=self.ends.engine,
             method=method,
             how=how,
+            asked=self.design.scene.analysis.points_per_period is None,
         )
         return found if self.before is None else found.after(self.before)
 

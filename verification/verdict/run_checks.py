@@ -333,6 +333,16 @@ def _engines_agree(evidence: Evidence) -> Check | None:
         reason += f"; the time steps explain it (expected error {steps:.2g}): use smaller steps"
     elif outcome is Outcome.FAIL:
         reason += f"; channel {agreement.channel + 1} at {show(agreement.time, 's')}"
+    accuracy = None if evidence.recording is None else evidence.recording.accuracy
+    missed = accuracy is not None and accuracy.missed
+    if outcome is Outcome.PASS and accuracy is not None and missed:
+        outcome = Outcome.INCONCLUSIVE
+        reason += (
+            f"; the error of the record may be {percent(accuracy.achieved or 0.0)} of the step,"
+        )
+        reason += (
+            f" {percent(accuracy.wanted)} allowed: allow a larger analysis.error, or more points"
+        )
     return Check("engines_agree", outcome, value, doubt, limit, None, "step", reason)
 
 

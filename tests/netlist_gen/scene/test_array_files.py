@@ -128,6 +128,11 @@ def message(folder: Path, scene: Path) -> str:
         ("eps.csv", "0,1\n0,2\n", "is ',' a decimal comma here?"),
         ("T.csv", "1,2,3\n4,x,6\n", "line 2, column 2: 'x' is not a finite number; expected a num"),
         ("T.csv", "nan,1,2\n", "'nan' is not a finite number; expected a number"),
+        ("T.csv", "1,2,3\n4,٥,6\n", "line 2, column 2: '٥' has '٥'; expected a number such as"),
+        ("T.csv", "1,２,3\n", "line 1, column 2: '２' has '２'"),
+        ("T.csv", "1,1_5,3\n", "line 1, column 2: '1_5' has '_'"),
+        ("T.csv", "1,2,3\n4,1e-999,6\n", "line 2, column 2: '1e-999' would be 0"),
+        ("T.csv", "1,-0.5e-400,3\n", "line 1, column 2: '-0.5e-400' would be 0"),
     ],
 )
 def test_what_a_file_seems_to_be_is_asked(

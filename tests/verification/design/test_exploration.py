@@ -164,7 +164,24 @@ def test_a_saved_scene_reads_as_the_values(start: Start, tmp_path: Path) -> None
     assert found.value("settling_time") == expected.value("settling_time")
 
 
-@pytest.mark.parametrize("name", ["board.toml", "../new.toml", "new", ".toml", "", "a/b.toml"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "board.toml",
+        "../new.toml",
+        "new",
+        ".toml",
+        "",
+        "a/b.toml",
+        "a\n.toml",
+        "a b.toml",
+        "é.toml",
+        "\x1b.toml",
+        "::x.toml",
+        "x" * 65 + ".toml",
+        "a\x00.toml",
+    ],
+)
 def test_a_file_is_never_replaced(tmp_path: Path, name: str) -> None:
     file = tmp_path / "board.toml"
     text = BREADBOARD.read_text("utf-8")

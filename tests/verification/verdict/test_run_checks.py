@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict.checks import Check, Outcome, at_most, overall
 from taction.verification.verdict.companion import StepError
+from taction.verification.verdict.recording import Accuracy
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.measured import (
     UNSTABLE,
@@ -395,6 +397,26 @@ def test_two_engines_agree(
 ) -> None:
     given = evidence(agreement=agreement(difference, step_error, reason))
     assert check("engines_agree", given).outcome is outcome
+
+
+@pytest.mark.parametrize(
+    ("achieved", "difference", "outcome"),
+    [
+        (1e-5, 5e-4, PASS),
+        (None, 5e-4, PASS),
+        (3e-4, 5e-4, UNDECIDED),
+        (3e-4, 2e-3, FAIL),
+    ],
+)
+def test_engines_do_not_agree_within_an_error_that_was_not_reached(
+    achieved: float | None, difference: float, outcome: Outcome
+) -> None:
+    accuracy = Accuracy(1e-4, achieved, 1.0, 100, 60.0, "ngspice", "trapezoidal", "")
+    recording: Any = SimpleNamespace(accuracy=accuracy)
+    given = replace(evidence(agreement=agreement(difference)), recording=recording)
+    found = check("engines_agree", given)
+    assert found.outcome is outcome
+    assert ("0.01 % allowed" in found.reason) == (outcome is UNDECIDED)
 
 
 @pytest.mark.parametrize(("difference", "outcome"), [(1e-6, PASS), (2e-3, FAIL)])

@@ -44,7 +44,9 @@ class Guard:
             return
         headers = {key.decode("latin-1"): v.decode("latin-1") for key, v in scope["headers"]}
         host = headers.get("host", "")
-        if not self._is_ours(headers, host):
+        names = [key for key, _ in scope["headers"]]
+        single = all(names.count(name) <= 1 for name in (b"host", b"origin"))
+        if not single or not self._is_ours(headers, host):
             await _refuse(scope, send)
         elif self._has_token(scope):
             await self._admit(send)

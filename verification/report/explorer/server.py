@@ -8,6 +8,7 @@ import importlib.util
 import json
 import os
 import secrets
+import signal
 import socket
 import sys
 import webbrowser
@@ -95,6 +96,7 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     port, token = free_port(port), secrets.token_urlsafe(32)
     address = f"http://{HOST}:{port}/?token={token}"
     os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # nothing is stored
+    import uvicorn
     from nicegui import app, ui
 
     jobs: list[Job] = []
@@ -123,6 +125,10 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     app.add_static_files("/report", str(PAGE_FILES))
     ui.page("/", title=f"taction explore {scene.name}")(lambda: _open_page(start, jobs))
     app.add_middleware(Guard, token=token, port=port)
+    hangup = getattr(signal, "SIGHUP", None)  # unknown on some systems
+    if hangup is not None and signal.getsignal(hangup) is not signal.SIG_IGN:
+        known = uvicorn.server.HANDLED_SIGNALS
+        uvicorn.server.HANDLED_SIGNALS = (*dict.fromkeys((*known, hangup)),)
     ui.run(
         host=HOST,
         port=port,

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
+from taction.system.documents import read
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.quantities import readable
 from taction.verification.design.exploration import Judgement, judge, view_boundary, view_limits
@@ -36,6 +37,16 @@ REST = 0.12  # s without new values, after which the hand rests
 WINDOWS = ("rise", "whole")
 KEPT_KEYS = ("stress", "facts", "boundary")  # which many moves leave as they are
 PATIENCE = 3.0  # s that a verdict on values that have moved on may still take
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """What a page asks for: places of sliders from 0 to `STEPS`, typed texts, an op-amp."""
+
+    places: dict[str, float] = field(default_factory=dict)
+    texts: dict[str, str] = field(default_factory=dict)
+    opamp: str | None = None
+    reset: bool = False
 
 
 class Job:
@@ -143,14 +154,15 @@ class Session:
 
     def _taken(self, wanted: Mapping[str, Any]) -> Settings:
         """Return the settings that the page asks for; raises `InputError`."""
+        move = read(Move, wanted)
         values, opamp = dict(self.settings.values), self.settings.opamp
-        if wanted.get("reset"):
+        if move.reset:
             values, opamp = {}, ""
-        for path, place in wanted.get("places", {}).items():
-            values[path] = self.start.control(path).chosen(float(place) / STEPS)
-        for path, text in wanted.get("texts", {}).items():
-            values[path] = read_value(self.start.control(path), str(text))
-        settings = Settings.of(self.start, values, str(wanted.get("opamp", opamp)))
+        for path, place in move.places.items():
+            values[path] = self.start.control(path).chosen(place / STEPS)
+        for path, text in move.texts.items():
+            values[path] = read_value(self.start.control(path), text)
+        settings = Settings.of(self.start, values, opamp if move.opamp is None else move.opamp)
         settings.scene(self.start)  # a value that its key does not accept changes nothing
         return settings
 

@@ -177,11 +177,12 @@ def _cost(verdict: Verdict) -> str:
     error = "error unknown"
     if accuracy.achieved is not None:
         error = f"error {figure(accuracy.achieved, 'step', 2)}"
-    missed = "" if accuracy.reached else ", NOT reached"
-    return (
-        f"simulated by {waves.simulator}: {error} of the step, {figure(accuracy.wanted, 'step')}"
-        f" allowed{missed}; {quantity(verdict.timing['total'], 's', 3)} in all"
-    )
+    allowed = ""
+    if accuracy.asked:
+        missed = "" if accuracy.reached else ", NOT reached"
+        allowed = f", {figure(accuracy.wanted, 'step')} allowed{missed}"
+    seconds = quantity(verdict.timing["total"], "s", 3)
+    return f"simulated by {waves.simulator}: {error} of the step{allowed}; {seconds} in all"
 
 
 def _changes(text: str) -> Section:

@@ -15,7 +15,13 @@ HOST = f"127.0.0.1:{PORT}"
 COOKIE = f"taction-{PORT}={TOKEN}"
 
 
-def answer(kind: str = "http", path: str = "/", query: str = "", **headers: str) -> dict[str, Any]:
+def answer(
+    kind: str = "http",
+    path: str = "/",
+    query: str = "",
+    again: tuple[tuple[str, str], ...] = (),
+    **headers: str,
+) -> dict[str, Any]:
     """Send one request; return the first message of the answer, or that the page was reached."""
     sent: list[MutableMapping[str, Any]] = []
 
@@ -34,7 +40,7 @@ def answer(kind: str = "http", path: str = "/", query: str = "", **headers: str)
         "method": "GET",
         "path": path,
         "query_string": query.encode(),
-        "headers": [(key.encode(), value.encode()) for key, value in given.items()],
+        "headers": [(key.encode(), value.encode()) for key, value in (*given.items(), *again)],
     }
     asyncio.run(Guard(page, TOKEN, PORT)(scope, receive, send))
     return dict(sent[0])
@@ -75,6 +81,15 @@ def test_the_cookie_opens_the_page_with_its_policy() -> None:
 def test_everybody_else_is_refused(kind: str, headers: dict[str, str]) -> None:
     first = answer(kind, **headers)
     assert first.get("status") == 403 or first["type"] == "websocket.close"
+
+
+@pytest.mark.parametrize("name", ["host", "origin"])
+def test_two_hosts_or_origins_are_refused(name: str) -> None:
+    more = f"http://{HOST}" if name == "origin" else HOST
+    headers = {"cookie": COOKIE, name: more}
+    assert answer(**headers)["status"] == 200
+    assert answer(again=((name, more),), **headers)["status"] == 403
+    assert answer("websocket", again=((name, more),), **headers)["type"] == "websocket.close"
 
 
 @pytest.mark.parametrize("query", ["token=wrong", "token=", "", "token=" + "é"])

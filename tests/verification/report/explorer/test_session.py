@@ -101,7 +101,26 @@ def test_what_has_not_changed_is_not_sent_again() -> None:
 
 
 @pytest.mark.parametrize(
-    "move", [{"texts": {C: "12 ohm"}}, {"places": {"design.colour": 3}}, {"opamp": "none"}]
+    "move",
+    [
+        {"texts": {C: "12 ohm"}},
+        {"texts": {C: "1e-999"}},
+        {"texts": {C: None}},
+        {"texts": 5},
+        {"texts": [C]},
+        {"places": {"design.colour": 3}},
+        {"places": {C: None}},
+        {"places": {C: "3"}},
+        {"places": {C: 10**400}},
+        {"places": {C: float("nan")}},
+        {"places": {C: -1e308}},
+        {"places": []},
+        {"places": None},
+        {"places": {3: 3}},
+        {"opamp": "none"},
+        {"opamp": 3},
+        {"reset": "yes"},
+    ],
 )
 def test_wrong_values_change_nothing(move: dict[str, Any]) -> None:
     (part,) = told(move)
