@@ -141,7 +141,7 @@ def test_files_that_are_no_scene(tmp_path: Path) -> None:
         ("1,2\n3,\n", "1\n2\n", "line 2, column 2: no value"),
         ("1,x\n3,4\n", "1\n2\n", "line 1, column 2: 'x' is not a finite number"),
         ("1,nan\n3,4\n", "1\n2\n", "'nan' is not a finite number"),
-        ("1,1_5\n3,4\n", "1\n2\n", "'1_5' is not a finite number"),
+        ("1,1_5\n3,4\n", "1\n2\n", "'1_5' has '_'"),
         ("1;2\n3;4\n", "1\n2\n", "'1;2' is not a finite number"),
         ("1,2\n3,4\n", "1\n2\n3\n", "shape 3; expected 2"),
         ("1,2\n3,4\n", "1,2\n3,4\n", "shape 2 x 2; expected 2"),
