@@ -24,7 +24,11 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats, Indices
 from taction.system.errors import DivergesError, EngineError
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.statespace.equations.amplifier_gains import LIMITER, gain_of
+from taction.verification.engines.statespace.equations.amplifier_gains import (
+    LIMITER,
+    OPAMP_KINDS,
+    gain_of,
+)
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium, solve_loop
@@ -43,6 +47,8 @@ class Wide:
         self.board, self.descriptor = board, board.descriptor
         descriptor, self.devices = self.descriptor, self.descriptor.devices
         self.size = descriptor.size
+        inner = [kind in OPAMP_KINDS for kind in self.devices.kinds]
+        self.inner = self.devices.output[np.array(inner, dtype=np.bool_)]
         self.gain = gain_of(self.devices.kinds)
         self.structure = Structure(descriptor)
         self.drive = descriptor.drive(sources_on=True)
@@ -170,7 +176,7 @@ class Amplified:
     def __init__(self, board: LinearBoard, nodes: tuple[str, ...]) -> None:
         self.board, self.nodes = board, nodes
         self.space = space = board.open_loop
-        self.size = space.n
+        self.size, self.inner = space.n, np.zeros(0, dtype=np.int64)
         self.devices = space.descriptor.devices
         self.gain = gain_of(self.devices.kinds)
         on = np.ones(2)
@@ -313,7 +319,7 @@ def simulate(
     looped = LIMITER in board.descriptor.devices.kinds
     system = (Wide if looped or board.descriptor.is_large else Amplified)(board, wanted)
     z = system.start(analysis)
-    floor = voltage_floor(system.magnitudes(board.equilibrium), z)
+    floor = voltage_floor(system.magnitudes(board.equilibrium), z, system.inner)
     largest = max(floor.max(initial=0.0), system.devices.u_scale.max(initial=0.0))
     limit = ESCAPED * float(largest)
     stop = analysis.stop if times is None else float(times[-1])
@@ -348,8 +354,12 @@ def _instants(dense: Dense, analysis: Transient, times: Floats | None) -> Floats
     return times
 
 
-def voltage_floor(rest: Floats, z: Floats) -> Floats:
-    """Return the magnitudes below which an unknown's error counts absolutely, V; (size,)."""
+def voltage_floor(rest: Floats, z: Floats, inner: Indices | None = None) -> Floats:
+    """Return the magnitudes below which an unknown's error counts absolutely, V; (size,).
+
+    The outputs `inner` of the amplifiers within op-amps are no voltages of the board: the clamp of
+    an overdriven one is at 1e5 V. Their size is that of their own error only.
+    """
     typical = np.maximum(rest, np.abs(z))
-    largest = float(typical.max(initial=0.0))
+    largest = float((typical if inner is None else np.delete(typical, inner)).max(initial=0.0))
     return np.maximum(typical, FLOOR * (largest if largest > 0.0 else 1.0))

@@ -15,9 +15,14 @@ from taction.netlist_gen.board.circuit import (
     CurrentSource,
     Resistor,
 )
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
 from taction.system.waveforms import Waveforms
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.amplified import Amplified
 from taction.verification.engines.statespace.transients.simulate import simulate
@@ -149,3 +154,22 @@ def test_what_cannot_be_simulated_is_refused() -> None:
     far = Transient(1e-4, 1e-6, voltages={"v": 1e4})
     with pytest.raises(EngineError, match="beyond the range of floats in the initial state"):
         simulate(lone_amplifier(), far)
+
+
+@pytest.mark.parametrize("current", ["0.29mA", "0.3mA", "0.5mA"])
+def test_an_op_amp_that_rests_beyond_its_current_limit(ngspice: str, current: str) -> None:
+    """Its clamp rests at 5e5 V, which is no voltage of the board; against ngspice at fine steps."""
+    opamp = {"base": "ua741", "output_current": current, "level": "large-signal"}
+    scene = Scene.from_arrays(
+        np.ones((1, 1)), np.full(1, 8.0), capacitance=1e-10, gain=1e5, opamp=opamp, lam=0.1,
+        unit_conductance="10uS", stray_capacitance=5e-12,
+    )  # fmt: skip
+    circuit, analysis = synthesise(scene), Transient(6e-5, 2e-9)
+    times = np.array([1e-5, 2e-5, 4e-5, 6e-5])
+    found = simulate(circuit, analysis, times=times, tolerance=5e-5)
+    simulator = find_simulator()
+    deck = write_deck(circuit, analysis, solver=simulator.solver_option)
+    record = start(deck, simulator, timeout=60.0).result()
+    for k, node in enumerate(found.nodes):
+        wanted = np.interp(times, record.time, record[node])
+        assert found.values[:, k] == pytest.approx(wanted, abs=1e-3)
