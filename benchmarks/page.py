@@ -25,7 +25,8 @@ Processor time of a warm `verify --engine statespace`. `taction stress` is right
 that is gone, with no more numbers outside their stated error.
 
 - Modes polished by exact products are gone. Without them paper-breadboard takes 64 ms in place of
-  72, eleven-channel 62 in place of 73: they cost more than the modes and no check read their digits.
+  72, eleven-channel 62 in place of 73: they cost more than the modes, and no check read their
+  digits.
 - The ladder of powers for defective matrices is gone. With blocks of joined modes first differences
   of six channels take 0.6 s in place of 8.
 - The second eigenproblem for slow poles is gone: Newton's steps give slow poles as precisely.
