@@ -10,7 +10,7 @@ from hypothesis.strategies import SearchStrategy
 
 from taction.system.errors import InputError, SimulationError, TactionError
 
-LONGEST_MESSAGE = 20_000  # characters
+LONGEST_MESSAGE = 2_010  # characters
 
 
 @dataclass(frozen=True)

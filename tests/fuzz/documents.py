@@ -1,0 +1,131 @@
+"""Documents of other programs: stored verdicts, imported op-amps, the moves of a page."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hypothesis import strategies as st
+
+import taction
+from taction.netlist_gen.board.opamp_choice import as_opamp
+from taction.spice_models.imported import from_document, to_document
+from taction.system.documents import plain
+from taction.system.errors import Complaint, InputError
+from taction.verification.design.explorer_settings import Start
+from taction.verification.report.explorer.session import Session
+from taction.verification.report.renderers.terminal import page_text
+from tests.fuzz.edits import BYTE_EDITS, edited
+from tests.fuzz.target import Target
+from tests.support.paths import DATA, SCENES
+
+VERDICT = (DATA / "verdict-of-version-1.json").read_bytes()
+OPAMP = (DATA / "fet100.opamp.json").read_bytes()
+MOVE = b'{"places": {"design.capacitance": 500}, "texts": {"design.gain": "1Mohm"}, "opamp": ""}'
+VALUES: tuple[Any, ...] = (
+    *(None, True, False, 0, -1, 1, 2.5, -0.0, 1e-300, 1e308, -1e308, 10**40, 10**400, -(10**400)),
+    *(
+        math.nan,
+        math.inf,
+        -math.inf,
+        "",
+        "x",
+        "1.5",
+        "\n::error::x",
+        "\x1b[2J",
+        "\udcff",
+        "x" * 9000,
+    ),
+    *([], {}, [None], [[1.0]], [1.0, 2.0, 3.0], {"a": None}, [[]] * 40, "none", "ua741"),
+)
+
+
+def _places(data: Any, place: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the way to every value of a document."""
+    inner = data.items() if isinstance(data, dict) else enumerate(data)
+    for key, item in inner:
+        yield (*place, key)
+        if isinstance(item, dict | list):
+            yield from _places(item, (*place, key))
+
+
+@st.composite
+def damaged(draw: st.DrawFn, content: bytes) -> bytes:
+    """Draw a document in which up to three values are others, missing, or stand twice."""
+    data = copy.deepcopy(json.loads(content))
+    for _ in range(draw(st.integers(0, 3))):
+        places = list(_places(data))
+        *way, key = draw(st.sampled_from(places))
+        inside = data
+        for name in way:
+            inside = inside[name]
+        kind = draw(st.sampled_from(("replace", "replace", "replace", "remove", "add")))
+        if kind == "remove":
+            del inside[key]
+        elif kind == "add" and isinstance(inside, list):
+            inside.append(draw(st.sampled_from(VALUES)))
+        else:
+            inside[key] = copy.deepcopy(draw(st.sampled_from(VALUES)))
+        if not isinstance(data, dict) or not data:
+            break
+    return json.dumps(data).encode()
+
+
+def _inputs(content: bytes) -> st.SearchStrategy[bytes]:
+    return st.one_of(damaged(content), damaged(content), edited([content], [*BYTE_EDITS]))
+
+
+def _examine_verdict(content: bytes, folder: Path) -> str:
+    """Compare with the whole one, show it, and write its document."""
+    (folder / "a.json").write_bytes(content)
+    (folder / "b.json").write_bytes(VERDICT)
+    found = taction.diff(folder / "a.json", folder / "b.json")
+    json.dumps(plain(found), allow_nan=False)
+    assert "\x1b" not in page_text(found.page())
+    return f"compared: {found.exit_status}"
+
+
+def _examine_opamp(content: bytes, folder: Path) -> str:
+    """Accept what is written again with the same numbers."""
+    try:
+        data = json.loads(content)
+        name, imported = from_document(data)
+        as_opamp(name, imported)
+    except (ValueError, RecursionError) as error:  # what `imported_opamp` names
+        raise InputError("a.opamp.json", Complaint("file", "", str(error) or "deep")) from None
+    again = json.loads(json.dumps(to_document(name, imported)))
+    for key in ("figures", "linear", "supply", "pins", "name"):
+        here, there = again[key], data[key]
+        known = here.items() if isinstance(here, dict) else ()
+        assert all(value is None or there[part] == value for part, value in known)
+        assert isinstance(here, dict) or here == there
+    return "accepted, the same numbers"
+
+
+def _examine_move(content: bytes, folder: Path) -> str:
+    """Take a move as a page sends it: it is done, or named."""
+    start = Start.of(taction.load_scene(SCENES / "tuned-breadboard.toml"))
+    nobody: Any = None
+    try:
+        move = json.loads(content)
+    except (ValueError, RecursionError):
+        return "no JSON: the server refuses it"
+    if not isinstance(move, dict):
+        return "no table: the server refuses it"
+    try:
+        settings = Session(start, nobody, nobody, nobody)._taken(move)
+    except ValueError as error:
+        raise InputError("explore", Complaint("move", "", str(error))) from None
+    assert all(math.isfinite(value) for value in settings.values.values())
+    return "taken"
+
+
+DOCUMENTS = (
+    Target("stored verdicts", _inputs(VERDICT), _examine_verdict),
+    Target("imported op-amps", _inputs(OPAMP), _examine_opamp),
+    Target("moves of the explorer", _inputs(MOVE), _examine_move),
+)
