@@ -62,7 +62,7 @@ regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update acc
 	.venv/bin/taction regress scenes/ --baseline scenes/baseline.json $(ARGS)
 
 stress: ready ## the stiff and extreme cases as a table; ARGS="--page docs/stress.md" writes the page
-	.venv/bin/taction stress --jobs $(JOBS) $(ARGS)
+	.venv/bin/taction self stress --jobs $(JOBS) $(ARGS)
 
 nightly: ready ## what takes too long for every commit (an hour or two); records in docs/nightly.toml what was green
 	$(PYTHON_IN_VENV) scripts/nightly.py $(ARGS)

@@ -146,7 +146,7 @@ def print_models(models: dict[str, OpAmp]) -> None:
         rows.append((name, *known, ends if math.isfinite(model.most_supply) else "-"))
     titles = ("", *(title for _, _, title in COLUMNS), "supply")
     put(block(Table("", titles, tuple(tuple(map(cell, row)) for row in rows))))
-    put("all figures with their sources, and what the model does: taction models show NAME")
+    put("all figures with their sources, and what the model does: taction parts show NAME")
 
 
 def opamp_document(found: OpAmpFigures) -> object:

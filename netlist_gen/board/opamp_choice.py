@@ -16,7 +16,7 @@ from taction.spice_models.presets import FIGURES, derive
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 
-ACCEPTED = "a file that `taction models import` writes"
+ACCEPTED = "a file that `taction parts import` writes"
 
 
 def choose_opamp(scene: Scene) -> OpAmp:

@@ -61,7 +61,7 @@ def spare_node(package: str, unit: int) -> str:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """The parts of a board as symbols; references of op-amps are those of ``taction bom``."""
+    """The parts of a board as symbols; op-amps are named as in ``taction export bom``."""
 
     circuit: Circuit
     scene: Scene | None = None  # without it op-amps have the name of their model

@@ -75,7 +75,7 @@ def kicad_project(circuit: Circuit, scene: Scene, channel: int = 1) -> Project:
     comments = (
         f"Channel {channel} of {total}, sensor row {row} of {circuit.shape[0]}",
         f"C = {capacitance}F, gain s = {gain}ohm, lambda = {circuit.value('lambda'):.4g}",
-        "Field Deck: the name in the deck; packages U as in taction bom",
+        "Field Deck: the name in the deck; packages U as in taction export bom",
     )
     drawn = {f"{name}.kicad_sch": sheet.schematic(scene.name, comments)}
     files = drawn | project_files(catalogue, scene, name)

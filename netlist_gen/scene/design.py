@@ -110,7 +110,7 @@ class OpAmpChoice(Model):
 
     base: Annotated[str, OneOf(OPAMPS), WithJsonSchema({"type": "string"})] = "ua741"
     file: FileName | None = Field(
-        None, description="an imported op-amp (`taction models import`), in the place of a preset"
+        None, description="an imported op-amp (`taction parts import`), in the place of a preset"
     )
     level: Literal["auto", "small-signal", "large-signal"] = Field(
         "auto",

@@ -78,7 +78,7 @@ def stress_junit(report: StressReport) -> str:
         tests = [_case_test(run) for run in report.runs if run.case.family == family]
         file = str(FOLDER / f"{family}.toml")
         suites.append(JUnitSuite(f"stress.{family}", file, tests, dict(report.versions)))
-    return junit_text("taction stress", suites)
+    return junit_text("taction self stress", suites)
 
 
 def junit_text(name: str, suites: Sequence[JUnitSuite]) -> str:

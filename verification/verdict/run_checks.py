@@ -151,7 +151,7 @@ def _not_below(least: float | None, check: Check, reading: Reading, text: str) -
 
 UNSTATED = (
     "the voltage noise of op-amp {} is not given: set design.opamp.voltage_noise, such as"
-    " '20nV/rtHz', or take a preset that has one (taction models)"
+    " '20nV/rtHz', or take a preset that has one (taction parts)"
 )
 NOISELESS = "op-amp {} is ideal and has no noise: only resistors and sensors count"
 NO_CORNER = "1/f noise of op-amp {} not known (design.opamp.voltage_noise_corner), so left out"

@@ -141,7 +141,7 @@ def imported_opamps(circuit: Circuit, dialect: str) -> Iterator[Complaint]:
         if model.imported is not None:
             text = (
                 f"a vendor's netlist is written for ngspice only, not for {dialect}; expected a"
-                " preset (`taction models`), or --dialect ngspice"
+                " preset (`taction parts`), or --dialect ngspice"
             )
             yield Complaint("design.opamp.file", repr(model.name), text)
 

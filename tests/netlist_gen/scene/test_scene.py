@@ -114,7 +114,7 @@ def test_the_template_names_every_key(tmp_path: Path) -> None:
                 assert re.search(rf"\b{key}\b", text), f"{key} is not in the template"
 
 
-# Op-amp figures are in `taction models`; these are keys of tables written on one line.
+# Op-amp figures are in `taction parts`; these are keys of tables written on one line.
 OF_TABLES = {
     *("dc_gain", "second_pole", "phase_margin", "input_resistance", "differential_capacitance"),
     *("input_capacitance", "output_resistance", "centre", "slew_rate", "output_current"),

@@ -23,7 +23,7 @@ TYPICAL = 0.5  # s: a run of unknown length
 SHORT = 0.01  # s: no run is shorter
 VERSIONS = ("taction", "numpy", "scipy", "ngspice")
 STOPPED = "interrupted"
-NO_NGSPICE = "ngspice was not found, or it is too old; `taction doctor` says more"
+NO_NGSPICE = "ngspice was not found, or it is too old; `taction self doctor` says more"
 
 
 class Judgement(enum.Enum):

@@ -99,7 +99,7 @@ class Power:
 
 @dataclass(frozen=True, slots=True)
 class BomDocument:
-    """``taction bom``."""
+    """``taction export bom``."""
 
     scene: str
     parts: tuple[Line, ...]
@@ -120,7 +120,7 @@ class BomDocument:
 
 @dataclass(frozen=True, slots=True)
 class KicadDocument:
-    """``taction kicad``; `channel` and `row` count from 1."""
+    """``taction export kicad``; `channel` and `row` count from 1."""
 
     scene: str
     files: tuple[str, ...]
@@ -138,7 +138,7 @@ class ExploreDocument:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolveDocument:
-    """``taction solve``."""
+    """``taction verify --solve``."""
 
     outcome: str
     u: Annotated[Floats, "V"]
@@ -177,7 +177,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class DoctorDocument:
-    """``taction doctor``."""
+    """``taction self doctor``."""
 
     findings: tuple[Finding, ...]
     ok: bool
@@ -216,7 +216,7 @@ class Preset:
 
 
 ModelsDocument = dict[str, Preset]
-"""``taction models``: the figures of each preset, by its name."""
+"""``taction parts``: the figures of each preset, by its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +243,7 @@ class MeasuredFigure:
 
 @dataclass(frozen=True, slots=True)
 class ShowDocument:
-    """``taction models show``: one op-amp."""
+    """``taction parts show``: one op-amp."""
 
     name: str
     source: str
@@ -318,7 +318,7 @@ class LinearPart:
 
 @dataclass(frozen=True, slots=True)
 class ImportDocument:
-    """``taction models import``: `file` is the file that was written."""
+    """``taction parts import``: `file` is the file that was written."""
 
     file: str
     taction_opamp: Annotated[int, Note("version of the format of the file")]

@@ -184,7 +184,7 @@ class StressRun:
 
 @dataclass(frozen=True, slots=True)
 class StressDocument:
-    """``taction stress``."""
+    """``taction self stress``."""
 
     runs: tuple[StressRun, ...]
     count: dict[str, int]
@@ -267,7 +267,7 @@ def _cheapest(point: SettingResult | None) -> CheapestSetting | None:
 
 @dataclass(frozen=True, slots=True)
 class AccuracyDocument:
-    """``taction accuracy``; errors are fractions by norm, null where unknown."""
+    """``taction self accuracy``; errors are fractions by norm, null where unknown."""
 
     scene: str
     file: str

@@ -487,7 +487,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class TuneDocument:
-    """``taction tune``."""
+    """``taction design tune``."""
 
     outcome: Outcome
     before: Candidate
@@ -566,7 +566,7 @@ class NewMatrixDocument:
 
 @dataclass(frozen=True, slots=True)
 class SimulateDocument:
-    """``taction simulate``."""
+    """``taction export waveforms``."""
 
     scene: str
     simulator: str

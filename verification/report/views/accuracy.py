@@ -56,7 +56,7 @@ def view(study: WorkPrecisionStudy) -> Page:
     machine = [f"{k} {v}" for k, v in study.machine.items() if v is not None]
     return Page(
         title=study.scene.name,
-        command="taction accuracy",
+        command="taction self accuracy",
         outcome="",
         summary=_summary(study),
         lines=(study.extent.text,),

@@ -50,7 +50,7 @@ LISTED = 500  # designs in the table
 MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
 LOW, HIGH = 0.1, 10.0  # ends of the colours: shares of a limit
 WORST = "Worst: the largest value over its limit; below 1 every check passes."
-COMMAND = "taction choose"
+COMMAND = "taction design choose"
 
 
 def full_view(choice: Choice) -> Page:

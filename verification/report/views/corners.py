@@ -41,7 +41,7 @@ def view(study: CornerStudy) -> Page:
     counts = ", ".join(f"{outcomes.count(each)} {each}" for each in WORST if each in outcomes)
     return Page(
         title=scene.name,
-        command="taction corners",
+        command="taction yield corners",
         outcome=outcome,
         summary=f"{counted(len(corners), 'corner')}: {counts}.",
         lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),

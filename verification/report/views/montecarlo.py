@@ -54,7 +54,7 @@ def view(result: YieldReport) -> Page:
     remedy = () if result.remedy is None else (remedy_text(result.remedy),)
     return Page(
         title=scene.name,
-        command="taction montecarlo",
+        command="taction yield montecarlo",
         outcome="",
         summary=_summary(result),
         lines=(f"{result.passed} of {result.samples} boards pass; seed {seed}.",),

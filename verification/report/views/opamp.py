@@ -111,7 +111,7 @@ def view(result: OpAmpFigures) -> Page:
 
     return Page(
         title=opamp.name,
-        command="taction models show",
+        command="taction parts show",
         outcome="",
         summary="",
         lines=(),

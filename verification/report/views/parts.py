@@ -31,7 +31,7 @@ def view(result: PartsList) -> Page:
     }
     return Page(
         title=result.scene.name,
-        command="taction bom",
+        command="taction export bom",
         outcome="",
         summary=counts_text(parts),
         lines=(),

@@ -31,7 +31,7 @@ def view(report: StressReport) -> Page:
     families = dict.fromkeys(case.family for case in cases.values())
     return Page(
         title="Stiff and extreme cases",
-        command="taction stress",
+        command="taction self stress",
         outcome=outcome,
         summary=headline(report),
         lines=(),
@@ -106,15 +106,15 @@ def _outcomes(case: Case) -> Iterator[str]:
 INTRODUCTION = """\
 # Stiff and extreme cases
 
-`taction stress` verifies a catalogue of scenes that are hard for a simulator or for a verdict.
+`taction self stress` verifies a catalogue of scenes that are hard for a simulator or for a verdict.
 The right outcome and the true readings of every case are known. A run compares every outcome with
 the right one, and every stated number with the true number. So a run also shows whether ngspice
 and the numerical libraries of a machine give right answers.
 
 ```sh
-taction stress                        # all cases, on ngspice and on the state-space engine
-taction stress --only onset           # one family, or one case
-taction stress --junit stress.xml --json > stress.json
+taction self stress                        # all cases, on ngspice and on the state-space engine
+taction self stress --only onset           # one family, or one case
+taction self stress --junit stress.xml --json > stress.json
 ```
 
 The exit status is 0 if all is right, 1 if an outcome or a number is wrong, and 3 if ngspice is

@@ -33,7 +33,7 @@ from taction.verification.verdict.verify import Verdict
 def view(result: Tuned) -> Page:
     """Return the page of a tuning."""
     tuning, verdict = result.tuning, result.verdict
-    verified = verdict_report(verdict, "taction tune")
+    verified = verdict_report(verdict, "taction design tune")
     before, after = tuning.before.settling_time, tuning.after.settling_time
     summary = (
         f"Settling time {quantity(after, 's')}, before {quantity(before, 's')}. {verified.summary}"

@@ -124,7 +124,7 @@ def view(
 
 def sample_view(found: VerifiedSample) -> Page:
     """Return what the verdict of one sample shows."""
-    return view(found.verdict, f"taction montecarlo --sample {found.sample.number}")
+    return view(found.verdict, f"taction yield montecarlo --sample {found.sample.number}")
 
 
 def _sheet(verdict: Verdict) -> Sheet:

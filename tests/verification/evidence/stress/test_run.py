@@ -119,7 +119,7 @@ def test_without_ngspice_its_runs_are_left_out(monkeypatch: pytest.MonkeyPatch) 
     report = run_catalogue(select(ALL, ("two-channels",)), jobs=1)
     assert [run.judgement for run in report.runs] == [Judgement.NOT_RUN, Judgement.RIGHT]
     assert report.exit_status == 3
-    assert "taction doctor" in report.runs[0].reason
+    assert "taction self doctor" in report.runs[0].reason
 
 
 def test_ctrl_c_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
