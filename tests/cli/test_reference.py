@@ -64,7 +64,8 @@ def test_an_old_name_has_the_document_of_the_new_one() -> None:
 def test_the_name_alone_says_what_to_type_first() -> None:
     run = taction()
     assert run.exit_code == 0
-    assert [line.split()[:2] for line in run.stdout.splitlines()][:2] == [
+    assert [line.split()[:2] for line in run.stdout.splitlines()][:3] == [
+        ["taction", "demo"],
         ["taction", "new"],
         ["taction", "verify"],
     ]

@@ -155,6 +155,9 @@ def test_the_tutorial_can_be_typed_in_a_fresh_folder(
     assert second.outcome.value == "fail"
     assert re.search(r"oscillates at 3[78]\.?\d* kHz", str(second))
     assert (
-        taction(*shlex.split(next(line for line in lines if line.startswith("bom")))).exit_code == 0
+        taction(
+            *shlex.split(next(line for line in lines if line.startswith("export bom")))
+        ).exit_code
+        == 0
     )
     assert Path("parts.csv").exists()

@@ -8,6 +8,7 @@ import importlib
 import pytest
 
 from scripts.rooms import modules
+from taction.system import after_result
 from tests.support.paths import ROOT
 
 WITH_EXAMPLES = [
@@ -20,6 +21,7 @@ WITH_EXAMPLES = [
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
 def test_the_examples_of_a_module(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(after_result, "FAILURES", (Exception,))  # as users have it
     result = doctest.testmod(importlib.import_module(f"taction.{name}"))
     assert result.attempted
     assert not result.failed
