@@ -50,7 +50,7 @@ def board_files(circuit: Circuit, scene: Scene) -> dict[str, str]:
     capacitance, gain = (value_text(circuit.value(fact)) for fact in ("C", "gain"))
     comments = (
         f"C = {capacitance}F, gain s = {gain}ohm, lambda = {circuit.value('lambda'):.4g}",
-        "Field Deck: the name in the deck; packages U as in taction bom",
+        "Field Deck: the name in the deck; packages U as in taction export bom",
     )
     drawn = {name: first.sheet} | sheets
     schematics = {
