@@ -18,6 +18,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.reading_definitions import READINGS
+from taction.verification.design.screening import can_estimate
 from taction.verification.design.search import Searched, search_list, search_pair, search_range
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
 from taction.verification.design.trials import Trial, Trials, knobs_with_margin
@@ -138,7 +139,8 @@ def find_remedies(
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
         return None
-    trials = Trials(verdict.scene, seconds, ANY_PART if any_part else None)
+    accepted, far = ANY_PART if any_part else None, can_estimate(verdict.scene, failed)
+    trials = Trials(verdict.scene, seconds, accepted, screened=far)
     search = _Search(trials, failed, _causes(verdict))
     if verdict.parts.largest_unit_voltage is not None:
         search.edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
@@ -220,7 +222,7 @@ class _Search:
 
     def result(self) -> Remedies:
         """Return what was found."""
-        best = self.passing or list(self._partial())
+        best = self.passing or self._partial()
         return Remedies(
             failed=self.failed,
             stability=self.ranges,
@@ -237,8 +239,17 @@ class _Search:
         stable = (t for t in self.trials.tried if t.passed("stability"))
         return tuple(str(t.values[OPAMP]) for t in stable if t.values.keys() == {OPAMP})
 
-    def _partial(self) -> Iterator[Trial]:
-        """Yield the trial nearest to the scene that mends most checks, for each set of keys."""
+    def _partial(self) -> list[Trial]:
+        """Return the trial nearest to the scene that mends most checks, for each set of keys."""
+        while True:
+            found = list(self._mending_most())
+            estimated = [trial for trial in found if trial.estimated]
+            if not estimated:
+                return found
+            for trial in estimated:
+                self.trials.verified(trial)
+
+    def _mending_most(self) -> Iterator[Trial]:
         mended: dict[tuple[str, ...], Trial] = {}
         for trial in self.trials.tried:
             paths, count = tuple(sorted(trial.values)), len(self._mends(trial))
@@ -251,7 +262,8 @@ class _Search:
         yield from (trial for trial in mended.values() if len(self._mends(trial)) == most)
 
     def _mends(self, trial: Trial) -> tuple[str, ...]:
-        return tuple(name for name in self.failed if trial.passed(name))
+        """Return the failed checks that pass, or of an estimate those that may pass."""
+        return tuple(name for name in self.failed if trial.passed(name) or trial.may_pass(name))
 
     def _change(self, trial: Trial) -> Change:
         values = self.trials.completed(trial.values)

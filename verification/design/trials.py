@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
@@ -23,8 +23,9 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import EngineError, InputError, NoVerdictError
+from taction.verification.design.screening import Outline, estimated_checks
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.progress import Effort
@@ -50,11 +51,14 @@ class Trial:
         Of the verdict, or why there is none.
     refused : str
         Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
+    estimated : bool
+        Whether the checks are estimates of a design that fails by far.
     """
 
     values: dict[str, Any]  # numbers and names
     record: Record
     refused: str = ""
+    estimated: bool = field(default=False, kw_only=True)
 
     @property
     def plain_values(self) -> dict[str, Value]:
@@ -100,6 +104,11 @@ class Trial:
         check = self.record.check(name)
         return check is not None and check.outcome is Outcome.PASS
 
+    def may_pass(self, name: str) -> bool:
+        """Whether an estimate leaves open that a check passes."""
+        check = self.record.check(name) if self.estimated else None
+        return check is not None and check.outcome is Outcome.INCONCLUSIVE
+
     def reading(self, name: str) -> float | None:
         """Return the value of a check."""
         check = self.record.check(name)
@@ -117,6 +126,8 @@ class Trials:
         Time limit of all trials together, s, from now on.
     accepted : AcceptedParts, optional
         Parts beyond the limits that are not refused, by default those of the scene.
+    screened : bool
+        Whether a design that fails by far gets estimates instead of a verdict.
 
     Raises
     ------
@@ -125,13 +136,18 @@ class Trials:
     """
 
     def __init__(
-        self, scene: Scene, seconds: float = math.inf, accepted: AcceptedParts | None = None
+        self,
+        scene: Scene,
+        seconds: float = math.inf,
+        accepted: AcceptedParts | None = None,
+        *,
+        screened: bool = False,
     ) -> None:
         self.scene = scene.with_engine("statespace")
         self.problem = make_problem(scene)
         self.lam = ideal_network(self.problem, scene).lam
         self.accepted = accepted or accepted_parts(scene, self.problem)
-        self.limit = seconds
+        self.limit, self.screened = seconds, screened
         self.deadline = self.end = time.monotonic() + seconds
         self._known: dict[tuple[tuple[str, Value], ...], Trial] = {}
         self._longest = 0.0  # s, of the trials so far
@@ -201,18 +217,33 @@ class Trials:
         key = tuple(sorted(changes.items()))
         if key not in self._known:
             start = time.monotonic()
-            self._known[key] = self._try(dict(changes))
+            self._known[key] = self._try(dict(changes), estimate=self.screened)
             self._longest = max(self._longest, time.monotonic() - start)
         return self._known[key]
 
-    def _try(self, changes: dict[str, Value]) -> Trial:
+    def verified(self, trial: Trial) -> Trial:
+        """Return the trial with a verdict in the place of estimates, whatever the time."""
+        if not trial.estimated:
+            return trial
+        key, self.deadline, self._longest = tuple(sorted(trial.values.items())), math.inf, 0.0
+        self.end = math.inf
+        self._known[key] = self._try(trial.values, estimate=False)
+        return self._known[key]
+
+    def _try(self, changes: dict[str, Any], *, estimate: bool) -> Trial:
         try:
-            board = self.board_at(changes)
-            found = poles(board)
-            if found.known_unstable:  # known without a transient
+            self.check_time()
+            scene = self.scene_at(changes)
+            board, scene = LinearBoard(synthesise(scene, self.problem)), at_small_signal(scene)
+            outline = Outline.of(board, scene) if estimate else None
+            found = poles(board) if outline is None else outline.unstable()
+            if found is not None and found.known_unstable:  # known without a transient
                 return Trial(changes, _unstable(found))
+            if outline is not None:
+                ideal = ideal_answer(ideal_network(self.problem, scene), scene)
+                if checks := estimated_checks(outline, scene, ideal):
+                    return Trial(changes, _failing("", checks), estimated=True)
             refused = self.accepted.refused(broken_at_rest(board))
-            scene = at_small_signal(self.scene_at(changes))
             verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
         except (InputError, NoVerdictError) as error:
             failure, reason = type(error).__name__, str(error)
@@ -257,6 +288,9 @@ def _unstable(found: Poles) -> Record:
     """Return the record of a board whose poles show that it is unstable."""
     rate, reason = found.rightmost.real, "it is unstable"
     check = Check("stability", Outcome.FAIL, rate, found.resolution, None, None, "1/s", reason)
+    return replace(_failing(reason, (check,)), stable=False)
+
+
+def _failing(reason: str, checks: tuple[Check, ...]) -> Record:
     none = Record.without_verdict("", reason, "statespace")
-    outcome = Outcome.FAIL.value
-    return replace(none, outcome=outcome, failure=None, stable=False, checks=(check,))
+    return replace(none, outcome=Outcome.FAIL.value, failure=None, checks=checks)

@@ -1,0 +1,84 @@
+"""What a search sees of designs that fail by far: estimates beside verdicts, and what they find."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.board.circuit import OpAmpCell, Output, VoltageSource
+from taction.netlist_gen.scene.scene import load_scene
+from taction.spice_models.opamp import OpAmp
+from taction.verification.design.remedies import find_remedies
+from taction.verification.design.screening import Outline, can_estimate
+from taction.verification.design.trials import Trials
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.verify import verify
+from tests.support.boards import bare
+from tests.support.paths import SCENES
+
+PAPER = load_scene(SCENES / "paper-breadboard.toml").with_engine("statespace")
+
+
+def test_the_outline_is_the_step_response_in_closed_form() -> None:
+    zeta, omega = 0.3, 1e6
+    gbw, second = omega / (4.0 * np.pi * zeta), zeta * omega / np.pi
+    follower = bare(
+        models={"op": OpAmp("op", 1e9, gbw=gbw, second_pole=second)},
+        opamps=(OpAmpCell("X", "op", "in", "out", "out"),),
+        voltages=(VoltageSource("V", "in", 1.0),),
+        outputs=(Output("out", 1.0),),
+    )
+    outline = Outline.of(LinearBoard(follower), PAPER)
+    times = np.linspace(0.0, 20.0 / omega, 50)
+    damped = np.sqrt(1.0 - zeta**2)
+    angle = damped * omega * times
+    ringing = np.cos(angle) + zeta / damped * np.sin(angle)
+    expected = 1.0 - np.exp(-zeta * omega * times) * ringing
+    assert outline.at(times)[:, 0] == pytest.approx(expected, abs=1e-8)
+    assert outline.unstable() is None
+
+
+@pytest.mark.parametrize("C", [8e-12, 1.1e-11, 2.2e-11, 1e-10, 1e-9])
+@pytest.mark.parametrize("gain", [1e6, 6.252e6, 2e7])
+def test_no_estimate_contradicts_a_verdict(C: float, gain: float) -> None:
+    trials = Trials(PAPER, screened=True)
+    found = trials.at({"design.capacitance": C, "design.gain": gain})
+    judged = trials.verified(found)
+    assert not judged.estimated
+    if not found.estimated:
+        return
+    assert not judged.good
+    for check in found.record.checks:
+        verdict = judged.record.check(check.name)
+        if check.outcome is Outcome.FAIL:
+            assert verdict.outcome is not Outcome.PASS
+        elif check.outcome is Outcome.PASS:
+            assert verdict.outcome is Outcome.PASS
+
+
+def test_estimates_change_no_proposal(monkeypatch: pytest.MonkeyPatch) -> None:
+    design = PAPER.design.model_copy(update={"capacitance": 1e-10, "gain": 4e5})
+    verdict = verify(PAPER.model_copy(update={"design": design}))
+    assert verdict.outcome is Outcome.FAIL
+    quick = find_remedies(verdict, 1000.0)
+    monkeypatch.setattr(Trials, "at", lambda self, changes: self._verdict_at(changes))
+    monkeypatch.setattr(
+        Trials,
+        "_verdict_at",
+        lambda self, changes: self._known.setdefault(
+            tuple(sorted(changes.items())), self._try(dict(changes), estimate=False)
+        ),
+        raising=False,
+    )
+    slow = find_remedies(verdict, 1000.0)
+    assert quick.changes == slow.changes
+    assert quick.without == slow.without
+
+
+def test_a_check_without_estimate_needs_verdicts() -> None:
+    assert can_estimate(PAPER, ("settling_time", "stability"))
+    assert not can_estimate(PAPER, ("noise",))
+    margin = PAPER.checks.stability.model_copy(update={"margin": 2.0})
+    checks = PAPER.checks.model_copy(update={"stability": margin})
+    assert not can_estimate(PAPER.model_copy(update={"checks": checks}), ("stability",))

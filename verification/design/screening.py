@@ -1,0 +1,177 @@
+"""What the checks of a design say by far, from its equilibrium and its modes alone.
+
+A search for changes asks for hundreds of designs, and most of them fail by far. Such a design needs
+no verdict: its modes without bounds, on some hundred instants, show that it fails. Where nothing
+fails by far, a verdict decides. So no design is ever accepted by what stands here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Complexes, Floats
+from taction.system.reading_definitions import READINGS, RISE_LEVELS
+from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
+from taction.verification.reference.ideal_answer import IdealAnswer
+from taction.verification.stability.poles import CLOSE, Poles, summarise
+from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.simulation import is_exact
+
+FAR = 1.15  # times a limit: beyond it a design fails by far
+POINTS = 400  # instants, in geometric progression
+EARLY, LATE = 0.03, 12.0  # of the fastest, and of the slowest time constant: first and last instant
+ESTIMATED = "estimated from the modes"
+PEAK = 0.02  # of the channel's step: a peak so far below a level may reach it between two instants
+RESOLVED = 0.7  # angle of the fastest ringing between two instants up to which a rise is seen
+SMALL = 1e-3  # of the step: smaller modes hide no rise
+DEFECTIVE = 1e4  # step amplitudes: a larger mode has no direction of its own
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A linear board's step response, without bounds: ``final + Re sum share exp(poles t)``, V."""
+
+    poles: Complexes
+    share: Complexes  # (n, N)
+    final: Floats  # (N,)
+
+    @classmethod
+    def of(cls, board: LinearBoard, scene: Scene) -> Outline | None:
+        """Return the outline of a board; None where its modes do not show it."""
+        if not is_exact(board):
+            return None
+        space, outputs = board.state_space, board.circuit.outputs
+        signs = np.array([out.sign for out in outputs])
+        C = signs[:, None] * space.rows([out.node for out in outputs])[0]
+        rest = board.equilibrium
+        x = space.state_of(initial_unknowns(board, scene.analysis.initial))
+        x = x - space.state_of(rest.values)
+        halves = None if space.halves is None else space.halves[1]
+        rows, parts = (
+            ((C,), (x,))
+            if halves is None
+            else (
+                halves.split_rows(C),
+                halves.split_vectors(x),
+            )
+        )
+        poles, shares = [], []
+        for block, row, part in zip(space.blocks, rows, parts, strict=True):
+            values, vectors = np.linalg.eig(block.A)
+            try:
+                weights = np.linalg.solve(vectors, part.astype(np.complex128))
+            except np.linalg.LinAlgError:
+                return None
+            poles.append(values)
+            shares.append(weights[:, None] * (row @ vectors).T)
+        final = signs * [rest[out.node] for out in outputs]
+        found = cls(np.concatenate(poles), np.concatenate(shares), final)
+        largest, step = np.abs(found.share).max(initial=0.0), np.abs(C @ x).max(initial=0.0)
+        return found if largest <= DEFECTIVE * step else None
+
+    def unstable(self) -> Poles | None:
+        """Return the poles if the board is unstable by far."""
+        found = summarise(self.poles, complete=True)
+        return found if found.rightmost.real > CLOSE * found.resolution else None
+
+    def fastest(self, time: float, level: float) -> float:
+        """Return the largest angular frequency of ringing above `level`, V, at an instant, 1/s."""
+        size = np.abs(self.share).max(axis=1, initial=0.0) * np.exp(self.poles.real * time)
+        return float(np.abs(self.poles.imag[size > level]).max(initial=0.0))
+
+    def at(self, times: Floats) -> Floats:
+        """Return the outputs at `times` (P,), V, (P, N)."""
+        upper = self.poles.imag >= 0.0
+        poles, share = self.poles[upper], self.share[upper]
+        share = share * np.where(poles.imag > 0.0, 2.0, 1.0)[:, None]
+        growth = np.exp(np.multiply.outer(times, poles))
+        return np.asarray(self.final + growth.real @ share.real - growth.imag @ share.imag)
+
+
+def can_estimate(scene: Scene, failed: Iterable[str]) -> bool:
+    """Whether an estimate has every failed check of a scene."""
+    known = {"steady_state", *READINGS}
+    return set(failed) <= (known | {"stability"} if scene.checks.stability.margin <= 1.0 else known)
+
+
+def estimated_checks(outline: Outline, scene: Scene, ideal: IdealAnswer) -> tuple[Check, ...]:
+    """Return the checks of a stable board that fails one of them by far; empty for any other.
+
+    A check that neither fails nor passes by far is inconclusive.
+    """
+    amplitude = float(np.abs(ideal.target - ideal.start).max(initial=0.0))
+    rates = -outline.poles.real
+    resolution = CLOSE * summarise(outline.poles, complete=True).resolution
+    if ideal.problem or not amplitude or not rates.min(initial=math.inf) > resolution:
+        return ()
+    first = EARLY / float(np.abs(outline.poles).max())
+    times = np.append(0.0, np.geomspace(first, LATE / float(rates.min()), POINTS))
+    found = tuple(_checks(outline, scene, ideal, amplitude, times))
+    return found if any(check.outcome is Outcome.FAIL for check in found) else ()
+
+
+def _checks(
+    outline: Outline, scene: Scene, ideal: IdealAnswer, amplitude: float, times: Floats
+) -> Iterator[Check]:
+    checks, u, step = scene.checks, outline.at(times), ideal.target - ideal.start
+    static = float(np.abs(outline.final - ideal.target).max()) / amplitude
+    yield _check("steady_state", static, checks.steady_state.tolerance)
+    if checks.stability.margin <= 1.0:
+        yield _check("stability", float(outline.poles.real.max()), 0.0)
+    limited, band = checks.settling_time, checks.settling_time.band
+    outside = np.flatnonzero((np.abs(u - ideal.target) > band * amplitude).any(axis=1))
+    last = float(times[outside[-1]]) if outside.size else 0.0
+    known = limited.max is not None and limited.min is None
+    settled = (last if static < band else math.inf) if known else None
+    yield _check("settling_time", settled, limited.max)
+    for name, beyond in (
+        ("overshoot", (u - ideal.target) * np.sign(step)),
+        ("undershoot", (ideal.start - u) * np.sign(step)),
+    ):
+        limits = getattr(checks, name)
+        if limits is not None:
+            yield _check(name, float(beyond.max(initial=0.0)) / amplitude, limits.max)
+    if checks.rise_time is not None:
+        channel = (checks.rise_time.channel or (len(step) + 1) // 2) - 1
+        if channel < len(step) and step[channel]:
+            progress = (u[:, channel] - ideal.start[channel]) / step[channel]
+            rise = _rise(outline, progress, times, SMALL * amplitude)
+            yield _check("rise_time", rise, checks.rise_time.max, checks.rise_time.min)
+
+
+def _rise(outline: Outline, progress: Floats, times: Floats, small: float) -> float | None:
+    """Return the rise time, s; None where the instants may miss a peak that ends it."""
+    crossed, high = [], RISE_LEVELS[1]
+    for level in RISE_LEVELS:
+        k = int(np.argmax(progress >= level))
+        if not k:
+            return None
+        share = (level - progress[k - 1]) / (progress[k] - progress[k - 1])
+        crossed.append(float(times[k - 1] + share * (times[k] - times[k - 1])))
+    apart = float(times[k] - times[k - 1])
+    before, here, after = progress[: k - 1], progress[1:k], progress[2 : k + 1]
+    peaks = here[(here > before) & (here >= after)]
+    hidden = float(peaks.max(initial=-math.inf)) > high - PEAK
+    if hidden or outline.fastest(crossed[0], small) * apart > RESOLVED:
+        return None
+    return crossed[1] - crossed[0]
+
+
+def _check(name: str, value: float | None, most: float | None, least: float | None = None) -> Check:
+    outcome, high, low = (
+        Outcome.INCONCLUSIVE,
+        math.inf if most is None else most,
+        least or -math.inf,
+    )
+    if value is not None:
+        margin = FAR if value > 0.0 else 1.0 / FAR
+        if value > margin * high or margin * value < low:
+            outcome = Outcome.FAIL
+        elif margin * value <= high and value >= margin * low:
+            outcome = Outcome.PASS
+    return Check(name, outcome, value, None, most, None, "", ESTIMATED)
