@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.circuit import OpAmpCell, Output, VoltageSource
+from taction.netlist_gen.scene.checks import ExcursionCheck
 from taction.netlist_gen.scene.scene import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.design.remedies import find_remedies
@@ -58,8 +59,10 @@ def test_no_estimate_contradicts_a_verdict(C: float, gain: float) -> None:
 
 
 def test_estimates_change_no_proposal(monkeypatch: pytest.MonkeyPatch) -> None:
-    design = PAPER.design.model_copy(update={"capacitance": 1e-10, "gain": 4e5})
-    verdict = verify(PAPER.model_copy(update={"design": design}))
+    checks = PAPER.checks.model_copy(
+        update={"rise_time": None, "overshoot": ExcursionCheck(max=0.2)}
+    )
+    verdict = verify(PAPER.model_copy(update={"checks": checks}))
     assert verdict.outcome is Outcome.FAIL
     quick = find_remedies(verdict, 1000.0)
     monkeypatch.setattr(Trials, "at", lambda self, changes: self._verdict_at(changes))
