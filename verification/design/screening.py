@@ -18,7 +18,7 @@ from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import READINGS, RISE_LEVELS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.reference.ideal_answer import IdealAnswer
-from taction.verification.stability.poles import CLOSE, Poles, summarise
+from taction.verification.stability.poles import Poles, summarise
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.simulation import is_exact
 
@@ -29,6 +29,7 @@ ESTIMATED = "estimated from the modes"
 PEAK = 0.02  # of the channel's step: a peak so far below a level may reach it between two instants
 RESOLVED = 0.7  # angle of the fastest ringing between two instants up to which a rise is seen
 SMALL = 1e-3  # of the step: smaller modes hide no rise
+ROUNDED = 1e-11  # times the fastest pole: farther from the axis the sign of a pole is known
 DEFECTIVE = 1e4  # step amplitudes: a larger mode has no direction of its own
 
 
@@ -74,10 +75,16 @@ class Outline:
         largest, step = np.abs(found.share).max(initial=0.0), np.abs(C @ x).max(initial=0.0)
         return found if largest <= DEFECTIVE * step else None
 
+    @property
+    def resolution(self) -> float:
+        """Distance from the imaginary axis beyond which the side of a pole is known, 1/s."""
+        return ROUNDED * float(np.abs(self.poles).max(initial=0.0))
+
     def unstable(self) -> Poles | None:
-        """Return the poles if the board is unstable by far."""
-        found = summarise(self.poles, complete=True)
-        return found if found.rightmost.real > CLOSE * found.resolution else None
+        """Return the poles if the board is unstable beyond any doubt."""
+        errors = np.full(len(self.poles), self.resolution)
+        found = summarise(self.poles, complete=True, errors=errors)
+        return found if found.known_unstable else None
 
     def fastest(self, time: float, level: float) -> float:
         """Return the largest angular frequency of ringing above `level`, V, at an instant, 1/s."""
@@ -106,8 +113,7 @@ def estimated_checks(outline: Outline, scene: Scene, ideal: IdealAnswer) -> tupl
     """
     amplitude = float(np.abs(ideal.target - ideal.start).max(initial=0.0))
     rates = -outline.poles.real
-    resolution = CLOSE * summarise(outline.poles, complete=True).resolution
-    if ideal.problem or not amplitude or not rates.min(initial=math.inf) > resolution:
+    if ideal.problem or not amplitude or not rates.min(initial=math.inf) > outline.resolution:
         return ()
     first = EARLY / float(np.abs(outline.poles).max())
     times = np.append(0.0, np.geomspace(first, LATE / float(rates.min()), POINTS))
