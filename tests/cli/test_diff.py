@@ -88,6 +88,9 @@ def test_a_verdict_of_version_1_is_read(tmp_path: Path) -> None:
         "design.strain_input",
         "design.opamp.input_errors",
         *(f"design.opamp.{name}" for name in NONE),
+        *(f"design.opamp.{name}" for name in ("offset_drift", "bias_drift", "bias_doubling")),
+        *("design.opamp.supply_rejection", "design.supply_tolerance"),
+        "design.temperature_coefficient",
     }
 
 
