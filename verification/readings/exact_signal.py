@@ -24,7 +24,7 @@ PER_OCTAVE = 256  # over ln 2: the step is at most this part of the time
 PIECES = 64  # largest number of pieces of a refined interval
 MOST = 2_000_000  # points times channels: no refinement above it
 SLACK = 0.1  # of the height of the tangents above the ends; a cubic's top errs by 0.0013 of it
-BISECTIONS, ITERATIONS = 18, 60  # of a first root, by a cubic, and of a root
+BISECTIONS, ITERATIONS = 9, 60  # of a first root, by a cubic, and of a root
 CONVERGED = 1e-8  # of an interval: last step of a root
 LONGER = 1.1  # times the end of the grid: the least next end
 NOISE = 0.1  # of the error bound: smaller amplitudes are not followed
@@ -163,10 +163,10 @@ class ExactGrid:
         width = self.time[inner + 1] - self.time[inner]
         pieces = np.ceil(self._rate(self.time[inner]) * width / FINENESS)
         pieces = np.clip(pieces, 2, PIECES).astype(np.int64)
-        added = [
-            np.linspace(begin, begin + span, count + 1)[1:-1]
-            for begin, span, count in zip(self.time[inner], width, pieces.tolist(), strict=True)
-        ]
+        number = pieces - 1
+        which = np.repeat(np.arange(len(inner)), number)
+        nth = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number) + 1
+        added = [self.time[inner][which] + (width / pieces)[which] * nth]
         if places[-1] == last:
             begin = float(self.time[last])
             added.append(self._octaves(begin, max(LONGER * begin, float(self.lost[-1]))))

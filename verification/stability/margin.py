@@ -14,7 +14,7 @@ from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import Family
-from taction.verification.stability.poles import Poles, poles
+from taction.verification.stability.poles import Poles, coarse_poles, poles
 
 REACH = 100.0  # the largest factor
 CLOSE, DECADES = 1e-6, 4  # relative distance of the poles that confirm an edge, and farther
@@ -194,7 +194,8 @@ class _Way:
         """Return why poles and winding number at a factor do not agree; empty if they do."""
         where, value = f"at the factor {by:.6g}", self.value(by)
         try:
-            found, wound = self.family.poles(value), self.family.count(value, edges)
+            found = coarse_poles(self.family.board(value))
+            wound = self.family.count(value, edges)
         except EngineError as error:
             return f"{where} there are no poles: {error}"
         if not found.certain:

@@ -156,6 +156,8 @@ def _coupled(Z: Complexes, joined: Sequence[Joined], real: int) -> Complexes:
 
 def mode_groups(linked: Bools, real: int) -> list[Ints]:
     """Return the connected groups of more than one mode, by links to all modes, (k, n)."""
+    if not linked.any():
+        return []
     count = len(linked)
     reach = linked[:, :count] | np.eye(count, dtype=np.bool_)
     reach[:, real:] |= linked[:, count:]
