@@ -223,3 +223,21 @@ sys.exit(status)
 """
     done = python("-c", code)
     assert (done.returncode, done.stdout) == (130, "clean\n")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs ulimit -n")
+@pytest.mark.parametrize("files", [4, 6, 9])
+def test_no_more_open_files_is_no_verdict_and_no_bug(files: int, tmp_path: Path) -> None:
+    line = f'ulimit -n {files}; exec "$0" "$@"'
+    words = ("verify", TUNED, "--engine", "ngspice", "--json")
+    done = subprocess.run(
+        ["bash", "-c", line, sys.executable, "-c", CODE, *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120.0,
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent), "TMPDIR": str(tmp_path)},
+    )
+    assert done.returncode == 3
+    assert "Too many open files" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,4 +1,4 @@
-"""Power cuts, two studies on one database, and full disks."""
+"""Power cuts, two studies on one database, full disks, a lost simulator, a clock that jumps."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from tests.support.paths import ROOT
 from tests.torture.killing import Report, again, end
 from tests.torture.studies import DATABASE, Place, Study
 from tests.torture.victims import wait_for_end
@@ -76,8 +77,53 @@ def full_disk(
     return report
 
 
+def removed_simulator(
+    study: Study, folder: Path, seconds: float, expected: Any, chance: random.Random
+) -> Report:
+    """Remove ngspice in the middle of a run, and run again with it."""
+    report = Report(study.name, "ngspice", "removed")
+    place = Place.make(folder)
+    link = folder / "ngspice"
+    link.symlink_to(shutil.which(os.environ.get("TACTION_NGSPICE") or "ngspice") or "ngspice")
+    process = place.start(study, TACTION_NGSPICE=str(link))
+    time.sleep(chance.random() * seconds)
+    link.unlink()
+    end(report, process, place)
+    if report.status not in (0, 3):
+        report.faults.append(f"exit status {report.status}")
+    again(report, study, place, expected)
+    return report
+
+
+JUMPS = """
+import random, time
+real = time.time
+time.time = lambda: real() + random.choice((-1e8, 0.0, 1e8))
+time.time_ns = lambda: int(1e9 * time.time())
+"""
+
+
+def jumping_clock(
+    study: Study, folder: Path, seconds: float, expected: Any, chance: random.Random
+) -> Report:
+    """Let the wall clock of every process jump by three years back and forth at each look."""
+    report = Report(study.name, "clock", "jumps")
+    place = Place.make(folder)
+    site = folder / "site"
+    site.mkdir()
+    (site / "sitecustomize.py").write_text(JUMPS, encoding="utf-8")
+    process = place.start(study, PYTHONPATH=f"{site}{os.pathsep}{ROOT}")
+    end(report, process, place)
+    if report.status != 0:
+        report.faults.append(f"exit status {report.status}")
+    again(report, study, place, expected)
+    return report
+
+
 DISASTERS: dict[str, Disaster] = {
     "power cut": power_cut,
     "two at once": two_at_once,
     "full disk": full_disk,
+    "removed simulator": removed_simulator,
+    "jumping clock": jumping_clock,
 }

@@ -77,10 +77,12 @@ class Place:
     def database(self) -> Path:
         return self.work / DATABASE
 
-    def start(self, study: Study, largest_file: int | None = None) -> subprocess.Popen[str]:
+    def start(
+        self, study: Study, largest_file: int | None = None, **variables: str
+    ) -> subprocess.Popen[str]:
         """Start the command of `study`; `largest_file` is a limit in bytes, as a full disk."""
         own = {MARK: str(self.folder), "TMPDIR": str(self.temporary), "PYTHONPATH": str(ROOT)}
-        own |= NO_BYTECODE
+        own |= NO_BYTECODE | variables
         with (self.folder / "stdout").open("wb") as out, (self.folder / "stderr").open("wb") as err:
             process = subprocess.Popen(
                 [sys.executable, "-m", "taction", *study.words, "--json"],
