@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -133,13 +132,17 @@ def _is_folder(parameter: Parameter) -> bool:
 
 
 def _ask(scene: str) -> None:
-    """Ask on stderr what may be a slip in the scene; the function reports its mistakes."""
-    from taction.netlist_gen.scene.questions import questions
+    """Ask on stderr what may be a slip in the scene; InputError lists its mistakes.
+
+    The scene is read first: a refused one needs neither numpy nor the modules of the verdict.
+    """
     from taction.netlist_gen.scene.scene import load_scene
 
-    with suppress(InputError):
-        for question in questions(load_scene(scene)):
-            say(f"question: {question}")
+    read = load_scene(scene)
+    from taction.netlist_gen.scene.questions import questions
+
+    for question in questions(read):
+        say(f"question: {question}")
 
 
 def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:

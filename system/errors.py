@@ -69,6 +69,7 @@ class Complaint:
     key: str
     value: str
     accepted: str
+    place: str = ""  # line and column in the file, the line itself, and a caret
 
     def __post_init__(self) -> None:
         for name, most in LONGEST.items():
@@ -76,7 +77,8 @@ class Complaint:
 
     def __str__(self) -> str:
         value = f" = {self.value}" if self.value else ""
-        return f"{self.key}{value}: {self.accepted}"
+        below = "".join(f"\n  {line}" for line in self.place.splitlines())
+        return f"{self.key}{value}: {self.accepted}{below}"
 
 
 class InputError(TactionError):

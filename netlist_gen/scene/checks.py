@@ -10,7 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, GetJsonSchemaHandler, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    model_validator,
+)
 from pydantic_core import CoreSchema
 
 from taction.netlist_gen.scene.fields import (
@@ -24,6 +30,7 @@ from taction.netlist_gen.scene.fields import (
     Unit,
     Volts,
 )
+from taction.system.quantities import show
 from taction.system.reading_definitions import SETTLING_BAND, TIMES
 
 LOWEST = 0.1  # Hz; data sheets print the 1/f noise from here to 10 Hz
@@ -72,7 +79,19 @@ class UpperLimit(Model):
 class SteadyStateCheck(Model):
     """Final outputs against the reference, as a fraction of the step amplitude."""
 
-    tolerance: Positive = 1e-3
+    tolerance: Annotated[Positive, Field(lt=1)] = 1e-3
+
+
+def _below_max(least: float | None, info: ValidationInfo) -> float | None:
+    """Return `min` if it is not above `max`: nothing would pass."""
+    most = info.data.get("max")
+    if least is not None and most is not None and least > most:
+        text = f"above max = {show(most, 's')}, so nothing passes"
+        raise ValueError(f"{text}; expected at most {show(most, 's')}, or are they swapped?")
+    return least
+
+
+Least = Annotated[Seconds | None, AfterValidator(_below_max)]
 
 
 class SettlingTimeCheck(UpperLimit):
@@ -80,7 +99,7 @@ class SettlingTimeCheck(UpperLimit):
 
     band: Annotated[Positive, Field(lt=1)] = SETTLING_BAND
     max: Seconds | None = None
-    min: Seconds | None = None
+    min: Least = None
 
 
 class ExcursionCheck(UpperLimit):
@@ -93,7 +112,7 @@ class RiseTimeCheck(UpperLimit):
     """10-90 % rise time of one channel, by default the middle channel."""
 
     max: Seconds | None = None
-    min: Seconds | None = None
+    min: Least = None
     channel: Count | None = None
 
 

@@ -26,6 +26,13 @@ TEXTS = {  # in the place of pydantic's texts, which name types of Python
     "less_than": "must be below {lt:g}",
     "less_than_equal": "must be {le:g} or less",
     "bool_type": "expected true or false",
+    "string_type": "expected text in quotes",
+    "string_too_short": "expected text that is not empty",
+    "string_too_long": "expected at most {max_length} characters",
+    "literal_error": "expected one of {expected}",
+    "int_from_float": "expected a plain whole number, without quotes or unit",
+    "finite_number": "expected a finite number",
+    "dict_type": "expected a table",
     "string_pattern_mismatch": "letters, digits, '-', '_' and '.' only",
 }
 
@@ -111,6 +118,23 @@ def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:
     if isinstance(design, Mapping):
         for key, reason in contradictions(design):
             yield Complaint(f"design.{key}", _value(design[key]), reason)
+    yield from _no_such_channel(data)
+
+
+def _no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:
+    """Yield the channel of the rise time if the problem, as far as it is stated, has fewer."""
+    problem, check = data.get("problem"), _table(data.get("checks")).get("rise_time")
+    channel, most = _table(check).get("channel"), _table(problem).get("channels", 7)
+    if _table(problem).get("kind") != "tactile":
+        rows = _table(problem).get("matrix")
+        most = len(rows[0]) if isinstance(rows, list) and isinstance(rows[0], list) else None
+    if isinstance(channel, int) and isinstance(most, int) and 0 < most < channel:
+        text = f"the problem has {most} channels; expected 1 to {most}"
+        yield Complaint("checks.rise_time.channel", _value(channel), text)
+
+
+def _table(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
 
 
 def _complaints(
@@ -138,13 +162,15 @@ def _complaints(
         elif kind == "union_tag_not_found":
             yield Complaint(f"{key}.kind", "", "required; 'tactile' or 'matrix'")
         else:
-            text = item["msg"].removeprefix("Value error, ")
+            text = item["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
             text = TEXTS[kind].format(**context) if kind in TEXTS else text
-            yield Complaint(key, _value(item["input"]), text + _share(item["input"]))
+            yield Complaint(key, _value(item["input"]), text + _share(item["input"], kind))
 
 
-def _share(value: object) -> str:
+def _share(value: object, kind: str) -> str:
     """Return how to write a percentage: ``"; 5 % is 0.05"``; empty for any other value."""
+    if kind == "less_than" and isinstance(value, int | float) and 1 <= value <= 100:
+        return f"; it is a fraction: {value:g} % is {value / 100.0:g}"
     number = value.strip().removesuffix("%").strip() if isinstance(value, str) else ""
     if not str(value).strip().endswith("%") or not PLAIN.fullmatch(number):
         return ""

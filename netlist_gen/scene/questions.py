@@ -7,10 +7,11 @@ from collections.abc import Iterable, Iterator
 from taction.netlist_gen.scene.axes import Axis, with_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import show
-from taction.system.reading_definitions import EXCURSIONS, TIMES
+from taction.system.reading_definitions import EXCURSIONS
 
 PARTS = {"opamp", "gain", "unit_conductance"}
 USUAL = (1e-14, 1e-4)  # F: from a fraction of a stray capacitance to the largest film capacitors
+SHARES = ("resistor", "capacitor", "stray", "opamp_gbw", "opamp_gain")
 
 
 def questions(scene: Scene) -> tuple[str, ...]:
@@ -52,12 +53,17 @@ def value_questions(scene: Scene) -> Iterator[str]:
                 f"checks.{name}: max = {check.max:g} is {100.0 * check.max:g} % of the step; is it"
                 f" a percentage? {check.max:g} % is {check.max / 100.0:g}"
             )
-    for name in TIMES:
-        check = getattr(scene.checks, name)
-        if check is not None and None not in (check.min, check.max) and check.min > check.max:
+    ohms = scene.design.gain
+    if ohms < 1.0:
+        yield (
+            f"design.gain = {show(ohms, 'ohm')} is below 1 ohm; is the prefix right? 'm' is milli,"
+            " 'M' is mega"
+        )
+    for name, share in scene.tolerances:
+        if name in SHARES and share >= 1.0:
             yield (
-                f"checks.{name}: min = {show(check.min, 's')} is above max ="
-                f" {show(check.max, 's')}, so nothing passes; are they swapped?"
+                f"tolerances.{name} = {share:g} is {100.0 * share:g} % of the value; is it a"
+                f" percentage? {share:g} % is {share / 100.0:g}"
             )
 
 

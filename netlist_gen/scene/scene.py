@@ -22,6 +22,7 @@ from taction.netlist_gen.scene.fields import (
 )
 from taction.netlist_gen.scene.mistakes import placed, validated
 from taction.netlist_gen.scene.open_tables import OneOf, plugged, with_tables
+from taction.netlist_gen.scene.places import toml_complaint, with_places
 from taction.netlist_gen.scene.problem import (
     MatrixProblem,
     StatedProblem,
@@ -286,20 +287,26 @@ def load_scene(path: str | Path) -> Scene:
     (1e-11, 7)
     """
     path = Path(path)
-    return parse_scene(_read_toml(path), path)
+    data, text = _read_toml(path)
+    try:
+        return parse_scene(data, path)
+    except InputError as error:
+        raise with_places(error, text) from None
 
 
-def _read_toml(path: Path) -> dict[str, Any]:
+def _read_toml(path: Path) -> tuple[dict[str, Any], str]:
+    """Return the data of a file, and its text."""
     accepted = "a scene file in TOML; `taction new` writes one"
     try:
         text = read_text(path, MAX_BYTES)
         if _DEEP.search(text):  # tomllib takes quadratic time
             raise ValueError(f"a key of over {DEEPEST} parts")
-        return tomllib.loads(text, parse_float=lambda part: number(part.replace("_", "")))
+        data = tomllib.loads(text, parse_float=lambda part: number(part.replace("_", "")))
+        return data, text
     except UnusableFileError as error:
         raise InputError(path, Complaint("file", "", f"{error}; expected {accepted}")) from None
     except ValueError as error:  # no TOML, or an integer of over 4300 digits
-        raise InputError(path, Complaint("TOML", "", f"{error}; expected {accepted}")) from None
+        raise InputError(path, toml_complaint(text, error, accepted)) from None
     except RecursionError:
         text = f"nested too deeply; expected {accepted}"
         raise InputError(path, Complaint("TOML", "", text)) from None

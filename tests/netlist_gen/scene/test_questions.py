@@ -72,9 +72,10 @@ def test_a_usual_capacitance_is_not(value: str) -> None:
     assert asked(design={"capacitance": value}) == ""
 
 
-def test_limits_that_exclude_each_other_are_asked_about() -> None:
-    text = asked(checks={"rise_time": {"min": "10us", "max": "1us"}})
-    assert "min = 10 us is above max = 1 us, so nothing passes; are they swapped?" in text
+def test_a_gain_in_milliohm_and_a_tolerance_in_percent_are_asked_about() -> None:
+    assert "is below 1 ohm; is the prefix right?" in asked(design={"gain": "6.252mohm"})
+    assert "10 % is 0.1" in asked(tolerances={"resistor": 10.0})
+    assert asked(design={"gain": "1kohm"}, tolerances={"resistor": 0.1}) == ""
 
 
 @pytest.mark.parametrize(
