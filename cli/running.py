@@ -15,7 +15,7 @@ from taction.cli.command import Call, Command, Job, Output, Parameter, beginning
 from taction.cli.ending import of_stdout
 from taction.cli.terminal import STATUS, display, print_json, say
 from taction.system.after_result import attempt
-from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted
+from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_text import visible
 
 
@@ -95,7 +95,7 @@ def _result(job: Job, call: Call) -> tuple[Any, str]:
         if end.result is None:
             raise
         return end.result, str(end)
-    except taction.TactionError as error:
+    except TactionError as error:
         if job.failed is not None:
             job.failed(error, call)
         raise

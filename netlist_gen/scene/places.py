@@ -10,9 +10,9 @@ from taction.system.errors import Complaint, InputError
 _TABLE = re.compile(r"\s*\[\[?\s*([^\[\]=#]+?)\s*\]")
 _KEY = re.compile(r"\s*([\w\-.\"' ]+?)\s*=")
 _AT = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
-LONGEST_LINE = 200  # characters of a line that a message shows
+LONGEST_LINE = 76  # characters of a line that a message shows
 WORDS = {  # beginnings of tomllib's texts, and what to write instead
-    "Expected newline": "text and quantities need quotes on both sides, as \"10pF\"; a number is"
+    "Expected newline": 'text and quantities need quotes on both sides, as "10pF"; a number is'
     " 1.5, with a point; one 'key = value' a line",
     "Invalid value": "expected a value: a number such as 1.5, true or false, or text and quantities"
     ' in straight quotes, as "10pF"',
@@ -64,16 +64,16 @@ def place(text: str, key: str) -> str:
         if inside or quoted:
             inside = inside != quoted
             continue
-        if header := _TABLE.match(line):
-            table = _parts(header[1])
-            found, match = table, header
-        elif match := _KEY.match(line):
-            found = table + _parts(match[1])
-        else:
+        header = _TABLE.match(line)
+        match = header or _KEY.match(line)
+        if match is None:
             continue
-        if not found or found != wanted[: len(found)] or len(found) <= depth:
+        table = _parts(match[1]) if header else table
+        found = table if header else table + _parts(match[1])
+        common = min(len(found), len(wanted))  # `found` may be a key below `wanted`
+        if found[:common] != wanted[:common] or common <= depth:
             continue
-        depth, start, end = len(found), match.start(1), match.end(1)
+        depth, start, end = common, match.start(1), match.end(1)
         for part in wanted[depth:] if header is None else ():
             inner = re.compile(rf"[{{,]\s*({re.escape(part)})\s*=").search(line, end)
             if inner is None:

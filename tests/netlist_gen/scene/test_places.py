@@ -49,7 +49,7 @@ def refusal(folder: Path, text: str) -> InputError:
         ("[design]", "[desing]", "desing", "linear", "'design'?", "desing"),
         ("force = 3.0", "forse = 3.0", "problem.load.forse", "3.0", "'force'?", "forse"),
         ('kind = "tactile"\n', "", "problem.kind", "", "'tactile' or 'matrix'", "problem"),
-        ('= "10pF"\nres', '= 10pF\nres', "capacitance", "10pF", "need quotes", "F"),
+        ('= "10pF"\nres', '= 10pF\nres', "capacitance", "10pF", "need quotes", "p"),
         ('= "10pF"\nres', '= pF\nres', "capacitance", "pF", "in straight quotes", "p"),
         ('= "10pF"\nres', '= “10pF”\nres', "capacitance", "10pF", "straight quotes", "“"),
         ('= "10pF"\nres', '= 1,5\nres', "capacitance", "1,5", "with a point", ","),
@@ -59,7 +59,7 @@ def refusal(folder: Path, text: str) -> InputError:
         ("[design]", "[problem]", "TOML", "", "given twice", "]"),
         ("[design]", "[design", "TOML", "", "']' of a table is missing", ""),
         ("[design]", "design", "TOML", "", "expected 'key = value'", ""),
-        ("max = 0.235 }", "max = 0.235, max = 1 }", "overshoot", "max", "given twice", "1"),
+        ("max = 0.235 }", "max = 0.235, max = 1 }", "overshoot", "max", "given twice", " "),
     ],
 )  # fmt: skip
 def test_a_slip_in_the_papers_board(
@@ -91,8 +91,8 @@ WRONG = {
 @pytest.mark.parametrize("key", KEYS, ids=[key.path for key in KEYS])
 def test_every_key_with_every_kind_of_mistake(tmp_path: Path, key: Key) -> None:
     for kind, written in WRONG.items():
-        if key.path == "name" and kind == "unit":
-            continue  # a name is any text
+        if key.path in {"name", "design.opamp.file"} and kind == "unit":
+            continue  # any text
         path, value = written(key)
         if kind == "range" and path == "checks.stability.margin":
             value = "0.5"
@@ -121,9 +121,9 @@ def test_a_refused_scene_needs_no_numpy(tmp_path: Path) -> None:
         "except SystemExit as end:\n    print(end.code)\n"
         "print(*sorted({'numpy', 'scipy', 'matplotlib', 'jinja2'} & set(sys.modules)))\n"
     )
-    for command in ("verify", "netlist", "onset"):
-        done = subprocess.run(  # noqa: S603
-            [sys.executable, "-c", program, command, str(file)],
+    for command in ("verify", "netlist", "onset --over C"):
+        done = subprocess.run(
+            [sys.executable, "-c", program, *command.split(), str(file)],
             capture_output=True, text=True, check=True,
         )  # fmt: skip
         assert "expected 1 to 7" in done.stderr
