@@ -31,11 +31,11 @@ WORDS = {  # beginnings of tomllib's texts, and what to write instead
 
 
 def shown(text: str, row: int, column: int, width: int = 1) -> str:
-    """Return a line of `text`, counted from 1, with its number and a caret below a column.
+    r"""Return a line of `text`, counted from 1, with its number and a caret below a column.
 
     Examples
     --------
-    >>> print(shown('[design]\\ngain = 10', 2, 8, 2))
+    >>> print(shown('[design]\ngain = 10', 2, 8, 2))
     line 2, column 8
       gain = 10
              ^^
@@ -48,11 +48,11 @@ def shown(text: str, row: int, column: int, width: int = 1) -> str:
 
 
 def place(text: str, key: str) -> str:
-    """Return where `text` gives `key`, or the table that lacks it; empty if nowhere.
+    r"""Return where `text` gives `key`, or the table that lacks it; empty if nowhere.
 
     Examples
     --------
-    >>> print(place('[checks]\\nrise_time = { channel = 8 }', "checks.rise_time.channel"))
+    >>> print(place('[checks]\nrise_time = { channel = 8 }', "checks.rise_time.channel"))
     line 2, column 15
       rise_time = { channel = 8 }
                     ^^^^^^^
