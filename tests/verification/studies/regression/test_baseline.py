@@ -58,8 +58,8 @@ WRONG = {
     '{"scenes": {}}': "no baseline of taction",
     '{"taction_baseline": 1, "scenes": {}}': "taction_baseline = 1: another format",
     '{"taction_baseline": 2}': "scenes: damaged",
-    broken({"step_amplitude": "much"}): r"scenes\.a\.toml\.step_amplitude: damaged",
-    broken({"step_amplitude": float("nan")}): r"scenes\.a\.toml\.step_amplitude: damaged",
+    broken({"step_amplitude": "much"}): r"scenes\.a\.toml\.step_amplitude = 'much': damaged",
+    broken({"step_amplitude": float("nan")}): r"scenes\.a\.toml\.step_amplitude = nan: damaged",
     broken({"surprise": 1}): r"scenes\.a\.toml\.surprise: damaged",
     broken({"time": [0.0, 0.0, 1.0]}): "time does not increase",
     broken({"outputs": {"u_1": [1.0]}}): "an output and the time differ in length",
@@ -112,7 +112,7 @@ def test_a_text_is_no_number(tmp_path: Path) -> None:
     text = baseline_text({"one.toml": entry()})
     assert '"speed": 1000000.0' in text
     (tmp_path / "b.json").write_text(text.replace('"speed": 1000000.0', '"speed": "1000000.0"'))
-    with pytest.raises(InputError, match=r"scenes\.one\.toml\.speed: damaged"):
+    with pytest.raises(InputError, match=r"scenes\.one\.toml\.speed = '1000000\.0': damaged"):
         load_baseline(tmp_path / "b.json")
 
 
