@@ -1,4 +1,4 @@
-"""Power cuts, two studies on one database, full disks, a lost simulator, a clock that jumps."""
+"""Power cuts, two studies on one database, full disks, a clock that jumps."""
 
 from __future__ import annotations
 
@@ -77,24 +77,6 @@ def full_disk(
     return report
 
 
-def removed_simulator(
-    study: Study, folder: Path, seconds: float, expected: Any, chance: random.Random
-) -> Report:
-    """Remove ngspice in the middle of a run, and run again with it."""
-    report = Report(study.name, "ngspice", "removed")
-    place = Place.make(folder)
-    link = folder / "ngspice"
-    link.symlink_to(shutil.which(os.environ.get("TACTION_NGSPICE") or "ngspice") or "ngspice")
-    process = place.start(study, TACTION_NGSPICE=str(link))
-    time.sleep(chance.random() * seconds)
-    link.unlink()
-    end(report, process, place)
-    if report.status not in (0, 3):
-        report.faults.append(f"exit status {report.status}")
-    again(report, study, place, expected)
-    return report
-
-
 JUMPS = """
 import random, time
 real = time.time
@@ -124,6 +106,5 @@ DISASTERS: dict[str, Disaster] = {
     "power cut": power_cut,
     "two at once": two_at_once,
     "full disk": full_disk,
-    "removed simulator": removed_simulator,
     "jumping clock": jumping_clock,
 }

@@ -33,7 +33,7 @@ nobody disturbed, except for times.
 Ctrl-C (SIGINT) comes after the start of Python, which itself answers a signal with a traceback before the first line of
 taction runs. Of a power cut: database and log are copied at one instant of the run, the log is cut at a random byte, and the command is
 given again on the copy. A full disk: no file may have more than a random number of bytes (`ulimit -f`).
-`removed`: the executable of ngspice is removed at a random instant. `jumps`: each look at the wall clock of each process is three years
+`jumps`: each look at the wall clock of each process is three years
 early, right, or three years late.
 A killed command leaves its database, which is complete up to the last stored point, and, after SIGKILL, a folder
 `taction-run-*`, which the next run removes. The test `tests/torture/test_torture.py` does the same with few kills.
