@@ -19,8 +19,7 @@ FOLDERS = ("system", "spice_models", "netlist_gen", "verification", "cli")
 # The floors of the house, the lowest first, and the rooms on each. A room imports from itself and
 # from the floors below, never from another room of its own floor. All names are below `taction`.
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("system",),
-    ("spice_models",),
+    ("system", "spice_models"),
     ("netlist_gen",),
     ("verification.reference", "verification.engines.ngspice", "verification.engines.statespace"),
     ("verification.readings", "verification.stability", "verification.characterise"),

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
-from taction.spice_models.foreign_devices import RefusedError
-from taction.spice_models.foreign_netlist import Subcircuit, read_subcircuit
-from taction.system.documents import read, taken
-from taction.system.errors import listed
+from taction.spice_models.foreign_netlist import Subcircuit
 
 ROLES = ("inp", "inn", "vcc", "vee", "out")
 """What a port of the subcircuit is: inputs, supplies, output; `REST` for a port left open."""
 REST = "nc"
 COMPENSATION = "comp"
 """Role of two ports between which a part needs its compensation capacitor."""
-FORMAT = 2
-READ = (1, FORMAT)
-LEAST, MOST = 1e-30, 1e30  # SI base units: beyond is no op-amp, and no arithmetic
-FIGURES_LEAST = {
-    "dc_gain": LEAST, "unity_gain_bandwidth": LEAST, "output_resistance": 0.0,
-    "supply_current": 0.0, "slew_rate": LEAST, "swing": 0.0,
-}  # fmt: skip
-"""The least value of a figure that is not negative."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,116 +120,3 @@ def check_pins(pins: tuple[str, ...], ports: tuple[str, ...]) -> None:
         )
     if pins.count(COMPENSATION) not in (0, 2):
         raise ValueError(f"a capacitor needs two ports {COMPENSATION!r}, or there are none")
-
-
-def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
-    """Return an imported op-amp as JSON data."""
-    linear = opamp.linear
-    return {
-        "taction_opamp": FORMAT,
-        "name": name,
-        "subcircuit": opamp.subcircuit.name,
-        "netlist": list(opamp.subcircuit.lines),
-        "pins": list(opamp.pins),
-        "supply": opamp.supply,
-        "compensation": opamp.compensation,
-        "figures": {key: getattr(opamp.figures, key) for key in Figures.__dataclass_fields__},
-        "linear": None if linear is None else _linear_document(linear),
-        "missing": opamp.missing,
-        "doubts": list(opamp.doubts),
-    }
-
-
-@dataclass(frozen=True, slots=True)
-class _Stored:
-    """The file of an imported op-amp; a file of version 1 has neither compensation nor doubts."""
-
-    taction_opamp: int
-    name: str
-    subcircuit: str
-    netlist: tuple[str, ...]
-    pins: tuple[str, ...]
-    supply: float
-    figures: Figures
-    linear: LinearModel | None
-    missing: str
-    compensation: float = 0.0
-    doubts: tuple[str, ...] = ()
-
-
-def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
-    """Return the name and the op-amp of JSON data; the netlist is checked again.
-
-    Raises
-    ------
-    ValueError
-        The data is no imported op-amp; the text says where, and what is expected.
-    """
-    stored = read(_Stored, data)
-    if stored.taction_opamp not in READ:
-        raise ValueError(f"taction_opamp = {stored.taction_opamp}: expected one of {listed(READ)}")
-    if not (stored.name.isidentifier() and stored.name.isascii()):
-        raise ValueError(f"name = {stored.name!r}: expected letters, digits and '_'")
-    _check_range("supply", stored.supply, least=LEAST)
-    _check_range("compensation", stored.compensation, least=0.0)
-    for field in fields(Figures):
-        value = getattr(stored.figures, field.name)
-        if value is not None:
-            _check_range(f"figures.{field.name}", value, FIGURES_LEAST.get(field.name))
-    if stored.linear is not None:
-        _check_linear(stored.linear)
-    try:
-        content = "\n".join(stored.netlist).encode()
-        subcircuit = read_subcircuit(content, stored.subcircuit, stored.name)
-    except RefusedError as error:
-        raise ValueError(f"netlist: {error}") from None
-    try:
-        check_pins(stored.pins, subcircuit.ports)
-    except ValueError as error:
-        raise ValueError(f"pins: {error}") from None
-    made = taken(ImportedOpAmp, stored, subcircuit=subcircuit)
-    return stored.name, made
-
-
-def _check_range(key: str, value: float, least: float | None = None) -> None:
-    """Refuse a number that no op-amp has; with `least` also a smaller or a negative one."""
-    if abs(value) > MOST or (least is not None and value < least):
-        low = -MOST if least is None else least
-        raise ValueError(f"{key} = {value!r}: expected a number from {low:g} to {MOST:g}")
-
-
-def _check_linear(linear: LinearModel) -> None:
-    for key in ("conductance", "capacitance", "error"):
-        _check_range(f"linear.{key}", getattr(linear, key), 0.0)
-    for key in ("offset", "rest", "bias_current"):
-        _check_range(f"linear.{key}", getattr(linear, key))
-    for key in ("gain", "impedance"):
-        rational: Rational = getattr(linear, key)
-        place = f"linear.{key}"
-        if len(rational.poles) != len(rational.residues):
-            raise ValueError(f"{place}: expected as many residues as poles")
-        _check_range(f"{place}.constant", rational.constant)
-        for pole, residue in zip(rational.poles, rational.residues, strict=True):
-            _check_range(f"{place}.residues", abs(residue))
-            _check_range(f"{place}.poles", abs(pole), LEAST)
-            if pole.real >= 0.0:
-                raise ValueError(f"{place}.poles = {pole}: expected a negative real part")
-    if linear.gain.poles != linear.impedance.poles:
-        raise ValueError("linear: gain and impedance must have the same poles")
-    low, high = linear.band
-    if not LEAST <= low < high <= MOST:
-        raise ValueError(f"linear.band = {low!r}, {high!r}: expected two rising frequencies, Hz")
-
-
-def _linear_document(linear: LinearModel) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        key: getattr(linear, key) for key in LinearModel.__dataclass_fields__
-    }
-    for key in ("gain", "impedance"):
-        rational = getattr(linear, key)
-        document[key] = {
-            "constant": rational.constant,
-            "poles": [[pole.real, pole.imag] for pole in rational.poles],
-            "residues": [[each.real, each.imag] for each in rational.residues],
-        }
-    return document

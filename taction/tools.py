@@ -229,7 +229,7 @@ def import_model(
     import re
 
     from taction.netlist_gen.scene.fields import BOTH_SIGNS
-    from taction.spice_models.imported import to_document
+    from taction.netlist_gen.scene.imported_opamps import to_document
     from taction.system.atomic_files import write_atomically
     from taction.verification.characterise.characterise import import_opamp
 

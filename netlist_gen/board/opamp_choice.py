@@ -6,9 +6,10 @@ import json
 from dataclasses import replace
 from typing import Any
 
+from taction.netlist_gen.scene.imported_opamps import from_document
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.spice_models.imported import ImportedOpAmp, from_document
+from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import CHANGES, changes, with_input_errors
 from taction.spice_models.input_errors import NONE as INPUT_ERRORS
 from taction.spice_models.opamp import OpAmp, poles_from_phase_margin

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import taction
 from taction.netlist_gen.board.opamp_choice import as_opamp
-from taction.spice_models.imported import from_document, to_document
+from taction.netlist_gen.scene.imported_opamps import from_document, to_document
 from taction.system.documents import plain
 from taction.system.errors import Complaint, InputError
 from taction.verification.design.explorer_settings import Start
