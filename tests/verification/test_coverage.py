@@ -19,7 +19,7 @@ EXPONENTIAL = (0, 3, 5, 7)  # seeds of boards with amplifiers whose runs are sho
 LOOSE = 0.01  # analysis.error: far above the error of the run that counts as true
 READINGS = ("settling_time", "rise_time", "overshoot", "undershoot", "steady_state")
 COVERED, TIGHT = 0.99, 5.0  # share of the numbers; times the true error: median of the bounds
-LAST_DIGITS = 1e-12  # relative uncertainty of a time that is known to the last digits
+LEVEL = 1e-6  # relative: to this the times of linear boards are known (docs/uncertainties.md)
 
 
 def check_coverage(compared: list[Comparison]) -> None:
@@ -50,7 +50,7 @@ def test_the_uncertainties_of_linear_boards_cover_their_errors() -> None:
     assert len(found) > 50
     assert np.median(found) < TIGHT
     times = [c for c in by_engine["statespace"] if c.unit == "s" and c.value]
-    assert np.median([c.uncertainty / c.value for c in times]) < LAST_DIGITS
+    assert np.quantile([c.uncertainty / c.value for c in times], 0.9) < LEVEL
 
 
 def test_the_uncertainties_of_boards_with_amplifiers_cover_their_errors() -> None:
