@@ -226,7 +226,7 @@ sys.exit(status)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs ulimit -n")
-@pytest.mark.parametrize("files", [4, 6, 9])
+@pytest.mark.parametrize("files", [5, 6, 9])  # 4: not every Python can begin
 def test_no_more_open_files_is_no_verdict_and_no_bug(files: int, tmp_path: Path) -> None:
     line = f'ulimit -n {files}; exec "$0" "$@"'
     words = ("verify", TUNED, "--engine", "ngspice", "--json")

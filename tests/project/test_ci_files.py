@@ -79,8 +79,6 @@ def test_a_check_before_a_commit_runs_the_tests_of_what_changed() -> None:
     assert names[0] == "cli/test_files.py"
     assert names[1].startswith("verification/verdict/test_verify")
     assert "verification/studies/test_sweep.py" not in names[:3]
-    assert check.tests_of(["README.md"]) == check.tests_of(["docs/../README.md"])
-    assert check.tests_of([]) == []
 
 
 def test_the_hook_is_one_that_pre_commit_can_read() -> None:
