@@ -298,7 +298,9 @@ class ScaledNetwork:
         return float((1.0 + sigma[0]) / (1.0 + slowest))
 
 
-def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None) -> Transient:
+def ideal_transient(
+    network: IdealNetwork, v0: Floats, stop: float | None = None, rest: Solution | None = None
+) -> Transient:
     """Integrate the ideal network with any amplifier.
 
     Parameters
@@ -309,6 +311,8 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
         Signal-node voltages at time 0, V.
     stop : float, optional
         End time, s; by default long enough for the slowest mode to decay by 1e-8.
+    rest : Solution, optional
+        Solution of the network's problem, if the caller has it already.
 
     Returns
     -------
@@ -321,7 +325,7 @@ def ideal_transient(network: IdealNetwork, v0: Floats, stop: float | None = None
         The steady state cannot be computed.
     """
     scaled, unit = ScaledNetwork(network), network.RC
-    rest = solve(network.problem)
+    rest = solve(network.problem) if rest is None else rest
     x0 = np.asarray(v0, dtype=np.float64) / network.unit
     at_rest = rest.u if rest.v is None else rest.v
     end = np.log(1e8 * (1.0 + np.max(np.abs(x0 - at_rest)))) if stop is None else stop / unit

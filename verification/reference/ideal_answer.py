@@ -58,10 +58,10 @@ class IdealAnswer:
         u at t = 0 and at rest, V.
     error : float
         Bound on the error of `target`, as a fraction of the step amplitude.
+    initial : ndarray (N,)
+        Voltages of the signal nodes at t = 0, V.
     problem : str
-        Why the answer cannot be trusted; empty for a trusted answer.
-    integrated : TransientFigures or None
-        From numerical integration; None for linear amplifiers, whose modes are exact.
+        Why the steady state cannot be trusted; empty for a trusted one.
     """
 
     network: IdealNetwork
@@ -70,17 +70,20 @@ class IdealAnswer:
     start: Floats
     target: Floats
     error: float
+    initial: Floats
     problem: str
-    integrated: TransientFigures | None
 
     @functools.cached_property
     def transient(self) -> TransientFigures:
-        """Figures of the transient; no check needs them, so modes are evaluated on demand."""
-        if self.integrated is not None:
-            return self.integrated
-        response = ideal_linear(self.network, self.start, self.solution)
-        residual = _linear_residual(self.network, response)
-        return TransientFigures(response.settling_time(self.band), residual)
+        """Figures of the transient, computed at the first use: no check needs them."""
+        if self.network.amplifier == "linear":
+            response = ideal_linear(self.network, self.start, self.solution)
+            residual = _linear_residual(self.network, response)
+            return TransientFigures(response.settling_time(self.band), residual)
+        found = ideal_transient(self.network, self.initial, rest=self.solution)
+        if found.response is None or found.outcome is not Trust.TRUSTED:
+            return TransientFigures(np.nan, found.energy_residual)
+        return TransientFigures(found.response.settling_time(self.band), found.energy_residual)
 
 
 def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
@@ -138,38 +141,26 @@ def initial_voltages(scene: Scene, network: IdealNetwork) -> Floats:
 
 
 def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
-    """Solve for the steady state, and for the transient from the scene's initial state.
+    """Solve for the steady state; the transient starts from the initial state of the scene.
 
     Raises
     ------
     SolverError
         The solver can return no answer.
     """
-    initial = initial_voltages(scene, network)
-    band = scene.checks.settling_time.band
-    figures, doubt = None, ""
-    if network.amplifier == "linear":
-        solution, start = _solve_cached(network.problem), initial
-    else:
-        transient = ideal_transient(network, initial)
-        solution, response = transient.rest, transient.response
-        start = np.full(len(solution.u), np.nan) if response is None else response.start
-        if response is None or transient.outcome is not Trust.TRUSTED:
-            settling_time, doubt = np.nan, transient.outcome.value
-        else:
-            settling_time = response.settling_time(band)
-        figures = TransientFigures(settling_time, transient.energy_residual)
-    target = solution.u * network.U0
+    initial, solution = initial_voltages(scene, network), _solve_cached(network.problem)
+    gain = REGULARISERS[network.amplifier].g
+    start, target = network.U0 * gain(initial / network.unit), solution.u * network.U0
     amplitude = float(np.abs(target - start).max()) or 1.0
     return IdealAnswer(
         network=network,
-        band=band,
+        band=scene.checks.settling_time.band,
         solution=solution,
         start=start,
         target=target,
-        error=np.inf if doubt else solution.error_bound * network.U0 / amplitude,
-        problem=solution.reason or doubt,
-        integrated=figures,
+        error=solution.error_bound * network.U0 / amplitude,
+        initial=initial,
+        problem=solution.reason,
     )
 
 

@@ -13,7 +13,8 @@ from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.reference import IdealNetwork
+from taction.verification.reference import IdealNetwork, ideal_transient
+from taction.verification.reference.dynamics import Transient
 from taction.verification.reference.ideal_answer import ideal_answer, ideal_network, is_biased
 from tests.support.making import make_scene, matrix_problem
 
@@ -29,6 +30,28 @@ def test_one_channel_in_closed_form() -> None:
     assert 0.0 < answer.error < 1e-15
     assert answer.transient.settling_time == pytest.approx(1e-5 / 5.0 * log(100.0), rel=1e-12)
     assert answer.transient.energy_residual < 1e-12
+
+
+def test_the_transient_of_an_exponential_network_waits_until_it_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One channel: C dv/dt = -v/R - q (u - w), so v'(0) and the target are known in closed form."""
+    network = replace(ONE, amplifier="exponential", Ve=0.05)
+    calls: list[str] = []
+
+    def counted(*args: object, **more: object) -> Transient:
+        calls.append("transient")
+        return ideal_transient(*args, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("taction.verification.reference.ideal_answer.ideal_transient", counted)
+    answer = ideal_answer(network, SCENE)
+    x = log(answer.target[0] / 0.1)
+    assert x + 2.0 * (2.0 * answer.target[0] / 0.1 - 3.0) / network.mu == pytest.approx(0, abs=1e-9)
+    assert answer.start == pytest.approx([0.1], rel=1e-15)  # g(0) = 1
+    assert not calls
+    first = answer.transient.settling_time
+    assert answer.transient.settling_time == first
+    assert calls == ["transient"]
 
 
 def test_capacitance_does_not_change_the_problem() -> None:
