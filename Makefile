@@ -15,6 +15,8 @@ RELEASE ?=
 # One thread a process: BLAS threads on top of parallel tests only fight over the cores.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+# Without stored bytecode every process would compile NumPy and SciPy anew, for seconds each.
+unexport PYTHONDONTWRITEBYTECODE
 
 help: ## list the targets (the default)
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)

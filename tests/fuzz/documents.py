@@ -67,7 +67,7 @@ def damaged(draw: st.DrawFn, content: bytes) -> bytes:
         if kind == "remove":
             del inside[key]
         elif kind == "add" and isinstance(inside, list):
-            inside.append(draw(st.sampled_from(VALUES)))
+            inside.append(copy.deepcopy(draw(st.sampled_from(VALUES))))
         else:
             inside[key] = copy.deepcopy(draw(st.sampled_from(VALUES)))
         if not isinstance(data, dict) or not data:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -55,6 +56,25 @@ def worker(stack: ExitStack, file: Path, *more: str, **other: Any) -> subprocess
     words = ("worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny")
     local = ("--local-directory", str(file.parent))
     return stack.enter_context(dask(*words, *local, *more, folder=file.parent, **other))
+
+
+def another_taction(folder: Path, version: str | None = None, without: str | None = None) -> Path:
+    """Copy taction and change a comment where boards are designed; return the copy's folder.
+
+    `version` is that of the copy, by default ours; `without` is a file that the copy lacks.
+    """
+    skipped = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "taction", folder / "taction", ignore=skipped)  # links become files
+    with (folder / "taction" / "netlist_gen" / "analysis.py").open("a") as file:
+        file.write("# another\n")
+    if without is not None:
+        (folder / "taction" / without).unlink()
+    if version is not None:
+        about = folder / f"taction-{version}.dist-info"
+        about.mkdir()
+        lines = f"Metadata-Version: 2.1\nName: taction\nVersion: {version}\n"
+        (about / "METADATA").write_text(lines)
+    return folder
 
 
 def address(file: Path) -> str:

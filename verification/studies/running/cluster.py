@@ -9,15 +9,21 @@ from __future__ import annotations
 import asyncio
 import importlib
 import logging
+import pickle
 import re
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
-from typing import Any
+from functools import partial
+from importlib import metadata
+from typing import Any, TypeVar
 
 from taction.system.errors import Complaint, InputError, NoVerdictError
 from taction.verification.studies.running.worker import Workers
+
+T = TypeVar("T")
 
 PATIENCE = 15.0  # s to wait for an answer of a scheduler
 WORKER_PATIENCE = 60.0  # s to wait for a worker, at the start and after the loss of the last one
@@ -56,12 +62,13 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
         try:
             threads = _ClusterThreads(client, announce)
             yield Workers(
-                client.get_executor(),
+                _Cluster(client.get_executor()),
                 lambda: 2 * threads() + 2,
                 lost=(distributed.KilledWorker,),
                 closed=(RuntimeError, OSError, distributed.client.ClosedClientError),
                 processes=threads,
                 check=threads.check,
+                versions=lambda: _versions(client),
             )
         finally:
             with suppress(OSError, RuntimeError):  # a scheduler that is gone
@@ -108,6 +115,46 @@ def _cause(error: BaseException) -> str:
     while (earlier := error.__cause__ or error.__context__) is not None:
         error = earlier
     return str(error) or "no answer"
+
+
+def _versions(client: Any) -> str:
+    """Return the versions of taction here and at the workers in words, as far as they answer.
+
+    A worker with another taction may know none of our functions; it knows Python's own.
+    """
+    try:
+        found = client.run(metadata.version, "taction", on_error="return")
+    except (OSError, RuntimeError):
+        return ""
+    there = sorted({f if isinstance(f, str) else "none" for f in found.values()})
+    here = metadata.version("taction")
+    return f" The workers have taction {', '.join(there)}; here is {here}" if there else ""
+
+
+class _Call:
+    """A call that unpickling makes, so that Dask itself knows only `pickle.loads` and bytes.
+
+    A worker of Dask ends where it cannot unpickle a task, as where it has another taction. Here
+    the task is known everywhere, and what it lacks is the error of the task.
+    """
+
+    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        self._parts = (function, arguments)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return self._parts
+
+
+class _Cluster(Executor):
+    """Dask's executor; see `_Call`."""
+
+    def __init__(self, executor: Any) -> None:
+        self._executor = executor
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        call = pickle.dumps(_Call(partial(fn, **kwargs) if kwargs else fn, args))
+        future: Future[T] = self._executor.submit(pickle.loads, call)
+        return future
 
 
 class _ClusterThreads:

@@ -10,7 +10,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Killed, NoVerdictError
+from taction.system.errors import MACHINE_FAILURES, Killed, NoVerdictError
 from taction.system.own_folders import remove_own_folder
 from taction.verification.studies.running.executors import cores, local
 from taction.verification.studies.running.versions import OtherVersionsError
@@ -43,13 +43,11 @@ def collected(
 
     Raises
     ------
-    InputError
-        A worker has other versions of taction or ngspice.
     SimulatorNotFound, SimulatorTooOld, OutOfDisk
         A worker's machine can run nothing.
     NoVerdictError
-        The workers do not answer any more, none has come for a minute, or they cannot run
-        `function`.
+        The workers do not answer any more, none has come for a minute, they cannot run
+        `function`, or have other versions of taction or ngspice.
     """
     remaining = iter(calls)
     running: dict[Future[R], K] = {}
@@ -104,9 +102,10 @@ def _error(future: Future[R], workers: Workers) -> BaseException | None:
         return error
     if isinstance(error, OtherVersionsError):
         text = f"{error}; a study needs equal versions everywhere. The stored results are intact"
-        raise InputError("worker", Complaint("versions", "", text))
+        raise NoVerdictError(text)
     text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction installed"
-    raise NoVerdictError(f"{text} there, and where the scheduler runs?") from error
+    versions = workers.versions()
+    raise NoVerdictError(f"{text} there?{versions}") from error
 
 
 def for_each_file(

@@ -250,3 +250,4 @@ class Workers:
     processes: Callable[[], int] = lambda: 1  # number of points that are computed at a time
     start_up: float = 0.0  # s of processor time before the first point
     check: Callable[[], None] = lambda: None  # raises NoVerdictError if no worker will answer
+    versions: Callable[[], str] = lambda: ""  # the taction of the workers and of this process

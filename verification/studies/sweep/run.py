@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Bools
-from taction.system.errors import Interrupted, TactionError
+from taction.system.errors import MACHINE_FAILURES, Interrupted, TactionError
 from taction.verification.studies.running.collecting import collected
 from taction.verification.studies.running.versions import digest, own_code, own_versions
 from taction.verification.studies.running.worker import Workers
@@ -95,9 +95,9 @@ def sweep(
     SimulatorNotFound, SimulatorTooOld
         The plan needs ngspice, and no ngspice was found or the ngspice is too old.
     InputError
-        A worker has other versions of taction or ngspice; or the store cannot be used.
+        The store cannot be used.
     NoVerdictError
-        The cluster does not answer any more.
+        The cluster does not answer any more, or has other versions of taction or ngspice.
     OutOfDisk
         The store cannot grow. After any of these errors the points stored before are intact.
     """
@@ -192,6 +192,8 @@ class _Sweep:
             scene = with_values(self.plan.scene, point.values | {ENGINE: point.engine})
             problem = self._problem(scene)
             key = self._key(scene, problem, point.engine)
+        except MACHINE_FAILURES:  # ngspice was removed: no result of a point
+            raise
         except TactionError as error:
             result = failure(error, str(error), point.engine)
             self._store(point.request, [point], result)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import socket
 import time
 from contextlib import ExitStack
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,8 @@ from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import sweep
-from tests.support.clusters import address, scheduler, worker
+from tests.support.clusters import address, another_taction, scheduler, worker
 from tests.support.making import NEAR_IDEAL, make_scene
-from tests.support.paths import ROOT
 from tests.support.studying import one_thread, scene_file, small_scene
 
 DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0, "opamp": NEAR_IDEAL}
@@ -91,15 +90,6 @@ def test_a_yield_and_the_corners_are_those_of_one_process(tmp_path: Path) -> Non
     assert there[0]["samples"] == 12
 
 
-def another_source(folder: Path) -> Path:
-    """Copy taction and change a comment where boards are designed."""
-    skipped = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "taction", folder / "taction", ignore=skipped)  # links become files
-    with (folder / "taction" / "netlist_gen" / "analysis.py").open("a") as file:
-        file.write("# another\n")
-    return folder
-
-
 def test_a_worker_with_another_source_and_another_ngspice_is_refused(
     tmp_path: Path, ngspice: str
 ) -> None:
@@ -111,17 +101,28 @@ def test_a_worker_with_another_source_and_another_ngspice_is_refused(
     plan = Plan(asked, parse_axes(asked, ["C=50p,60p"]), ("ngspice",))
     with ExitStack() as stack:
         file = stack.enter_context(scheduler(tmp_path))
-        source = another_source(tmp_path / "other")
+        source = another_taction(tmp_path / "other")
         worker(stack, file, source=source, TACTION_NGSPICE=str(old))
         store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
         workers = stack.enter_context(cluster(address(file)))
-        with pytest.raises(InputError, match="another state of the source of taction") as refused:
+        with pytest.raises(NoVerdictError, match="another state of the source of ta") as refused:
             sweep(plan, store, workers)
         assert "ngspice-39 noopiter instead of ngspice-" in str(refused.value)
         assert store.count() == 0
 
 
-pytest.importorskip("distributed")
+def test_a_worker_that_lacks_our_functions_is_named_with_both_versions(tmp_path: Path) -> None:
+    gone = "verification/studies/sweep/point.py"
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        worker(stack, file, source=another_taction(tmp_path / "other", "0.1.7", without=gone))
+        store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
+        workers = stack.enter_context(cluster(address(file)))
+        with pytest.raises(NoVerdictError, match="no worker can compute") as refused:
+            sweep(small_plan(2), store, workers)
+        here = metadata.version("taction")
+        assert f"The workers have taction 0.1.7; here is {here}" in str(refused.value)
+        assert store.count() == 0
 
 
 def small_plan(points: int, engine: str = "statespace") -> Plan:
@@ -215,6 +216,8 @@ def test_a_cluster_that_dies_keeps_what_is_stored(
         file = cluster_stack.enter_context(scheduler(tmp_path, processes))
         processes["worker"] = worker(cluster_stack, file)
         workers = stack.enter_context(cluster(address(file)))
+        while not workers.processes():
+            time.sleep(0.1)
 
         def kill(count: Any) -> None:
             if count.done == 5:
@@ -237,6 +240,6 @@ def test_a_worker_without_ngspice_is_refused_like_one_of_another_version(
         store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
         workers = stack.enter_context(cluster(address(file)))
         text = "no usable ngspice .no executable '/missing/ngspice'. instead of ngspice-"
-        with pytest.raises(InputError, match=text):
+        with pytest.raises(NoVerdictError, match=text):
             sweep(small_plan(2, "ngspice"), store, workers)
         assert store.count() == 0

@@ -218,7 +218,7 @@ def failing(error: Exception, *broken: type[Exception]) -> Workers:
 
 def test_a_skewed_worker_ends_the_sweep(tmp_path: Path) -> None:
     workers = failing(OtherVersionsError("node7 has ngspice-39 instead of ngspice-46"))
-    with pytest.raises(InputError, match="node7 has ngspice-39 instead of ngspice-46"):
+    with pytest.raises(NoVerdictError, match="node7 has ngspice-39 instead of ngspice-46"):
         run(plan("C=50p"), tmp_path / "a.sqlite", workers)
     with Store(str(tmp_path / "a.sqlite")) as store:
         assert store.count() == 0
@@ -278,4 +278,18 @@ def test_what_is_wrong_with_the_machine_is_no_result_of_a_point(
     with Store(":memory:") as store:
         with pytest.raises(kind, match=r"nothing left\. The stored results are intact"):
             sweep(plan("C=50p,60p"), store, workers)
+        assert store.count() == 0
+
+
+def test_a_simulator_that_is_removed_is_no_result_of_a_point(
+    workers: Workers, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, ngspice: str
+) -> None:
+    link = tmp_path / "ngspice"
+    link.symlink_to(ngspice)
+    monkeypatch.setenv("TACTION_NGSPICE", str(link))
+    asked = plan("C=50p,60p", engines=("ngspice",))
+    with Store(":memory:") as store:
+        # The simulator goes after the forecast: before the first point is sent to a worker.
+        with pytest.raises(SimulatorNotFound, match=f"no executable '{link}'"):
+            sweep(asked, store, workers, announce=lambda text: link.unlink())
         assert store.count() == 0
