@@ -15,7 +15,7 @@ that is simulated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
@@ -191,23 +191,22 @@ def predicted_change(design: PlannedBoard) -> Floats | None:
     chosen = design.scene.design.model_copy(update={"resistor_series": "exact"})
     scene = design.scene.model_copy(update={"design": chosen})
     exact = with_ideal_stages(synthesise(scene, design.problem))
-    wanted, built = resistances(exact), resistances(with_ideal_stages(design.circuit))
-    if wanted.keys() != built.keys():
+    built = with_ideal_stages(design.circuit)
+    wanted, found = resistances(exact), resistances(built)
+    if wanted.keys() != found.keys():
         return None
-    deviations = {name: 1.0 - ohms / built[name] for name, ohms in wanted.items()}
-    if not any(deviations.values()):
+    if all(np.array_equal(ohms, found[name]) for name, ohms in wanted.items()):
         return None
-    slopes = RestSensitivity.of(LinearBoard(with_ideal_opamps(exact))).resistors()
-    moves = [deviation * slopes[name] for name, deviation in deviations.items()]
-    return np.asarray(np.sum(moves, axis=0))
+    sensitivity = RestSensitivity.of(LinearBoard(with_ideal_opamps(exact)))
+    return sensitivity.towards(with_ideal_opamps(built))
 
 
-def resistances(circuit: Circuit) -> dict[str, float]:
-    """Return the resistance of every resistor by its name in the deck, ohm."""
-    found = {f"R{part.name}": part.ohms for part in circuit.resistors}
-    for matrix in circuit.matrices:
-        for k, n, *_, ohms in matrix.elements():
-            found[f"{matrix.name}_{k + 1}_{n + 1}"] = ohms
+def resistances(circuit: Circuit) -> dict[Hashable, Floats]:
+    """Return the resistances of the parts and of the matrices, ohm, by what they connect."""
+    found: dict[Hashable, Floats] = {part.name: np.array(part.ohms) for part in circuit.resistors}
+    for each in circuit.matrices:
+        present = np.isfinite(each.ohms)
+        found[each.name, present.shape, present.tobytes()] = each.ohms
     return found
 
 

@@ -14,6 +14,7 @@ remains (the Schur complement of the cells). With N = M:
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -108,6 +109,22 @@ class Structure:
             places = order[starts[chosen][:, None] + np.arange(size)]
             groups.append(_Group(places, _blocks(M, places), _blocks(K, places)))
         return groups
+
+    @cached_property
+    def transposed(self) -> Structure:
+        """The pencil of the transposed matrices, for adjoint solves and left eigenvectors."""
+        other = copy(self)
+        other.mass, other.local = self.mass.T.tocsr(), self.local.T.tocsr()
+        other.parts = {name[::-1]: (M.T, K.T) for name, (M, K) in self.parts.items()}
+        other.couplings = [(sinks, at, load, G) for sinks, at, G, load in self.couplings]
+        turned = (group.mass.transpose(0, 2, 1) for group in self.groups)
+        other.groups = [
+            _Group(group.places, M, group.stiffness.transpose(0, 2, 1))
+            for group, M in zip(self.groups, turned, strict=True)
+        ]
+        other._solvers = {}
+        other.__dict__.pop("capacitance", None)
+        return other
 
     @cached_property
     def capacitance(self) -> Floats:

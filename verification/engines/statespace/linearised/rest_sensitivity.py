@@ -50,23 +50,15 @@ class RestSensitivity:
 
         Notes
         -----
-        Costs one dense factorisation of all unknowns.
+        Costs one factorisation of all unknowns, and a solve for each output.
         """
-        descriptor, rest = board.descriptor, board.equilibrium
-        J = descriptor.dense.stiffness.copy()
-        J[descriptor.devices.output, descriptor.devices.input] += rest.slopes
-        row, column = np.abs(J).max(axis=1), np.maximum(np.abs(rest.values), _least(rest.values))
-        scaled = J / row[:, None] * column
-        outputs = board.circuit.outputs
+        descriptor, outputs = board.descriptor, board.circuit.outputs
         wanted = np.zeros((descriptor.size, len(outputs)))
-        for n, output in enumerate(outputs):
-            place = descriptor.place(output.node)
-            wanted[place, n] = output.sign * column[place]
-        try:
-            solved = np.linalg.solve(scaled.T, wanted)
-        except np.linalg.LinAlgError:
-            raise EngineError("the Jacobian of the equilibrium is singular") from None
-        return cls(board, np.asarray((solved / row[:, None]).T))
+        places = [descriptor.place(output.node) for output in outputs]
+        wanted[places, np.arange(len(outputs))] = [output.sign for output in outputs]
+        if descriptor.is_large:
+            return cls(board, -board.structure.transposed.factor(0.0).solve(wanted).T)
+        return cls(board, _dense_adjoint(board, wanted))
 
     def towards(self, circuit: Circuit) -> Floats:
         """Return how far the equations of `circuit` move the outputs, to first order, V, (N,).
@@ -133,6 +125,20 @@ class RestSensitivity:
         felt = np.append(felt, np.zeros((len(felt), 1)), axis=1)
         change = (felt[:, a] - felt[:, b]) * ((z[b] - z[a]) / np.array(ohms))
         return dict(zip(names, change.T, strict=True))
+
+
+def _dense_adjoint(board: LinearBoard, wanted: Floats) -> Floats:
+    """Solve ``adjoint J = wanted'`` with scaled rows and columns; wanted (size, N)."""
+    descriptor, rest = board.descriptor, board.equilibrium
+    J = descriptor.dense.stiffness.copy()
+    J[descriptor.devices.output, descriptor.devices.input] += rest.slopes
+    row, column = np.abs(J).max(axis=1), np.maximum(np.abs(rest.values), _least(rest.values))
+    scaled = J / row[:, None] * column
+    try:
+        solved = np.linalg.solve(scaled.T, wanted * column[:, None])
+    except np.linalg.LinAlgError:
+        raise EngineError("the Jacobian of the equilibrium is singular") from None
+    return np.asarray((solved / row[:, None]).T)
 
 
 def _least(values: Floats) -> float:

@@ -19,6 +19,7 @@ from taction.verification.engines.statespace.linearised.count_unstable import (
     cell_poles,
     count_right,
 )
+from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.engines.statespace.linearised.rightmost_poles import (
     nearest_poles,
     rightmost_poles,
@@ -67,6 +68,29 @@ def test_a_structured_solve_is_the_dense_one(circuit: Circuit, shift: complex) -
     columns = np.stack([r, np.roll(r, 1)], axis=1).astype(np.complex128)
     both = structure.factor(shift).solve(columns)
     assert both[:, 0] == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("circuit", [paper_board(), rectangular_board(), exponential_board(7)])
+@pytest.mark.parametrize("shift", [0.0, 1e4 - 2.5e5j])
+def test_a_transposed_solve_is_the_dense_one(circuit: Circuit, shift: complex) -> None:
+    equations = stamp(circuit)
+    slopes = np.linspace(-2.0, -1.0, equations.devices.count)
+    K = equations.dense.stiffness.copy()
+    K[equations.devices.output, equations.devices.input] += slopes
+    r = np.random.default_rng(1).standard_normal(equations.size)
+    wanted = np.linalg.solve((shift * equations.dense.mass - K).T, r)
+    found = Structure(equations, slopes).transposed.factor(shift).solve(r.astype(type(shift)))
+    assert found == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("circuit", [paper_board(), rectangular_board(), exponential_board(7)])
+def test_the_sensitivities_of_a_large_board_are_the_dense_ones(
+    circuit: Circuit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dense = RestSensitivity.of(LinearBoard(circuit)).adjoint
+    monkeypatch.setattr(descriptor, "LARGE", 0)
+    found = RestSensitivity.of(LinearBoard(circuit)).adjoint
+    np.testing.assert_allclose(found, dense, rtol=0.0, atol=1e-9 * np.abs(dense).max())
 
 
 def test_a_factorisation_without_a_solver_does_not_solve() -> None:
