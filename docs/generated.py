@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import messages
 
 from scripts.rooms import drawing
 
@@ -70,6 +71,7 @@ def write_pages(app: object = None) -> None:
     _write("scene.md", "\n".join(_scene_page()))
     _write("commands.md", "\n".join(_commands_page()))
     _write("json.md", "\n".join(_json_page()))
+    _write("messages.md", "\n".join(messages.page()))
     _write("gallery.md", "\n".join(_gallery_page()))
     _write("rooms.svg", drawing())
     write_notebooks(PLACE / "notebooks")

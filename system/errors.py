@@ -50,6 +50,8 @@ class Interrupted(KeyboardInterrupt):
 class TactionError(Exception):
     """Root of the tree; `exit_status` is the exit status of the command line.
 
+    Read the message: it names what is wrong and what is expected.
+
     Of a text over `LONGEST_MESSAGE` characters only the beginning and the end are kept.
     """
 
@@ -82,7 +84,10 @@ class Complaint:
 
 
 class InputError(TactionError):
-    """The user's input cannot be used; `complaints` lists all mistakes that were found."""
+    """The user's input cannot be used; `complaints` lists all mistakes that were found.
+
+    Change the file, key or option that the message names to what it says is expected.
+    """
 
     exit_status = 2
 
@@ -127,19 +132,30 @@ def nearest_question(word: str, known: Iterable[str], cutoff: float = 0.5) -> st
 
 
 class NoVerdictError(TactionError):
-    """The input is right, but no result can be trusted."""
+    """The input is right, but no result can be trusted.
+
+    Follow the message. Where it names no remedy, try the other engine (``--engine``).
+    """
 
 
 class SolverError(NoVerdictError):
-    """A reference solution has no certificate."""
+    """A reference solution has no certificate.
+
+    Take a larger lambda, or check the scale of T and of the strain.
+    """
 
 
 class EngineError(NoVerdictError):
-    """The state-space engine has no result for this circuit."""
+    """The state-space engine has no result for this circuit.
+
+    Try ``--engine ngspice``, or change the part that the message names.
+    """
 
 
 class DivergesError(EngineError):
     """A transient with given instants leaves every bound before the last one.
+
+    The board is unstable: a larger C or a smaller gain, which ``taction onset`` finds.
 
     Attributes
     ----------
@@ -155,6 +171,8 @@ class DivergesError(EngineError):
 
 class SimulationError(NoVerdictError):
     """An ngspice run failed.
+
+    The kept folder repeats the run: ``sh command.txt``. ``--engine statespace`` needs no ngspice.
 
     Attributes
     ----------
@@ -188,35 +206,60 @@ class SimulationError(NoVerdictError):
 
 
 class SimulatorNotFound(SimulationError):  # noqa: N818
-    """No ngspice executable."""
+    """No ngspice executable.
+
+    Install ngspice, name it in ``TACTION_NGSPICE``, or use ``--engine statespace``.
+    """
 
 
 class SimulatorTooOld(SimulationError):  # noqa: N818
-    """An ngspice older than the oldest supported version."""
+    """An ngspice older than the oldest supported version.
+
+    Install the version that the message names, or use ``--engine statespace``.
+    """
 
 
 class DidNotLoad(SimulationError):  # noqa: N818
-    """ngspice refused the deck."""
+    """The deck is refused, by ngspice or before ngspice reads it.
+
+    Correct the card that the message quotes. A deck that taction wrote itself is a mistake of
+    taction: report it with the kept folder.
+    """
 
 
 class SingularCircuit(SimulationError):  # noqa: N818
-    """A singular matrix."""
+    """The matrix of the circuit is singular: a voltage is not determined.
+
+    Connect the node that the message names by a resistor or a capacitor.
+    """
 
 
 class StepTooSmall(SimulationError):  # noqa: N818
-    """The time step fell below the simulator's limit."""
+    """The time step fell below the simulator's limit.
+
+    Try ``--engine statespace``, or ngspice with another ``analysis.method``.
+    """
 
 
 class OutOfDisk(SimulationError):  # noqa: N818
-    """The result could not be written."""
+    """The result could not be written.
+
+    Make room on the disk, or set ``TMPDIR`` to a folder with room.
+    """
 
 
 class TimedOut(SimulationError):  # noqa: N818
-    """The time limit was reached; partial waveforms are in the run folder."""
+    """The time limit was reached; partial waveforms are in the run folder.
+
+    A longer ``analysis.timeout``, a shorter ``analysis.stop``, or ``--engine statespace``.
+    """
 
 
 class Killed(SimulationError):  # noqa: N818
-    """A signal ended the simulator."""
+    """A signal ended the simulator.
+
+    Run it again; if the system ended it for lack of memory, use ``--engine statespace``.
+    """
 
 
 MACHINE_FAILURES = (SimulatorNotFound, SimulatorTooOld, OutOfDisk)
@@ -224,4 +267,7 @@ MACHINE_FAILURES = (SimulatorNotFound, SimulatorTooOld, OutOfDisk)
 
 
 class BadEvidence(SimulationError):  # noqa: N818
-    """The run ended with exit status 0, but its result is incomplete or wrong."""
+    """The run ended with exit status 0, but its result is incomplete or wrong.
+
+    Run it again with room on the disk; if it comes again, report it with the kept folder.
+    """

@@ -1,4 +1,4 @@
-"""The tour of Python: every line gives the output that the page shows; no public name is missing."""
+"""The tour of Python: every line gives the output that the page shows; no name is left out."""
 
 from __future__ import annotations
 
