@@ -7,8 +7,11 @@ bound of the solution's own error.
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,7 +22,7 @@ from taction.system.reading_definitions import FAINT, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
-from taction.verification.readings.exact_signal import ExactSignal
+from taction.verification.readings.exact_signal import Course, ExactSignal
 from taction.verification.readings.measurements import (
     NO_STEP,
     Measurements,
@@ -28,29 +31,22 @@ from taction.verification.readings.measurements import (
     summary,
 )
 from taction.verification.readings.mode_fit import Mode
-from taction.verification.readings.readings import Reading, Step, read
+from taction.verification.readings.readings import Reading, Readings, Step, read
 from taction.verification.readings.settling import ChannelState, Settlement
 
 DETAIL = 1e-4  # of the settling band: the first grid resolves modes above it
 LEVEL = 1e-6  # of the step: error of an excursion, if no limit is nearer
+SHORT = "the channel never reaches the levels of its step"
 
 
-def measure_exact(
-    circuit: Circuit | LinearBoard,
-    target: Floats,
-    start: Floats | None = None,
-    *,
-    initial: Literal["zero", "rest"] = "zero",
-    band: float = SETTLING_BAND,
-    target_error: float = 0.0,
-    level: float = LEVEL,
-) -> Measurements:
-    """Measure the step response of a stable linear board.
+@dataclass(frozen=True, eq=False)
+class ExactResponse:
+    """The step response of a linear board, to be measured.
 
-    Parameters
+    Attributes
     ----------
-    circuit : Circuit or LinearBoard
-        Board without behavioural amplifiers.
+    board : LinearBoard
+        A board without behavioural amplifiers.
     target : ndarray (N,)
         Reference steady state of u, V.
     start : ndarray (N,), optional
@@ -61,39 +57,115 @@ def measure_exact(
         Bound of the error of a channel's distance from `target`, V.
     level : float
         Error that an excursion may have, fraction of A; with 0 only that of rounding.
+    """
+
+    board: LinearBoard
+    target: Floats
+    start: Floats | None = None
+    initial: Literal["zero", "rest"] = "zero"
+    band: float = SETTLING_BAND
+    target_error: float = 0.0
+    level: float = LEVEL
+
+    @functools.cached_property
+    def signs(self) -> Floats:
+        """Signs of the channels, (N,)."""
+        return np.array([output.sign for output in self.board.circuit.outputs])
+
+    @functools.cached_property
+    def solution(self) -> Exact:
+        """The solution; EngineError as `exact_solution`, and of a board that is not stable."""
+        solution = exact_solution(self.board, initial=self.initial)
+        if not np.all(solution.poles.real < 0.0):
+            raise EngineError("the board is not stable: its transient has no end to measure")
+        return solution
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether there is a solution that comes to rest."""
+        try:
+            return self.solution is not None
+        except EngineError:
+            return False
+
+    @functools.cached_property
+    def step(self) -> Step:
+        """The step of the channels."""
+        begin = self.solution.start * self.signs if self.start is None else self.start
+        return Step(begin, self.target)
+
+    @functools.cached_property
+    def tolerance(self) -> float:
+        """Half the width of the settling band, V."""
+        off = float(np.abs(self.solution.final * self.signs - self.target).max(initial=0.0))
+        return self.band * (self.step.amplitude or off or 1.0)
+
+    @functools.cached_property
+    def course(self) -> Course:
+        """The way of the channels to their targets."""
+        detail, level = DETAIL * self.tolerance, self.level * self.step.amplitude
+        error = self.target_error
+        return Course(self.solution, self.signs, self.target, error, detail, level)
+
+    def measured(self, readings: Readings) -> Measurements:
+        """Return the measurements with these readings of the channels."""
+        amplitude, modes = self.step.amplitude, _modes(self.solution, self.step.amplitude)
+        bounds, final = self.solution.rest_error + self.target_error, self.solution.final
+        channels = []
+        for n, reading in enumerate(readings["settling_time"]):
+            off, bound, end = float(self.course.ends[n]), float(bounds[n]), final[n] * self.signs[n]
+            settlement = _settlement(off, self.tolerance, bound, reading) if amplitude else STILL
+            mode = strongest(modes, n, amplitude)
+            channel = channel_measure(n, float(end), self.step, readings, settlement, mode, SHORT)
+            channels.append(channel)
+        return summary(amplitude, self.band, modes, channels)
+
+
+def measure_responses(responses: Sequence[ExactResponse]) -> list[Measurements]:
+    """Measure the step responses of stable linear boards.
 
     Raises
     ------
     EngineError
-        As `exact_solution`; or the board is not stable.
+        See `ExactResponse.solution`.
 
     Notes
     -----
-    The cost is that of `exact_solution`, of the solution at about 25 points per ringing period, at
+    The cost is that of `exact_solution`, of the solutions at about 25 points per ringing period, at
     most `exact_grid.PER_OCTAVE` for each e-fold of the time, and of about six evaluations for every
-    crossing.
+    crossing. A search is one array operation over all boards with equally many channels.
     """
-    board = LinearBoard.of(circuit)
-    solution = exact_solution(board, initial=initial)
-    if not np.all(solution.poles.real < 0.0):
-        raise EngineError("the board is not stable: its transient has no end to measure")
-    signs = np.array([output.sign for output in board.circuit.outputs])
-    step = Step(solution.start * signs if start is None else start, target)
-    amplitude, final = step.amplitude, solution.final * signs
-    tolerance = band * (amplitude or float(np.abs(final - target).max(initial=0.0)) or 1.0)
-    detail = DETAIL * tolerance
-    signal = ExactSignal(solution, signs, target, target_error, detail, level * amplitude)
-    readings = read(signal, step, tolerance, np.zeros(len(target), dtype=np.bool_))
-    modes = _modes(solution, amplitude)
-    short = "the channel never reaches the levels of its step"
-    channels = []
-    for n, reading in enumerate(readings["settling_time"]):
-        off, bound = float(signal.ends[n]), float(signal.end_bounds[n])
-        settlement = _settlement(off, tolerance, bound, reading) if amplitude else STILL
-        mode = strongest(modes, n, amplitude)
-        end = float(final[n])
-        channels.append(channel_measure(n, end, step, readings, settlement, mode, short))
-    return summary(amplitude, band, modes, channels)
+    groups: dict[int, list[int]] = {}
+    for place, response in enumerate(responses):
+        groups.setdefault(len(response.target), []).append(place)
+    found: dict[int, Measurements] = {}
+    for places in groups.values():
+        found |= zip(places, _measured([responses[k] for k in places]), strict=True)
+    return [found[k] for k in range(len(responses))]
+
+
+def _measured(responses: Sequence[ExactResponse]) -> list[Measurements]:
+    """Measure boards with equally many channels."""
+    count, steps = len(responses[0].target), [response.step for response in responses]
+    signal = ExactSignal(*(response.course for response in responses))
+    start = np.concatenate([step.start for step in steps])
+    step = Step(start, np.concatenate([step.target for step in steps]), len(steps))
+    tolerance = np.repeat([response.tolerance for response in responses], count)
+    found = read(signal, step, tolerance, np.zeros(len(tolerance), dtype=np.bool_))
+    begins = range(0, len(tolerance), count)
+    parts = [{name: each[k : k + count] for name, each in found.items()} for k in begins]
+    return [one.measured(part) for one, part in zip(responses, parts, strict=True)]
+
+
+def measure_exact(circuit: Circuit | LinearBoard, target: Floats, **known: Any) -> Measurements:
+    """Measure the step response of one stable linear board; `known` as in `ExactResponse`.
+
+    Raises
+    ------
+    EngineError
+        See `ExactResponse.solution`.
+    """
+    return measure_responses([ExactResponse(LinearBoard.of(circuit), target, **known)])[0]
 
 
 STILL = Settlement(ChannelState.SETTLED, None, NO_STEP)

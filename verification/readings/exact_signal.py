@@ -1,4 +1,4 @@
-"""Crossings and peaks of an exact transient, by bounds and root finding on the solution itself.
+"""Crossings and peaks of exact transients, by bounds and root finding on the solutions themselves.
 
 The grid of instants is logarithmic in time (`PER_OCTAVE`) where a ringing persists: with a point in
 every period it could have any number of points. Between two points a bound holds: the modes that
@@ -6,23 +6,29 @@ the interval resolves, and the envelopes of all others. The time after the last 
 interval like any other, bounded by what is left of all modes. A search divides only the interval
 that may hold the crossing or the peak, until it resolves the ringing, and then refines the instant
 on the continuous solution. So no instant is left out, and the memory is bounded.
+
+The grids of many boards are one after the other in the same arrays, so that a search is one array
+operation over all boards, channels and levels.
 """
 
 from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from taction.system.array_types import EPS, Bools, Floats, Ints
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.transients.exact import Exact
 from taction.verification.readings.crossings import Crossings
 
 FINENESS = 0.25  # step times |p| of the fastest mode of a resolved interval: 25 points a period
 PER_OCTAVE = 256  # over ln 2: the step is at most this part of the time
 PIECES = 64  # largest number of pieces of a refined interval
-MOST = 2_000_000  # points times channels: no refinement above it
+MOST = 2_000_000  # points times channels of a board: no refinement above it
 SLACK = 0.1  # of the height of the tangents above the ends; a cubic's top errs by 0.0013 of it
 BISECTIONS, ITERATIONS = 9, 60  # of a first root, by a cubic, and of a root
 CONVERGED = 1e-8  # of an interval: last step of a root
@@ -30,62 +36,73 @@ LONGER = 1.1  # times the end of the grid: the least next end
 NOISE = 0.1  # of the error bound: smaller amplitudes are not followed
 
 
-class ExactGrid:
-    """Errors of the channels, ``e = sign V - target``, on a grid.
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The way of one board's channels ``u = sign V`` to their targets, ``e = u - target``.
 
     Attributes
     ----------
-    time : ndarray (P,)
-        s, from 0. Interval k lies between the points k and k + 1, the last one after all points.
-    errors, slopes, bounds : ndarray (P, N)
-        V and V/s; bounds on the error of the errors, V.
-    caps : ndarray (2, P, N)
-        Upper bounds of ``e`` and of ``-e`` in each interval, V.
-    resolved : ndarray (P,)
-        Whether the points show every mode that matters in the interval.
-    ends : ndarray (N,)
-        Errors at the end of time, V.
+    solution : Exact
+        Solution of a stable board, whose nodes are the channels.
+    signs, target : ndarray (N,)
+        Signs of the channels, and their reference steady state, V.
+    target_error : float
+        Error of the target, V, which adds to the bounds of the solution.
+    detail : float
+        Amplitude of a mode below which the first grid does not resolve it, V.
+    level : float
+        Error that a maximum may have where several intervals may hold it, V; rounding if smaller.
     """
 
-    def __init__(
-        self, solution: Exact, signs: Floats, target: Floats, target_error: float, detail: float
-    ) -> None:
-        """Make the first grid; parameters as `exact_crossings.ExactSignal`."""
-        self.solution, self.signs, self.target = solution, signs, target
-        self.target_error = target_error
-        largest = float(np.abs([solution.start, solution.final]).max(initial=0.0))
-        self.noise = NOISE * (solution.error + target_error + EPS * largest)
-        self.ends: Floats = solution.final * signs - target
-        flow = solution.flow
-        self.rates, self.speeds, self.share = flow.rates, flow.speeds, flow.share * signs
-        self.weight: Floats = np.abs(self.share)
-        self.lost, self.fastest = self._fastest(self.noise)
-        self.time = self._first_grid(detail)
-        self.errors, self.slopes, self.bounds = self._evaluate(self.time)
-        self.caps: Floats = np.empty((2, *self.errors.shape))
-        self.resolved: Bools = np.zeros(len(self.time), dtype=np.bool_)
-        self._bound(np.arange(len(self.time)))
+    solution: Exact
+    signs: Floats
+    target: Floats
+    target_error: float
+    detail: float
+    level: float = 0.0
+
+    @functools.cached_property
+    def ends(self) -> Floats:
+        """Errors at the end of time, V, (N,)."""
+        return np.asarray(self.solution.final * self.signs - self.target)
+
+    @functools.cached_property
+    def noise(self) -> float:
+        """Amplitude that is not followed, V."""
+        largest = float(np.abs([self.solution.start, self.solution.final]).max(initial=0.0))
+        return NOISE * (self.solution.error + self.target_error + EPS * largest)
+
+    @functools.cached_property
+    def weight(self) -> Floats:
+        """Largest share of every mode in every channel, V, (m, N)."""
+        return np.abs(self.solution.flow.share)
+
+    @functools.cached_property
+    def _lost(self) -> tuple[Floats, Floats]:
+        return self._fastest(self.noise)
 
     def _fastest(self, level: float) -> tuple[Floats, Floats]:
         """Return instants (m,) at which modes fall below `level`, and the fastest |p| before each.
 
         The last rate, of the time after all instants, is 0.
         """
+        flow = self.solution.flow
         with np.errstate(divide="ignore"):
-            lives = np.log(level / self.weight.max(axis=1, initial=0.0)) / self.rates
+            lives = np.log(level / self.weight.max(axis=1, initial=0.0)) / flow.rates
         lives = np.maximum(lives, 0.0)
         order = np.argsort(lives)
-        rates = np.append(self.speeds[order], 0.0)
+        rates = np.append(flow.speeds[order], 0.0)
         return lives[order], np.maximum.accumulate(rates[::-1])[::-1]
 
-    def _rate(self, times: Floats) -> Floats:
+    def rate(self, times: Floats) -> Floats:
         """Return |p| of the fastest mode above the noise at `times` (Q,), 1/s."""
-        return np.asarray(self.fastest[np.searchsorted(self.lost, times, side="right")])
+        lost, fastest = self._lost
+        return np.asarray(fastest[np.searchsorted(lost, times, side="right")])
 
-    def _first_grid(self, detail: float) -> Floats:
+    def first_grid(self) -> Floats:
         """Return instants that resolve modes above `detail`, at least `PER_OCTAVE` to an octave."""
-        lives, rates = self._fastest(detail)
-        shortest = 1.0 / float(self.speeds.max(initial=1.0))
+        lives, rates = self._fastest(self.detail)
+        shortest = 1.0 / float(self.solution.flow.speeds.max(initial=1.0))
         parts, t = [np.zeros(1)], 0.0
         for end, rate in zip(lives.tolist(), rates.tolist(), strict=False):
             if end <= t:
@@ -94,16 +111,15 @@ class ExactGrid:
             even = min(max(PER_OCTAVE * step, t), end)
             parts.append(np.linspace(t, even, math.ceil((even - t) / step) + 1)[1:])
             if end > even:
-                parts.append(self._octaves(even, end))
+                parts.append(_octaves(even, end))
             t = end
         return np.concatenate([*parts, [shortest]]) if t == 0.0 else np.concatenate(parts)
 
-    def _octaves(self, begin: float, end: float) -> Floats:
-        """Return instants in geometric progression after `begin` up to `end`, s."""
-        count = math.ceil(PER_OCTAVE * math.log(end / begin))
-        return np.geomspace(begin, end, count + 1)[1:]
+    def later(self, begin: float) -> Floats:
+        """Return instants after the last of a grid, `begin`, s."""
+        return _octaves(begin, max(LONGER * begin, float(self._lost[0][-1])))
 
-    def _evaluate(self, times: Floats) -> tuple[Floats, Floats, Floats]:
+    def evaluate(self, times: Floats) -> tuple[Floats, Floats, Floats]:
         """Return errors, slopes and bounds at `times`, (Q, N) each."""
         values, slopes = self.solution.flow.pair(times)
         bounds = self.solution.bounds(times) + self.target_error
@@ -111,97 +127,227 @@ class ExactGrid:
 
     def remainder(self, time: float) -> Floats:
         """Return a bound (N,) on what the modes have left after `time`, V."""
-        return np.asarray(np.exp(self.rates * time) @ self.weight)
+        return np.asarray(np.exp(self.solution.flow.rates * time) @ self.weight)
 
-    @property
-    def reach(self) -> Floats:
-        """Largest of the bounds at both ends of each interval, (P, N)."""
+    def envelopes(self, begin: Floats, end: Floats) -> Floats:
+        """Bound ``e`` and ``-e`` in intervals (Q,) by the modes that these resolve and envelopes.
+
+        The envelopes are those of all other modes. Returns the bounds, V, (Q, 2, N).
+        """
+        flow, width = self.solution.flow, (end - begin)[:, None]
+        seen = flow.speeds * width <= FINENESS
+        size, share = np.exp(flow.rates * begin[:, None]), flow.share * self.signs
+        still = [
+            (shape * seen).real @ share.real - (shape * seen).imag @ share.imag
+            for shape in (flow.basis(begin), flow.basis(end))
+        ]
+        bend = np.where(seen, (flow.speeds * width) ** 2 / 8.0, 1.0)
+        room = (size * bend) @ self.weight
+        high = np.maximum(*still) + self.ends + room
+        return np.stack([high, room - np.minimum(*still) - self.ends], axis=1)
+
+
+def _octaves(begin: float, end: float) -> Floats:
+    """Return instants in geometric progression after `begin` up to `end`, s."""
+    count = math.ceil(PER_OCTAVE * math.log(end / begin))
+    return np.geomspace(begin, end, count + 1)[1:]
+
+
+class _Terms:
+    """Exponentials of many boards in arrays, to evaluate chosen channels of chosen boards.
+
+    `share` (3, boards, m, N) are the shares of the errors and of two time derivatives.
+    """
+
+    def __init__(self, courses: Sequence[Course], *, ringing: bool) -> None:
+        flows = [course.solution.flow for course in courses]
+        some = [np.flatnonzero((flow.poles.imag != 0.0) == ringing) for flow in flows]
+        most, count = max(map(len, some)), len(courses)
+        kind = np.complex128 if ringing else np.float64
+        self.poles, self.powers = np.zeros((count, most), kind), np.zeros((count, most), np.int64)
+        self.scales = np.zeros((count, most))
+        self.share = np.zeros((3, count, most, len(courses[0].signs)), kind)
+        for k, (course, flow, at) in enumerate(zip(courses, flows, some, strict=True)):
+            n, shares = len(at), [flow.derived(order)[at] * course.signs for order in range(3)]
+            self.poles[k, :n] = flow.poles[at] if ringing else flow.poles[at].real
+            self.powers[k, :n], self.scales[k, :n] = flow.powers[at], flow.scales[at]
+            self.share[:, k, :n] = shares if ringing else np.real(shares)
+        self.highest = int(self.powers.max(initial=0))
+
+    def sums(self, times: Floats, board: Ints, channel: Ints, order: int) -> tuple[Floats, ...]:
+        """Return derivatives of two orders from `order` at `times` (Q,)."""
+        basis: Complexes = np.exp(times[:, None] * self.poles[board])
+        for k in range(1, self.highest + 1):
+            grown = times[:, None] * self.scales[board] / k
+            basis *= np.where(self.powers[board] >= k, grown, 1.0)
+        parts = (self.share[order + each, board, :, channel] for each in range(2))
+        return tuple((basis * part).real.sum(axis=1) for part in parts)
+
+
+class ExactGrid:
+    """Errors of the channels of some boards, each on a grid of its own, one after the other.
+
+    A channel of a board has a row of its own: ``board * N + channel``.
+
+    Attributes
+    ----------
+    time, board : ndarray (P,)
+        s, from 0, and to which of the `courses` it belongs. Interval k lies between the points
+        k and k + 1, the last one of a board (`tail`) after all its points.
+    errors, slopes, bounds : ndarray (P, N)
+        V and V/s; bounds on the error of the errors, V.
+    caps, peaks : ndarray (P, 2, N)
+        Upper bounds of ``e`` and of ``-e`` in each interval, V; and where the bound is the height
+        of a peak, its instant, s, else NaN.
+    reach : ndarray (P, N)
+        Largest of the bounds at both ends of each interval, V.
+    resolved : ndarray (P,)
+        Whether the points show every mode that matters in the interval.
+    ends : ndarray (rows,)
+        Errors at the end of time, V.
+    """
+
+    def __init__(self, courses: Sequence[Course]) -> None:
+        self.courses, self.channels = courses, len(courses[0].signs)
+        self.ends = np.concatenate([course.ends for course in courses])
+        self.noise = np.array([course.noise for course in courses])
+        grids = [course.first_grid() for course in courses]
+        self.time = np.concatenate(grids)
+        self.board = np.repeat(np.arange(len(courses)), [len(grid) for grid in grids])
+        self.resolved: Bools = np.zeros(len(self.time), dtype=np.bool_)
+        self._place(self._evaluate(self.time, self.board))
+        self._bound(np.arange(len(self.time)))
+
+    @functools.cached_property
+    def _terms(self) -> tuple[_Terms, _Terms]:
+        return _Terms(self.courses, ringing=False), _Terms(self.courses, ringing=True)
+
+    def each(self, board: Ints) -> Iterator[tuple[int, slice]]:
+        """Yield the boards of a rising list, and where each stands in it."""
+        begins = np.searchsorted(board, np.arange(len(self.courses) + 1)).tolist()
+        for k, (begin, end) in enumerate(pairwise(begins)):
+            if begin < end:
+                yield k, slice(begin, end)
+
+    def _place(self, columns: Floats) -> None:
+        """Set the values of all points and intervals, (P, 7, N); find where each board is."""
+        self._columns = columns
+        self.errors, self.slopes, self.bounds = (columns[:, k] for k in range(3))
+        self.caps, self.peaks = columns[:, 3:5], columns[:, 5:7]
+        self.first = np.searchsorted(self.board, np.arange(len(self.courses)))
+        self.tail = np.append(self.board[1:] != self.board[:-1], True)
         after = np.concatenate([self.bounds[1:], self.bounds[-1:]])
-        return np.asarray(np.maximum(self.bounds, after))
+        after[self.tail] = self.bounds[self.tail]
+        self.reach = np.maximum(self.bounds, after)
+
+    def _evaluate(self, times: Floats, board: Ints) -> Floats:
+        """Return errors, slopes and bounds at `times` of rising boards, then room: (Q, 7, N)."""
+        columns = np.empty((len(times), 7, self.channels))
+        for k, some in self.each(board):
+            for column, values in enumerate(self.courses[k].evaluate(times[some])):
+                columns[some, column] = values
+        return columns
+
+    def _rate(self, places: Ints) -> Floats:
+        """Return |p| of the fastest mode above the noise at the points `places`, 1/s."""
+        times = self.time[places]
+        parts = [self.courses[k].rate(times[some]) for k, some in self.each(self.board[places])]
+        return np.concatenate(parts) if parts else times
 
     def _bound(self, places: Ints) -> None:
         """Bound the intervals at `places`."""
-        last = len(self.time) - 1
-        if places[-1] == last:
-            left = self.remainder(float(self.time[last]))
-            self.caps[:, last] = self.ends + left, left - self.ends
-            places = places[:-1]
+        self.peaks[places] = np.nan
+        last = self.tail[places]
+        for k in places[last].tolist():
+            course = self.courses[self.board[k]]
+            left = course.remainder(float(self.time[k]))
+            self.caps[k] = course.ends + left, left - course.ends
+        places = places[~last]
         width = self.time[places + 1] - self.time[places]
-        self.resolved[places] = self._rate(self.time[places]) * width <= FINENESS
+        self.resolved[places] = self._rate(places) * width <= FINENESS
         here, after = self.errors[places], self.errors[places + 1]
         rise, fall = self.slopes[places], self.slopes[places + 1]
         for side, sign in enumerate((1.0, -1.0)):
-            self.caps[side, places] = _tops(
+            self.caps[places, side] = _tops(
                 sign * here, sign * after, sign * rise, sign * fall, width
             )
         coarse = places[~self.resolved[places]]
-        if coarse.size:
-            self.caps[:, coarse] = self._envelopes(coarse)
+        begin, end = self.time[coarse], self.time[coarse + 1]
+        for k, some in self.each(self.board[coarse]):
+            self.caps[coarse[some]] = self.courses[k].envelopes(begin[some], end[some])
 
-    def _envelopes(self, places: Ints) -> Floats:
-        """Bound intervals by the modes that they resolve and the envelopes of the others."""
-        begin, end = self.time[places], self.time[places + 1]
-        width = (end - begin)[:, None]
-        seen, basis = self.speeds * width <= FINENESS, self.solution.flow.basis
-        size = np.exp(self.rates * begin[:, None])
-        still = [
-            (shape * seen).real @ self.share.real - (shape * seen).imag @ self.share.imag
-            for shape in (basis(begin), basis(end))
-        ]
-        bend = np.where(seen, (self.speeds * width) ** 2 / 8.0, 1.0)
-        room = (size * bend) @ self.weight
-        high = np.maximum(*still) + self.ends + room
-        return np.stack([high, room - np.minimum(*still) - self.ends])
+    def refine(self, places: Ints) -> Bools:
+        """Divide the intervals at `places`; return which boards have new points.
 
-    def refine(self, places: Ints) -> bool:
-        """Divide the intervals at `places`; return False if the grid would be too large.
-
-        The last interval is divided where all modes are within the noise.
+        The last interval of a board is divided where all modes are within the noise. A board has
+        no new points if its grid would be too large, or if there is nothing left to find.
         """
-        last = len(self.time) - 1
-        inner = places[places < last]
+        places = np.unique(places)
+        places = places[[self._is_divisible(k) for k in places.tolist()]]
+        last = self.tail[places]
+        inner, ends = places[~last], places[last].tolist()
         width = self.time[inner + 1] - self.time[inner]
-        pieces = np.ceil(self._rate(self.time[inner]) * width / FINENESS)
+        pieces = np.ceil(self._rate(inner) * width / FINENESS)
         pieces = np.clip(pieces, 2, PIECES).astype(np.int64)
         number = pieces - 1
         which = np.repeat(np.arange(len(inner)), number)
         nth = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number) + 1
-        added = [self.time[inner][which] + (width / pieces)[which] * nth]
-        if places[-1] == last:
-            begin = float(self.time[last])
-            added.append(self._octaves(begin, max(LONGER * begin, float(self.lost[-1]))))
-        new = np.concatenate(added)
-        if (len(self.time) + len(new)) * len(self.ends) > MOST:
-            return False
-        changed = np.concatenate([self.time[places], new])
-        order = np.argsort(np.concatenate([self.time, new]), kind="stable")
-        old = self.errors, self.slopes, self.bounds
-        pairs = zip(old, self._evaluate(new), strict=True)
-        self.errors, self.slopes, self.bounds = (np.concatenate(pair)[order] for pair in pairs)
-        room = np.empty((2, len(new), len(self.ends)))
-        self.caps = np.concatenate([self.caps, room], axis=1)[:, order]
+        beyond = [self.courses[self.board[k]].later(float(self.time[k])) for k in ends]
+        new = np.concatenate([self.time[inner][which] + (width / pieces)[which] * nth, *beyond])
+        owners = (np.full(len(part), self.board[k]) for k, part in zip(ends, beyond, strict=True))
+        owner = np.concatenate([self.board[inner][which], *owners])
+        count = len(self.courses)
+        added = np.bincount(owner, minlength=count)
+        size = added + np.bincount(self.board, minlength=count)
+        divided: Bools = (added > 0) & (size * self.channels <= MOST)
+        if divided.any():
+            kept = divided[owner]
+            self._insert(places[divided[self.board[places]]], new[kept], owner[kept])
+        return divided
+
+    def _is_divisible(self, k: int) -> bool:
+        if not self.tail[k]:
+            return True
+        left = self.courses[self.board[k]].remainder(float(self.time[k]))
+        return bool(left.max(initial=0.0) > self.noise[self.board[k]])
+
+    def _insert(self, places: Ints, new: Floats, owner: Ints) -> None:
+        """Insert points that divide the intervals at `places`."""
+        order = np.lexsort((new, owner))
+        new, owner = new[order], owner[order]
+        time, board = np.concatenate([self.time, new]), np.concatenate([self.board, owner])
+        order = np.lexsort((time, board))
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        changed = np.sort(rank[np.concatenate([places, np.arange(len(self.time), len(time))])])
+        columns = np.concatenate([self._columns, self._evaluate(new, owner)])
         self.resolved = np.append(self.resolved, np.zeros(len(new), dtype=np.bool_))[order]
-        self.time = np.concatenate([self.time, new])[order]
-        self._bound(np.unique(np.searchsorted(self.time, changed)))
-        return True
+        self.time, self.board = time[order], board[order]
+        self._place(columns.take(order, axis=0))
+        self._bound(changed)
 
-    def value(self, channel: Ints, times: Floats) -> Floats:
-        """Return the error of one channel at each instant, (Q,)."""
-        value, _ = self.solution.flow.chosen(times, channel, 0)
-        return np.asarray(self.signs[channel] * value + self.ends[channel])
+    def _chosen(self, times: Floats, row: Ints, order: int) -> tuple[Floats, Floats]:
+        """Return the derivatives of two orders from `order` of one row at each time, (Q,)."""
+        board, channel = np.divmod(row, self.channels)
+        parts = [terms.sums(times, board, channel, order) for terms in self._terms]
+        first, second = (still + ringing for still, ringing in zip(*parts, strict=True))
+        return (first, second) if order else (first + self.ends[row], second)
 
-    def roots(self, channel: Ints, level: Floats, low: Floats, high: Floats, order: int) -> Floats:
+    def value(self, row: Ints, times: Floats) -> Floats:
+        """Return the error of one row at each instant, (Q,)."""
+        return self._chosen(times, row, 0)[0]
+
+    def roots(self, row: Ints, level: Floats, low: Floats, high: Floats, order: int) -> Floats:
         """Solve ``e = level``, or ``e' = level`` with `order` 1, between `low` and `high`; (Q,).
 
         Newton's method, kept between the ends by bisection; the nearer end where rounding hides a
         change of sign.
         """
-        sign, shift = self.signs[channel], level - (0.0 if order else self.ends[channel])
-        width, count = high - low, len(channel)
+        width, count = high - low, len(row)
 
         def evaluate(t: Floats, some: Ints) -> tuple[Floats, Floats]:
-            value, slope = self.solution.flow.chosen(t, channel[some], order)
-            return sign[some] * value - shift[some], sign[some] * slope
+            value, slope = self._chosen(t, row[some], order)
+            return value - level[some], slope
 
         value, slope = evaluate(np.concatenate([low, high]), np.tile(np.arange(count), 2))
         left, right = value.reshape(2, -1)
@@ -263,50 +409,33 @@ def _tops(here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats
 
 
 ROUNDS = 200  # largest number of rounds of one search
-TOGETHER = 32  # intervals that a search for a maximum divides in one round
+TOGETHER = 32  # intervals of a board that a search for a maximum divides in one round
 
 
 class ExactSignal:
-    """Errors of the channels ``u = sign V`` of an exact solution, a `readings.Signal`.
+    """Errors of the channels of boards with exact solutions, a `readings.Signal`.
 
-    Parameters
-    ----------
-    solution : Exact
-        Solution of a stable board, whose nodes are the channels.
-    signs, target : ndarray (N,)
-        Signs of the channels, and their reference steady state, V.
-    target_error : float
-        Error of the target, V, which adds to the bounds of the solution.
-    detail : float
-        Amplitude of a mode below which the first grid does not resolve it, V.
-    level : float
-        Error that a maximum may have where several intervals may hold it, V; rounding if smaller.
+    The boards have equally many channels. The signal has the channels of all of them, those of the
+    first board first.
     """
 
-    def __init__(
-        self,
-        solution: Exact,
-        signs: Floats,
-        target: Floats,
-        target_error: float,
-        detail: float,
-        level: float = 0.0,
-    ) -> None:
-        self.grid = ExactGrid(solution, signs, target, target_error, detail)
-        self.ends, self.level = self.grid.ends, max(level, self.grid.noise)
-        # (instant, height) by side (0: of e, 1: of -e), channel, and instant before
-        self.peaks: dict[tuple[int, int, float], tuple[float, float]] = {}
+    def __init__(self, *courses: Course) -> None:
+        self.grid = ExactGrid(courses)
+        self.ends = self.grid.ends
+        self.level = np.maximum([course.level for course in courses], self.grid.noise)
 
     @property
     def end_bounds(self) -> Floats:
         """See `Signal`."""
-        return np.asarray(self.grid.solution.rest_error + self.grid.target_error)
+        parts = [each.solution.rest_error + each.target_error for each in self.grid.courses]
+        return np.concatenate(parts)
 
     def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
         """See `Signal`."""
         shape = (2, len(levels), len(self.ends))
-        side, j, channel = (part.ravel() for part in np.indices(shape))
-        found = _Search(self, side, channel, levels[j], shifts[j], last=True).run()
+        side, j, row = (part.ravel() for part in np.indices(shape))
+        level = np.broadcast_to(levels.reshape(len(levels), -1), shape[1:])[j, row]
+        found = _Search(self.grid, side, row, level, shifts[j], last=True).run()
         (up, down), (doubt_up, doubt_down) = (part.reshape(shape) for part in found)
         later = np.fmax(up, down)
         return Crossings(later, np.where(later == down, doubt_down, doubt_up))
@@ -316,7 +445,7 @@ class ExactSignal:
         shape = (len(levels), len(rows))
         j, r = (part.ravel() for part in np.indices(shape))
         level, side = (levels[j] - 1.0) * np.abs(steps[r]), (steps[r] < 0.0).astype(np.int64)
-        found = _Search(self, side, rows[r], level, shifts[j], last=False).run()
+        found = _Search(self.grid, side, rows[r], level, shifts[j], last=False).run()
         return Crossings(*(part.reshape(shape) for part in found))
 
     def highest(self, sign: float) -> tuple[Floats, Floats]:
@@ -327,128 +456,139 @@ class ExactSignal:
 
     @functools.cached_property
     def _highest(self) -> tuple[Floats, Floats]:
-        """The maxima of ``e`` and of ``-e`` and their uncertainties, (2, N) each."""
-        grid, best = self.grid, np.stack([self.ends, -self.ends])
+        """The maxima of ``e`` and of ``-e`` and their uncertainties, (2, rows) each."""
+        grid, count = self.grid, len(self.grid.courses)
+        ends = self.ends.reshape(count, -1)
+        best = np.stack([ends, -ends], axis=1)
+        open_boards = np.ones(count, dtype=np.bool_)
         for _ in range(ROUNDS):
-            best = np.maximum(best, [grid.errors.max(axis=0), -grid.errors.min(axis=0)])
-            side, place, channel = np.nonzero(grid.caps > best[:, None] + grid.noise)
-            fine = grid.resolved[place]
+            tops = np.maximum.reduceat(grid.errors, grid.first)
+            lows = np.minimum.reduceat(grid.errors, grid.first)
+            best = np.maximum(best, np.stack([tops, -lows], axis=1))
+            least = np.where(open_boards, grid.noise, np.inf)[:, None, None] + best
+            place, side, channel = np.nonzero(grid.caps > least[grid.board])
+            board, fine = grid.board[place], grid.resolved[place]
             if fine.any():
-                heights = self.peak(side[fine], place[fine], channel[fine])[1]
-                np.maximum.at(best, (side[fine], channel[fine]), heights)
-            above = grid.caps[side, place, channel] - best[side, channel] - self.level
+                heights = peak(grid, side[fine], place[fine], channel[fine])[1]
+                np.maximum.at(best, (board[fine], side[fine], channel[fine]), heights)
+            above = grid.caps[place, side, channel] - best[board, side, channel]
+            above -= self.level[board]
             coarse = np.flatnonzero(~fine & (above > 0.0))
-            widest = coarse[np.argsort(-above[coarse])[:TOGETHER]]
-            if not (widest.size and self.refine(place[widest])):
+            coarse = coarse[np.lexsort((-above[coarse], board[coarse]))]
+            owner = board[coarse]
+            widest = coarse[np.arange(len(owner)) - np.searchsorted(owner, owner) < TOGETHER]
+            open_boards = grid.refine(place[widest]) if widest.size else open_boards & False
+            if not open_boards.any():
                 break
-        reach = grid.reach
-        reached = (grid.caps + reach).max(axis=1)
-        lowest = np.take_along_axis(reach, grid.caps.argmax(axis=1), axis=0)
-        return best, np.maximum(reached - best, lowest)
+        reach = grid.reach[:, None]
+        reached, lowest = np.maximum.reduceat(grid.caps + reach, grid.first), np.empty_like(best)
+        for k, some in grid.each(grid.board):
+            highest = grid.caps[some].argmax(axis=0)[None]
+            lowest[k] = np.take_along_axis(reach[some], highest, axis=0)[0]
+        doubt = np.maximum(reached - best, lowest)
+        return best.swapaxes(0, 1).reshape(2, -1), doubt.swapaxes(0, 1).reshape(2, -1)
 
-    def peak(self, side: Ints, k: Ints, n: Ints) -> tuple[Floats, Floats]:
-        """Return instants and heights of the peaks of channels n in the resolved intervals k.
 
-        The heights replace the bounds of the intervals.
-        """
-        grid = self.grid
-        keys = list(zip(side.tolist(), n.tolist(), grid.time[k].tolist(), strict=True))
-        new = np.array([i for i, key in enumerate(keys) if key not in self.peaks], dtype=np.int64)
-        if new.size:
-            place, channel, sign = k[new], n[new], 1.0 - 2.0 * side[new]
-            at = grid.roots(channel, np.zeros(len(new)), grid.time[place], grid.time[place + 1], 1)
-            height = sign * grid.value(channel, at)
-            for end in (place, place + 1):
-                height = np.maximum(height, sign * grid.errors[end, channel])
-            grid.caps[side[new], place, channel] = height
-            found = zip(at.tolist(), height.tolist(), strict=True)
-            self.peaks |= zip([keys[i] for i in new.tolist()], found, strict=True)
-        instants, heights = np.array([self.peaks[key] for key in keys]).T
-        return instants, heights
+def peak(grid: ExactGrid, side: Ints, k: Ints, n: Ints) -> tuple[Floats, Floats]:
+    """Return instants and heights of the peaks of channels n in the resolved intervals k.
 
-    def refine(self, places: Ints) -> bool:
-        """Divide intervals; return False if none of them can be divided further."""
-        last = len(self.grid.time) - 1
-        left = self.grid.remainder(float(self.grid.time[last])).max(initial=0.0)
-        places = np.unique(places if left > self.grid.noise else places[places < last])
-        return places.size > 0 and self.grid.refine(places)
+    The heights replace the bounds of the intervals.
+    """
+    new = np.flatnonzero(np.isnan(grid.peaks[k, side, n]))
+    if new.size:
+        s, place, channel = side[new], k[new], n[new]
+        row, sign = grid.board[place] * grid.channels + channel, 1.0 - 2.0 * s
+        at = grid.roots(row, np.zeros(len(new)), grid.time[place], grid.time[place + 1], 1)
+        height = sign * grid.value(row, at)
+        for end in (place, place + 1):
+            height = np.maximum(height, sign * grid.errors[end, channel])
+        grid.caps[place, s, channel], grid.peaks[place, s, channel] = height, at
+    return grid.peaks[k, side, n], grid.caps[k, side, n]
 
 
 class _Search:
-    """A search for the last, or the first, instants at which channels (Q,) are above levels (Q,).
+    """A search for the last, or the first, instants at which rows (Q,) are above levels (Q,).
 
     They are searches of ``e`` (side 0) or ``-e`` (side 1), shifted up by `shift` times its bound.
     """
 
     def __init__(
         self,
-        signal: ExactSignal,
+        grid: ExactGrid,
         side: Ints,
-        channel: Ints,
+        row: Ints,
         level: Floats,
         shift: Floats,
         *,
         last: bool,
     ) -> None:
-        self.signal, self.grid, self.side, self.last = signal, signal.grid, side, last
+        self.grid, self.side, self.row, self.last = grid, side, row, last
         self.sign = 1.0 - 2.0 * side
-        self.channel, self.level, self.shift = channel, level, shift
+        self.board, self.channel = np.divmod(row, grid.channels)
+        self.level, self.shift = level, shift
 
     def run(self) -> Crossings:
         """Return the instants.
 
-        NaN for a channel that never is above; the last point for a channel that ends above and is
-        searched for its last instant; infinite uncertainty for an instant that the rounding of the
-        solution, or the size of the grid, leaves open.
+        NaN for a row that never is above; the last point for a row that ends above and is searched
+        for its last instant; infinite uncertainty for an instant that the rounding of the solution,
+        or the size of the grid, leaves open.
         """
         grid = self.grid
-        above, below, doubt, moved = np.full((4, len(self.channel)), np.nan)
-        left = np.arange(len(self.channel))
+        above, below, doubt, moved = np.full((4, len(self.row)), np.nan)
+        left = np.argsort(self.board, kind="stable")
         for _ in range(ROUNDS):
             left, k = self._candidates(left)
             if not left.size:
                 break
-            n, tail = self.channel[left], k == len(grid.time) - 1
+            begin, tail = grid.time[k], grid.tail[k]
             above[left] = self._above(left, k)
-            below[left] = grid.time[np.minimum(k + self.last, len(grid.time) - 1)]
-            moved[left] = self.shift[left] * grid.reach[k, n]
+            below[left] = grid.time[k + (self.last & ~tail)]
+            moved[left] = self.shift[left] * grid.reach[k, self.channel[left]]
             coarse, done = ~grid.resolved[k], ~np.isnan(above[left])
             if self.last:
-                off = self.sign[left] * self.signal.ends[n] + moved[left]
+                off = self.sign[left] * grid.ends[self.row[left]] + moved[left]
                 ends = tail & (off > self.level[left])
-                above[left[ends]], coarse, done = grid.time[-1], coarse & ~ends, done | ends
-            if coarse.any() and not self.signal.refine(k[coarse]):
-                doubt[left[coarse]] = np.inf
-                above[left[coarse]] = grid.time[k[coarse]] if self.last else np.nan
-                done |= coarse
+                above[left[ends]], coarse, done = begin[ends], coarse & ~ends, done | ends
+            if coarse.any():
+                stuck = coarse & ~grid.refine(k[coarse])[self.board[left]]
+                doubt[left[stuck]] = np.inf
+                above[left[stuck]] = begin[stuck] if self.last else np.nan
+                done |= stuck
             left = left[~done]
         between = np.flatnonzero(~np.isnan(above) & (above != below))
         low, high = np.sort([above[between], below[between]], axis=0)
         level = (self.sign * (self.level - moved))[between]
-        above[between] = grid.roots(self.channel[between], level, low, high, 0)
-        rounding = np.fmax(np.spacing(np.abs(above)), EPS * grid.time[1])
-        return Crossings(above, np.fmax(doubt, rounding))
+        above[between] = grid.roots(self.row[between], level, low, high, 0)
+        shortest = EPS * grid.time[grid.first + 1][self.board]
+        return Crossings(above, np.fmax(doubt, np.fmax(np.spacing(np.abs(above)), shortest)))
 
     def _candidates(self, left: Ints) -> tuple[Ints, Ints]:
         """Return the searches of `left` that have an interval above their level, and the interval.
 
         It is the last, or the first, of all such intervals.
         """
-        n = self.channel[left]
-        caps, reach = self.grid.caps, self.grid.reach
-        bound = caps[self.side[left], :, n].T + self.shift[left] * reach[:, n]
-        over = bound > self.level[left]
-        end = len(over) - 1
-        k = end - over[::-1].argmax(axis=0) if self.last else over.argmax(axis=0)
-        found = over[k, np.arange(len(left))]
-        return left[found], k[found]
+        grid, kept, places = self.grid, [left[:0]], [left[:0]]
+        ends = np.append(grid.first, len(grid.time))
+        for board, some in grid.each(self.board[left]):
+            searches, begin = left[some], int(ends[board])
+            part = slice(begin, int(ends[board + 1]))
+            n, shift = self.channel[searches], self.shift[searches, None]
+            bound = grid.caps[part][:, self.side[searches], n].T + shift * grid.reach[part].T[n]
+            over = bound > self.level[searches, None]
+            end = over.shape[1] - 1
+            k = end - over[:, ::-1].argmax(axis=1) if self.last else over.argmax(axis=1)
+            found = over[np.arange(len(k)), k]
+            kept.append(searches[found])
+            places.append(begin + k[found])
+        return np.concatenate(kept), np.concatenate(places)
 
     def _above(self, left: Ints, k: Ints) -> Floats:
-        """Return instants in the resolved of intervals `k` at which the channels are above."""
+        """Return instants in the resolved of intervals `k` at which the rows are above."""
         grid, n, limit = self.grid, self.channel[left], self.level[left]
         sign, shift = self.sign[left], self.shift[left]
         at = np.full(len(k), np.nan)
-        points = (k,) if self.last else (np.minimum(k + 1, len(grid.time) - 1), k)
+        points = (k,) if self.last else (k + ~grid.tail[k], k)
         for point in points:
             value = sign * grid.errors[point, n] + shift * grid.bounds[point, n]
             at = np.where(value > limit, grid.time[point], at)
@@ -456,7 +596,7 @@ class _Search:
         hidden = np.flatnonzero(grid.resolved[k] & np.isnan(at))
         if hidden.size:
             place, channel = k[hidden], n[hidden]
-            instant, height = self.signal.peak(self.side[left[hidden]], place, channel)
+            instant, height = peak(grid, self.side[left[hidden]], place, channel)
             height = height + shift[hidden] * grid.reach[place, channel]
             at[hidden] = np.where(height > limit[hidden], instant, np.nan)
         return at

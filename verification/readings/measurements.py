@@ -174,7 +174,7 @@ def channel_measure(
         state=settlement.state,
         frequency=None if mode is None else mode.frequency,
         growth_rate=None if mode is None else mode.growth_rate,
-        rises=bool(step.rising()[n]),
+        rises=bool(step.rising[n]),
         reason=settlement.reason,
         rise_reason=rise_reason,
     )
@@ -182,7 +182,7 @@ def channel_measure(
 
 def _no_rise(step: Step, n: int, state: ChannelState) -> str:
     """Return why the rise time of channel `n` has no meaning; empty if it has a meaning."""
-    if not step.rising()[n]:
+    if not step.rising[n]:
         size = float(step.sizes[n])
         return f"the channel's own step {size!r} is under {SMALL_STEP:.0%} of the network's step"
     if state not in (ChannelState.SETTLED, ChannelState.NOT_SETTLED):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -41,8 +42,9 @@ class Signal(Protocol):
         """Bounds (N,) of the uncertainty of `ends`; 0 for a signal whose bounds are not known."""
 
     def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
-        """Find the last instants (J, N), from the start, with ``|error|`` above `levels` (J,).
+        """Find the last instants (J, N), from the start, with ``|error|`` above `levels`.
 
+        The levels are those of all channels (J,), or of each of several boards' channels (J, N).
         For each level the signal is shifted outwards by `shifts` (J,) times its bound. NaN for a
         channel that never is above.
         """
@@ -92,37 +94,46 @@ None for a channel that ends outside its settling band, or does not reach both l
 """
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Step:
-    """Values before the step and targets, (N,) each."""
+    """Values before the step and targets, (N,) each, of the channels of one or more `boards`."""
 
     start: Floats
     target: Floats
+    boards: int = 1
 
-    @property
+    @cached_property
     def sizes(self) -> Floats:
         """From start to target, (N,)."""
         return self.target - self.start
 
-    @property
+    @cached_property
     def amplitude(self) -> float:
         """Step amplitude A of the network."""
         return float(np.abs(self.sizes).max(initial=0.0))
 
+    @cached_property
+    def amplitudes(self) -> Floats:
+        """Step amplitude A of the network of each channel, (N,)."""
+        sizes = np.abs(self.sizes).reshape(self.boards, -1)
+        return np.repeat(sizes.max(axis=1, initial=0.0), sizes.shape[1])
+
+    @cached_property
     def rising(self) -> Bools:
-        """Mark the channels whose step is large enough for a rise time, (N,)."""
+        """Marks of the channels whose step is large enough for a rise time, (N,)."""
         sizes = np.abs(self.sizes)
-        return np.asarray((sizes >= SMALL_STEP * self.amplitude) & (sizes > 0))
+        return np.asarray((sizes >= SMALL_STEP * self.amplitudes) & (sizes > 0))
 
 
-def read(signal: Signal, step: Step, tolerance: float, lost: Bools) -> Readings:
+def read(signal: Signal, step: Step, tolerance: float | Floats, lost: Bools) -> Readings:
     """Read a signal.
 
-    `tolerance` is half the width of the settling band, in the unit of the signal; `lost` (N,)
-    marks channels whose rise time has no meaning.
+    `tolerance` is half the width of the settling band, in the unit of the signal: one of all
+    channels, or (N,) of the channels of several boards. `lost` (N,) marks channels whose rise time
+    has no meaning.
     """
     # Each search refines an exact signal for the next ones, so their order decides last digits.
-    shares, rises = excursions(signal, step), rise_times(signal, step.sizes, step.rising() & ~lost)
+    shares, rises = excursions(signal, step), rise_times(signal, step.sizes, step.rising & ~lost)
     times = {"rise_time": rises, "settling_time": settling_times(signal, tolerance)}
     return {**times, **shares}
 
@@ -133,16 +144,16 @@ def unread(channels: int) -> Readings:
     return nothing | dict.fromkeys(EXCURSIONS, (Reading(0.0, math.inf),) * channels)
 
 
-def settling_times(signal: Signal, tolerance: float) -> tuple[Reading | None, ...]:
+def settling_times(signal: Signal, tolerance: float | Floats) -> tuple[Reading | None, ...]:
     """Return when each channel was last outside ``±tolerance``; None if it ends outside."""
     ends = np.abs(signal.ends)
-    if ends.min() > tolerance:
+    if np.all(ends > tolerance):
         return (None,) * len(ends)
     # The last two shift the signal by its bound.
-    levels = tolerance * np.array([1.0, 1.0 - BAND_SHIFT, 1.0 + BAND_SHIFT, 1.0, 1.0])
+    levels = np.multiply.outer([1.0, 1.0 - BAND_SHIFT, 1.0 + BAND_SHIFT, 1.0, 1.0], tolerance)
     at, doubt = signal.last_outside(levels, np.array([0.0, 0.0, 0.0, -1.0, 1.0]))
     at = np.where(np.isnan(at), 0.0, at)
-    at[:3][ends > levels[:3, None]] = np.nan
+    at[:3][ends > levels.reshape(5, -1)[:3]] = np.nan
     at[4, ends + signal.end_bounds > tolerance] = np.inf
     # A crossing of the true signal lies between those of the shifted signals.
     late, early = at[4] + doubt[4] - at[0], at[0] - at[3] + doubt[3]
@@ -183,23 +194,29 @@ def rise_times(signal: Signal, steps: Floats, selected: Bools) -> tuple[Reading 
 
 def excursions(signal: Signal, step: Step) -> Readings:
     """Return how far the channels go beyond target and start, fractions of A; 0 without a step."""
-    amplitude, sizes = step.amplitude, step.sizes
-    if amplitude == 0:
+    amplitudes, sizes = step.amplitudes, step.sizes
+    moves = amplitudes > 0
+    if not moves.any():
         return dict.fromkeys(EXCURSIONS, (Reading(0.0, 0.0),) * len(sizes))
     up, down = np.array(signal.highest(1.0)), np.array(signal.highest(-1.0))
     ahead, away = np.where(sizes < 0, (down, up), (up, down))  # heights and their doubts each
     away[0] -= np.abs(sizes)  # beyond the start
     either = np.maximum(ahead, away)
-    over = np.where(step.rising(), ahead, either) / amplitude
-    under = np.where(np.abs(sizes) > STILL * amplitude, away, either) / amplitude
-    return dict(zip(EXCURSIONS, (_from_zero(*over), _from_zero(*under)), strict=True))
+    over = np.where(step.rising, ahead, either)
+    under = np.where(np.abs(sizes) > STILL * amplitudes, away, either)
+    shares = (part / np.where(moves, amplitudes, np.inf) for part in (over, under))
+    readings = (_from_zero(values, doubts, moves) for values, doubts in shares)
+    return dict(zip(EXCURSIONS, readings, strict=True))
 
 
-def _from_zero(values: Floats, doubts: Floats) -> tuple[Reading, ...]:
-    """Return values of at least 0, with bounds of their errors of at least rounding."""
+def _from_zero(values: Floats, doubts: Floats, moves: Bools) -> tuple[Reading, ...]:
+    """Return values of at least 0, with bounds of their errors of at least rounding.
+
+    Both are 0 of the channels of a board that has no step.
+    """
     low, value, high = (np.maximum(x, 0.0) for x in (values - doubts, values, values + doubts))
     errors = np.maximum(np.maximum(high - value, value - low), np.spacing(1.0 + value))
-    return tuple(map(Reading, value.tolist(), errors.tolist()))
+    return tuple(map(Reading, value.tolist(), (errors * moves).tolist()))
 
 
 def largest(readings: Sequence[Reading]) -> Reading:

@@ -24,6 +24,7 @@ from taction.system.errors import EngineError
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements, measure, summary
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.signals import CUBIC, Curve, Rest, lagrange
@@ -300,6 +301,7 @@ def measure_with_bounds(
     own: StateSpaceError | None,
     companion: Companion | None,
     *,
+    known: Measurements | None = None,
     finest: bool = False,
 ) -> tuple[Measurements, bool]:
     """Measure a record; the uncertainties of the readings are bounds.
@@ -310,6 +312,8 @@ def measure_with_bounds(
         The error of a record of the state-space engine.
     companion : Companion or None
         A second solution beside a record of ngspice.
+    known : Measurements or None
+        Those of `exact_response`, if it has been measured.
     finest : bool
         Whether excursions of an exact solution have no error but that of rounding.
 
@@ -318,10 +322,9 @@ def measure_with_bounds(
     Measurements, bool
         And whether they are those of the exact solution, which has no end.
     """
-    solution = None
-    if design.poles.known_stable and is_exact(design.board) and (companion or own):
-        finest = finest or companion is not None
-        solution = _on_the_solution(design, ideal, finest=finest)
+    solution = None if companion else known
+    if solution is None and (companion or own):
+        solution = _on_the_solution(design, ideal, finest=finest or companion is not None)
     if companion is not None:
         if companion.error is None:
             return measure_outputs(design, ideal, wave, error=companion.difference), False
@@ -357,22 +360,29 @@ def _target_error(ideal: IdealAnswer) -> float:
     return 2.0 * ideal.solution.error_bound * ideal.network.U0
 
 
+def exact_response(design: PlannedBoard, ideal: IdealAnswer) -> ExactResponse | None:
+    """Return what is measured of a linear board instead of a record; None of any other board."""
+    if not (design.poles.known_stable and is_exact(design.board)):
+        return None
+    return ExactResponse(
+        design.board,
+        ideal.target,
+        ideal.start,
+        initial=design.transient.initial,
+        band=design.scene.checks.settling_time.band,
+        target_error=_target_error(ideal),
+    )
+
+
 def _on_the_solution(
     design: PlannedBoard, ideal: IdealAnswer, *, finest: bool
 ) -> Measurements | None:
     """Measure the exact solution of a linear board; None if its modes are not all stable."""
-    from taction.verification.readings.exact_measures import LEVEL, measure_exact
-
+    response = exact_response(design, ideal)
     try:
-        return measure_exact(
-            design.board,
-            ideal.target,
-            ideal.start,
-            initial=design.transient.initial,
-            band=design.scene.checks.settling_time.band,
-            target_error=_target_error(ideal),
-            level=0.0 if finest else LEVEL,
-        )
+        if response is None:
+            return None
+        return measure_responses([replace(response, level=0.0) if finest else response])[0]
     except EngineError:
         return None
 

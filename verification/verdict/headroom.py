@@ -17,7 +17,7 @@ from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.readings.exact_signal import ExactSignal
+from taction.verification.readings.exact_signal import Course, ExactSignal
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
@@ -191,7 +191,8 @@ def _exact(loads: _Loads, initial: Initial) -> Iterator[Load]:
     solution = loads.solution(initial)
     kept = _not_excluded(loads, solution)
     loads, count = _Loads.of(loads.board, tuple(loads.rows[k] for k in kept.tolist())), len(kept)
-    signal = ExactSignal(solution.part(kept), np.ones(count), np.zeros(count), PRECISION, DETAIL)
+    course = Course(solution.part(kept), np.ones(count), np.zeros(count), PRECISION, DETAIL)
+    signal = ExactSignal(course)
     (high, above), (low, below) = (signal.highest(sign) for sign in (1.0, -1.0))
     sizes, time = np.abs(signal.grid.errors), np.append(signal.grid.time, math.inf)
     place = np.append(sizes, np.abs(signal.ends)[None], axis=0).argmax(axis=0)

@@ -21,7 +21,7 @@ class Clock:
     def __init__(self, progress: Progress) -> None:
         self.seconds: dict[str, float] = {}
         self._progress = progress
-        self._start = self._last = time.perf_counter()
+        self._last = time.perf_counter()
         self._stage = ""
 
     def begin(self, stage: str, beside: str = "", remark: str = "") -> None:
@@ -36,10 +36,15 @@ class Clock:
         text = f"{stage} ({remark})" if remark else stage
         self._progress(Notice(text) if announced else text)
 
+    def pause(self) -> None:
+        """End the current stage; the time until the next one belongs to none."""
+        self._close()
+        self._stage = ""
+
     def end(self) -> None:
         """End the last stage and add the total."""
-        self._close()
-        self.seconds["total"] = time.perf_counter() - self._start
+        self.pause()
+        self.seconds["total"] = sum(self.seconds.values())
 
     def _close(self) -> None:
         now = time.perf_counter()

@@ -302,19 +302,24 @@ def record_transient(
 
 
 def record_and_measure(
-    design: PlannedBoard, ideal: IdealAnswer, pending: Pending, clock: Clock
+    design: PlannedBoard,
+    ideal: IdealAnswer,
+    pending: Pending,
+    clock: Clock,
+    known: Measurements | None = None,
 ) -> Recording:
     """Wait for a simulation and measure the record; repeat a run that does not suffice.
 
     A run that missed the wanted error is repeated with smaller steps, a record that is too short
-    for a reading is repeated with a longer stop time.
+    for a reading is repeated with a longer stop time. `known` are the measurements of
+    `companion.exact_response`, if it has been measured.
 
     Raises
     ------
     SimulationError
         As `taction.verification.verdict.simulation.Pending.result`.
     """
-    recording = _record(design, ideal, pending, clock)
+    recording = _record(design, ideal, pending, clock, known)
     for _ in range(REPEATS):
         plan = better_plan(recording, ideal)
         if plan is None:
@@ -322,7 +327,7 @@ def record_and_measure(
         design = replace(design, plan=plan)
         clock.begin("simulation", remark=plan.remark)
         pending = begin(design)
-        repeated = _record(design, ideal, pending, clock)
+        repeated = _record(design, ideal, pending, clock, known)
         recording = replace(repeated, before=recording.accuracy)
     return recording
 
@@ -335,7 +340,13 @@ def finest(recording: Recording, ideal: IdealAnswer) -> tuple[Measurements, Step
     return measured, step_error(measured, math.inf if own is None else own.volts)
 
 
-def _record(design: PlannedBoard, ideal: IdealAnswer, pending: Pending, clock: Clock) -> Recording:
+def _record(
+    design: PlannedBoard,
+    ideal: IdealAnswer,
+    pending: Pending,
+    clock: Clock,
+    known: Measurements | None,
+) -> Recording:
     clock.begin("simulation", remark=design.plan.remark)
     wave = pending.result()
     clock.begin("comparison")
@@ -343,7 +354,7 @@ def _record(design: PlannedBoard, ideal: IdealAnswer, pending: Pending, clock: C
     if own is None and design.poles.known_stable:
         companion = find_companion(design, wave)
     clock.begin("measures")
-    measured, forever = measure_with_bounds(design, ideal, wave, own, companion)
+    measured, forever = measure_with_bounds(design, ideal, wave, own, companion, known=known)
     amplitude, agreement = measured.amplitude, None
     end_error = own.volts if own is not None and math.isfinite(own.volts) else math.inf
     if companion is not None:

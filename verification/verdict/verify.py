@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -20,6 +22,7 @@ from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.constraint_stage import ConstraintPlane, constraint_plane
+from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import (
     EnergyRise,
@@ -31,7 +34,7 @@ from taction.verification.stability.margin import REACH, Margin, stability_margi
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.companion import Agreement, StepError
+from taction.verification.verdict.companion import Agreement, StepError, exact_response
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads
@@ -46,7 +49,7 @@ from taction.verification.verdict.recording import (
     record_and_measure,
 )
 from taction.verification.verdict.run_checks import run_checks
-from taction.verification.verdict.simulation import begin
+from taction.verification.verdict.simulation import ENGINES, Pending, begin, is_exact
 from taction.verification.verdict.warnings import (
     WELL_ABOVE,
     find_contradiction,
@@ -161,19 +164,108 @@ def verify(
     NoVerdictError
         No engine was found, or the simulation or the reference solution failed.
     """
-    clock = Clock(progress)
-    design = design_board(scene, clock, problem=problem, circuit=circuit)
+    begun = _begin(Request(scene, problem, circuit, ideal, effort), Clock(progress))
+    return _verdict(begun)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Request:
+    """What `verify` gets."""
+
+    scene: Scene
+    problem: InverseProblem | None = None
+    circuit: Circuit | LinearBoard | None = None
+    ideal: IdealAnswer | None = None
+    effort: Effort = FULL
+
+
+TOGETHER = 400_000  # squared numbers of states of the boards that are measured together
+
+
+def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]]:
+    """Verify scenes whose boards the engine solves exactly, and measure their transients together.
+
+    Yields
+    ------
+    int, Verdict
+        Place of a request, and its verdict. A request is left out where another engine, or
+        integration, has to solve it, and where `verify` raises.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/custom-matrix.toml").with_engine("statespace")
+    >>> ((place, verdict),) = verify_together([Request(scene)])
+    >>> place, verdict.outcome is verify(scene).outcome
+    (0, True)
+    """
+    begun: dict[int, tuple[_Begun, ExactResponse]] = {}
+    size = 0
+    for place, request in enumerate(requests):
+        clock = Clock(lambda stage: None)
+        with suppress(Exception):
+            design = _design(request, clock)
+            if ENGINES[design.engine].error is None or not is_exact(design.board):
+                continue
+            one = _begin(request, clock, design)
+            response = exact_response(design, one.ideal)
+            if response is None or not response.is_stable:
+                yield place, _verdict(one)
+                continue
+            clock.pause()
+            begun[place] = one, response
+            size += design.board.state_space.n**2
+        if size > TOGETHER:
+            yield from _measured_together(begun)
+            begun, size = {}, 0
+    yield from _measured_together(begun)
+
+
+def _measured_together(
+    begun: Mapping[int, tuple[_Begun, ExactResponse]],
+) -> Iterator[tuple[int, Verdict]]:
+    """Yield the verdicts of boards with exact solutions."""
+    measured = measure_responses([response for _, response in begun.values()])
+    for (place, (one, _)), readings in zip(begun.items(), measured, strict=True):
+        with suppress(Exception):
+            yield place, _verdict(one, readings)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Begun:
+    """A verification whose simulation runs."""
+
+    design: PlannedBoard
+    ideal: IdealAnswer
+    pending: Pending
+    effort: Effort
+    clock: Clock
+
+
+def _design(request: Request, clock: Clock) -> PlannedBoard:
+    return design_board(request.scene, clock, problem=request.problem, circuit=request.circuit)
+
+
+def _begin(request: Request, clock: Clock, design: PlannedBoard | None = None) -> _Begun:
+    """Start the simulation; solve the problem while it runs."""
+    design = design or _design(request, clock)
     clock.begin("simulation", remark=design.plan.remark)
     pending = begin(design)
     clock.begin("reference", beside="simulation", remark=design.plan.remark)
-    ideal = ideal_answer(design.network, design.scene) if ideal is None else ideal
+    ideal = request.ideal or ideal_answer(design.network, design.scene)
+    return _Begun(design, ideal, pending, request.effort, clock)
+
+
+def _evidence(begun: _Begun, known: Measurements | None) -> tuple[Evidence, Recording]:
+    """Wait for the simulation and measure its record, or take the measurements that are known."""
+    design, ideal = begun.design, begun.ideal
     steady = SteadyState.of(design.board, design.scales)
-    margin = _margin(design, effort)
+    margin = _margin(design, begun.effort)
     parts, noise = design.loads(), OutputNoise.of(design)
     spread = _spread(design) if design.poles.known_stable else None
-    recording = record_and_measure(design, ideal, pending, clock)
+    recording = record_and_measure(design, ideal, begun.pending, begun.clock, known)
     evidence = Evidence(
-        checks=scene.checks,
+        checks=design.scene.checks,
         measurements=recording.measurements,
         error=recording.error,
         steady=steady,
@@ -193,7 +285,7 @@ def verify(
         design=recording.design,
         recording=recording,
     )
-    return _verdict(evidence, recording, ideal, effort, clock)
+    return evidence, recording
 
 
 def _spread(design: PlannedBoard) -> InputSpread | None:
@@ -227,14 +319,10 @@ def _judged(
     return run_checks(evidence), evidence
 
 
-def _verdict(
-    evidence: Evidence,
-    recording: Recording,
-    ideal: IdealAnswer,
-    effort: Effort,
-    clock: Clock,
-) -> Verdict:
-    """Judge a recording, and add the details that `effort` asks for."""
+def _verdict(begun: _Begun, known: Measurements | None = None) -> Verdict:
+    """Judge a recording, and add the details that the effort asks for."""
+    ideal, clock = begun.ideal, begun.clock
+    evidence, recording = _evidence(begun, known)
     checks, evidence = _judged(evidence, recording, ideal)
     design = recording.design
     constraint, energy, budget, failures = None, None, ErrorBudget(), list[str]()
@@ -242,7 +330,7 @@ def _verdict(
     answer = AnswerError.of(ideal.network, ideal.solution, design.problem.stress, ideal.problem)
     answer = detail("the error of the board", lambda: answer.judged(evidence, checks), answer)
     clock.begin("error budget")
-    if effort.details:
+    if begun.effort.details:
         more = evidence.noise, evidence.spread
         constraint = detail("the constraint plane", lambda: constraint_plane(design.circuit), None)
         energy = detail(

@@ -22,6 +22,8 @@ T = TypeVar("T")
 
 WATCH = 1.0  # s between two looks at the workers, while none of them answers
 AHEAD = 16  # calls prepared in one go; they share the caches of the preparation
+AT_ONCE = 16  # largest number of items in a call: a longer one saves no more
+SHARES = 4  # least number of calls for each process
 
 
 def collected(
@@ -68,6 +70,54 @@ def collected(
     finally:
         for future in running:
             future.cancel()
+
+
+def collected_together(
+    workers: Workers,
+    function: Callable[..., Sequence[R | None]],
+    calls: Iterable[tuple[K, Any]],
+    size: int,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Iterator[tuple[K, R | BaseException]]:
+    """Yield the results of `calls`, (name, item) each, as `collected`, several in one call.
+
+    Parameters
+    ----------
+    function : callable
+        Gets up to `size` items and returns the result of each, or None of an item that needs a call
+        of its own. Such items, and those of a call that killed its workers, come last, one a call.
+
+    Examples
+    --------
+    >>> from concurrent.futures import Executor
+    >>> class Here(Executor):
+    ...     def submit(self, function, *items):
+    ...         future = Future()
+    ...         future.set_result(function(*items))
+    ...         return future
+    >>> def halves(*items):
+    ...     return [x / 2 if x > 1 or len(items) == 1 else None for x in items]
+    >>> here = Workers(Here(), lambda: 1, ())
+    >>> list(collected_together(here, halves, [("a", 1), ("b", 2), ("c", 4)], 2))
+    [('b', 1.0), ('c', 2.0), ('a', 0.5)]
+    """
+    alone: list[tuple[K, Any]] = []
+    remaining = iter(calls)
+    together = iter(lambda: tuple(islice(remaining, max(size, 1))), ())
+    for several in (together, ((call,) for call in alone)):
+        batches = ((batch, tuple(item for _, item in batch)) for batch in several)
+        for batch, results in collected(workers, function, batches, stopped):
+            lost = [results] * len(batch) if isinstance(results, BaseException) else results
+            for call, result in zip(batch, lost, strict=True):
+                if len(batch) > 1 and (result is None or isinstance(result, BaseException)):
+                    alone.append(call)
+                elif result is not None:
+                    yield call[0], result
+
+
+def together(items: int, workers: Workers) -> int:
+    """Return how many of `items` one call computes, so that all processes are busy to the end."""
+    return min(max(items // (SHARES * max(workers.processes(), 1)), 1), AT_ONCE)
 
 
 def _next(ended: SimpleQueue[Future[R]], workers: Workers) -> Future[R]:

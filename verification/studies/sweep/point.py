@@ -19,7 +19,7 @@ from taction.verification.studies.running.versions import Versions
 from taction.verification.studies.store import StoredResult
 from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
 
 POINT_EFFORT = Effort(details=False)
 
@@ -34,8 +34,11 @@ class Job:
     versions: Versions  # of the process that runs the sweep
 
 
-def compute(job: Job) -> StoredResult:
-    """Compute a point; a verification that fails gives a result, too.
+def compute(*jobs: Job) -> list[StoredResult | None]:
+    """Compute points; a verification that fails gives a result, too.
+
+    Of several points those are computed that the engine solves together; each other one is None,
+    and needs a call of its own.
 
     Raises
     ------
@@ -44,13 +47,27 @@ def compute(job: Job) -> StoredResult:
     SimulatorNotFound, SimulatorTooOld, OutOfDisk
         This machine can compute no point; the point itself may be right.
     """
-    job.versions.check_here()
+    for versions in {id(job.versions): job.versions for job in jobs}.values():
+        versions.check_here()
+    if len(jobs) == 1:
+        return [_computed(jobs[0])]
+    requests = [Request(job.scene, job.problem, effort=POINT_EFFORT) for job in jobs]
+    found = {place: _result(jobs[place], each) for place, each in verify_together(requests)}
+    return [found.get(place) for place in range(len(jobs))]
+
+
+def _result(job: Job, verdict: Verdict) -> StoredResult:
+    waveforms = _pack(verdict) if job.keep_waveforms else None
+    return StoredResult.of(Record.of(verdict, channels=False), waveforms)
+
+
+def _computed(job: Job) -> StoredResult:
+    """Compute one point."""
     try:
         verdict = repeated_if_killed(
             lambda: verify(job.scene, problem=job.problem, effort=POINT_EFFORT)
         )
-        waveforms = _pack(verdict) if job.keep_waveforms else None
-        return StoredResult.of(Record.of(verdict, channels=False), waveforms)
+        return _result(job, verdict)
     except MACHINE_FAILURES:
         raise
     except TactionError as error:

@@ -19,7 +19,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Bools
 from taction.system.errors import MACHINE_FAILURES, Interrupted, TactionError
-from taction.verification.studies.running.collecting import collected
+from taction.verification.studies.running.collecting import collected_together, together
 from taction.verification.studies.running.versions import digest, own_code, own_versions
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store, StoredResult
@@ -178,13 +178,19 @@ class _Sweep:
 
     def _run(self, points: Iterable[GridPoint]) -> None:
         jobs = (call for point in points for call in self._calls(point))
-        for key, result in collected(self.workers, compute, jobs):
+        for key, result in collected_together(self.workers, compute, jobs, self._size()):
             if isinstance(result, BaseException):
                 text = f"the worker was killed several times (out of memory?): {result}"
                 result = failure(result, text, "")
             self._store(key, self._points.pop(key), result)
 
-    def _calls(self, point: GridPoint) -> Iterator[tuple[bytes, tuple[Job]]]:
+    def _size(self) -> int:
+        """Return how many points one call computes."""
+        if "ngspice" in self.plan.engines and not self.plan.hybrid:
+            return 1
+        return together(self.count.total - self.count.done, self.workers)
+
+    def _calls(self, point: GridPoint) -> Iterator[tuple[bytes, Job]]:
         """Yield key and job of a point unless the store or a running job has its result."""
         if self._is_known(point):
             return
@@ -207,7 +213,7 @@ class _Sweep:
             if self.count.time is not None:
                 self.count.time.submit(point.engine, point.place)
             versions = own_versions(point.engine == "ngspice")
-            yield key, (Job(scene, problem, self.plan.keep_waveforms, versions),)
+            yield key, Job(scene, problem, self.plan.keep_waveforms, versions)
 
     def _is_known(self, point: GridPoint) -> bool:
         """Whether the store has a result for the request of a point; count the point if so."""

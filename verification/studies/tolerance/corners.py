@@ -202,7 +202,7 @@ def _gradient(
     probes = [(NOMINAL, np.zeros(count)), *enumerate(PROBE * np.eye(count))]
     samples: dict[int, BoardSample] = {}
     pace = Pace()
-    for sample in evaluate_all(board, probes, workers):
+    for sample in evaluate_all(board, probes, workers, len(probes)):
         samples[sample.number] = sample
         left = pace.ended(len(probes) - len(samples))
         progress(f"sensitivities: {len(samples)} of {len(probes)} boards{left}")

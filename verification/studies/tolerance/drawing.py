@@ -124,7 +124,9 @@ def run_samples(
                     collection.damaged.append(number)
                 yield number, draw(board.scene.tolerances, board.varied, seed, number)
 
-    for sample in evaluate_all(board, missing(), workers, lambda: collection.enough):
+    for sample in evaluate_all(
+        board, missing(), workers, collection.limit, lambda: collection.enough
+    ):
         if store is not None:
             store.put(sample)
         collection.add(sample)

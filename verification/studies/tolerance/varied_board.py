@@ -9,8 +9,8 @@ import math
 import pickle
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, lru_cache
-from typing import Annotated
+from functools import cached_property, lru_cache, partial
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -25,14 +25,18 @@ from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, Tacti
 from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import Result
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.studies.running.collecting import collected, repeated_if_killed
+from taction.verification.studies.running.collecting import (
+    collected_together,
+    repeated_if_killed,
+    together,
+)
 from taction.verification.studies.running.versions import Versions, own_versions
 from taction.verification.studies.running.worker import Workers
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
 
 SAMPLE_EFFORT = Effort(details=False, full_margin=False)
 
@@ -152,6 +156,16 @@ class VariedBoard:
         """Largest step of any output of the ideal network, V; not a number without a step."""
         return float(np.abs(self.ideal.target - self.ideal.start).max()) or math.nan
 
+    def request(self, z: Floats) -> dict[str, Any]:
+        """Return the arguments of `verify` for the board with deviations `z`."""
+        return {
+            "scene": self.scene,
+            "problem": self.problem,
+            "circuit": vary(self.nominal, self.scene.tolerances, z),
+            "ideal": self.ideal,
+            "effort": replace(SAMPLE_EFFORT, full_margin=self.full_margin),
+        }
+
     @cached_property
     def _packed(self) -> bytes:
         return pickle.dumps(tuple(getattr(self, field.name) for field in fields(self)))
@@ -186,6 +200,24 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, versions)
 
 
+def evaluate_together(
+    *requests: tuple[VariedBoard, int, Floats],
+) -> list[BoardSample | None]:
+    """Evaluate several boards; None for each one that needs a call of its own.
+
+    Raises
+    ------
+    OtherVersionsError, SimulatorNotFound, SimulatorTooOld, OutOfDisk
+        As `evaluate`.
+    """
+    if len(requests) == 1:
+        return [evaluate(*requests[0])]
+    requests[0][0].versions.check_here()
+    asked = [Request(**board.request(z)) for board, _, z in requests]
+    found = {k: sample_of(verdict, requests[k][1]) for k, verdict in verify_together(asked)}
+    return [found.get(k) for k in range(len(requests))]
+
+
 def evaluate(board: VariedBoard, number: int, z: Floats) -> BoardSample:
     """Verify the board with deviations `z`; a verification that fails gives a sample, too.
 
@@ -198,15 +230,7 @@ def evaluate(board: VariedBoard, number: int, z: Floats) -> BoardSample:
     """
     board.versions.check_here()
     try:
-        verdict = repeated_if_killed(
-            lambda: verify(
-                board.scene,
-                problem=board.problem,
-                circuit=vary(board.nominal, board.scene.tolerances, z),
-                ideal=board.ideal,
-                effort=replace(SAMPLE_EFFORT, full_margin=board.full_margin),
-            )
-        )
+        verdict = repeated_if_killed(partial(verify, **board.request(z)))
     except MACHINE_FAILURES:
         raise
     except TactionError as error:
@@ -237,9 +261,12 @@ def evaluate_all(
     board: VariedBoard,
     requests: Iterable[tuple[int, Floats]],
     workers: Workers,
+    count: int,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[BoardSample]:
     """Yield the samples of `requests`, (number, z) each, as they end, until `stopped` is true.
+
+    There are at most `count` of them.
 
     A sample whose worker was killed several times has no verdict.
 
@@ -249,7 +276,8 @@ def evaluate_all(
         As `taction.verification.studies.running.collecting.collected`.
     """
     calls = ((number, (board, number, z)) for number, z in requests)
-    for number, sample in collected(workers, evaluate, calls, stopped):
+    size = 1 if choose_engine(board.scene) == "ngspice" else together(count, workers)
+    for number, sample in collected_together(workers, evaluate_together, calls, size, stopped):
         if isinstance(sample, BaseException):
             reason = f"its worker was killed: {sample}"
             sample = without_verdict(number, sample, reason, board)

@@ -55,7 +55,9 @@ def of_sweep(scene: Scene) -> dict[str, Any]:
         problem = make_problem(scene)
     except TactionError as error:
         return without_verdict(error, engine)
-    return compute(Job(scene, problem, False, own_versions(engine == "ngspice"))).row
+    (result,) = compute(Job(scene, problem, False, own_versions(engine == "ngspice")))
+    assert result is not None
+    return result.row
 
 
 def without_verdict(error: TactionError, engine: str) -> dict[str, Any]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -111,15 +111,16 @@ def exact_solution(
         nonlinear = board.circuit.has_nonlinear_amplifiers
         what = f"{kind} amplifiers" if nonlinear else "op-amps with limits"
         raise EngineError(f"board {name!r} has {what}: the board is not linear")
-    if not voltages and nodes is None:
-        return _outputs_solution(board, initial)
+    if not voltages and nodes is None:  # one verification uses it several times
+        known = _OUTPUTS.setdefault(board, {})
+        if initial not in known:
+            known[initial] = _solve(board, initial, None, board.reported(None))
+        return known[initial]
     return _solve(board, initial, voltages, board.reported(nodes))
 
 
-@functools.lru_cache(maxsize=4)
-def _outputs_solution(board: LinearBoard, initial: Initial) -> Exact:
-    """Return the solution of the outputs, which one verification uses several times."""
-    return _solve(board, initial, None, board.reported(None))
+_OUTPUTS: WeakKeyDictionary[LinearBoard, dict[Initial, Exact]] = WeakKeyDictionary()
+"""Solutions of the outputs of boards that are in use."""
 
 
 def _solve(

@@ -56,10 +56,12 @@ class Exponentials:
     def basis(self, times: Floats, live: int | None = None) -> Complexes:
         """Return the terms with shares of 1 at `times`, shape (P, m), or only the first ones."""
         poles, powers = self.poles[:live], self.powers[:live]
-        ring = np.flatnonzero(poles.imag)  # a real one costs a thirtieth
+        ring = np.flatnonzero(poles.imag)
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable board overflows
             values = np.exp(np.outer(times, poles.real)).astype(np.complex128)
-            values[:, ring] = np.exp(np.outer(times, poles[ring]))
+            angle = np.outer(times, poles.imag[ring])  # quicker than a complex exponential
+            values.imag[:, ring] = values.real[:, ring] * np.sin(angle)
+            values.real[:, ring] *= np.cos(angle)
             for k in range(1, self._highest + 1):
                 higher = np.flatnonzero(powers >= k)
                 values[:, higher] *= np.outer(times, self.scales[higher] / k)
@@ -71,7 +73,7 @@ class Exponentials:
         after[lower] = share[lower + 1]
         return after
 
-    def _derived(self, order: int) -> Complexes:
+    def derived(self, order: int) -> Complexes:
         """Return the shares of a time derivative, (m, K)."""
         share = self.share
         for _ in range(order):
@@ -81,11 +83,11 @@ class Exponentials:
 
     def at(self, times: Floats, order: int = 0) -> Floats:
         """Return values, or their time derivatives, at `times` (P,), s; shape (P, K)."""
-        return self._sums(times, self._derived(order))
+        return self._sums(times, self.derived(order))
 
     def pair(self, times: Floats) -> tuple[Floats, Floats]:
         """Return values and their time derivatives, shape (P, K) each."""
-        both = self._sums(times, np.hstack([self.share, self._derived(1)]))
+        both = self._sums(times, np.hstack([self.share, self.derived(1)]))
         return both[:, : self.share.shape[1]], both[:, self.share.shape[1] :]
 
     def _sums(self, times: Floats, weight: Complexes) -> Floats:
@@ -96,19 +98,6 @@ class Exponentials:
             live = self._live(float(times[part].min()))
             values[part] = _real_product(self.basis(times[part], live), weight[:live])
         return values
-
-    def chosen(self, times: Floats, columns: Ints, order: int) -> tuple[Floats, Floats]:
-        """Return the derivatives of two orders from `order`, of one column at each time, (P,)."""
-        live = self._live(float(times.min(initial=math.inf)))
-        basis = self.basis(times, live)
-        if not self._highest:
-            terms = basis * self.share[:live, columns].T * self.poles[:live] ** order
-            return terms.real.sum(axis=1), (terms @ self.poles[:live]).real
-        first, second = (
-            (basis * self._derived(each)[:live, columns].T).real.sum(axis=1)
-            for each in (order, order + 1)
-        )
-        return first, second
 
     def uniform(self, step: float, count: int) -> Floats:
         """Return values at ``step * (0 .. count - 1)``, (count, K), by 2 √count exponentials."""

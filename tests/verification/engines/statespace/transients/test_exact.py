@@ -54,9 +54,9 @@ def test_a_defective_board_has_powers_of_the_time(count: int) -> None:
     assert solution.derivative(t)[:, 0] == pytest.approx(slope, abs=1e-9 / TAU)
     assert solution.error < 1e-9
     assert solution.uniform(0.1 * TAU, 101) == pytest.approx(solution.at(t), abs=1e-12)
-    values, slopes = solution.flow.chosen(t, np.zeros(101, dtype=np.int64), 0)
-    assert 1.0 + values == pytest.approx(solution.at(t)[:, 0], abs=1e-12)
-    assert slopes == pytest.approx(slope, abs=1e-9 / TAU)
+    values, slopes = solution.flow.pair(t)
+    assert 1.0 + values == pytest.approx(solution.at(t), abs=1e-12)
+    assert slopes[:, 0] == pytest.approx(slope, abs=1e-9 / TAU)
 
 
 def test_derivatives_are_derivatives() -> None:
