@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from taction.netlist_gen.kicad.project import KicadProject
     from taction.verification.design.fresh_scene import NewScene
     from taction.verification.design.remedies import Remedies
-    from taction.verification.verdict.board_power import PartsList
     from taction.verification.verdict.deck import Netlist
 
 DOCUMENTS = "verification.report.documents"
@@ -163,8 +162,6 @@ def _of_the_scene(call: Call) -> None:
 
 SOLUTION = Job(
     function="solve",
-    document=f"{DOCUMENTS}.plain:SolveDocument.of",
-    text="cli.answers:print_solution",
     schema="solve",
     before=_of_the_scene,
     lacks="shows a verdict; --solve has none",
@@ -235,36 +232,9 @@ def _netlist_remarks(found: Netlist, call: Call) -> None:
         click.echo(f"warning: {visible(warning)}", err=True)
 
 
-def _netlist_document(found: Netlist) -> object:
-    from taction.verification.report.documents.plain import NetlistDocument, PruningPart
-
-    return NetlistDocument(
-        files=found.written,
-        deck=None if found.written else found.text,
-        omissions=found.circuit.omissions,
-        pruning=None if found.pruning is None else PruningPart.of(found.pruning),
-        warnings=found.warnings,
-        lam=found.circuit.value("lambda"),
-    )
-
-
 def _netlist_text(found: Netlist) -> None:
     if not found.written:
         click.echo(found.text, nl=False)
-
-
-def _parts_document(found: PartsList) -> object:
-    from taction.verification.report.documents.plain import BomDocument
-
-    return BomDocument.of(found.scene.name, found.parts, found.power)
-
-
-def _kicad_document(found: KicadProject) -> object:
-    from taction.system.documents import taken
-    from taction.verification.report.documents.plain import KicadDocument
-
-    scene = found.scene.name
-    return taken(KicadDocument, found.project, scene=scene, files=found.written)
 
 
 def _kicad_remarks(found: KicadProject, call: Call) -> None:
@@ -311,7 +281,6 @@ DIFF = Command(
 NETLIST = Command(
     job=Job(
         function="netlist",
-        document=_netlist_document,
         text=_netlist_text,
         after=_netlist_remarks,
         files=lambda found, call: found.written,
@@ -327,13 +296,12 @@ NETLIST = Command(
     ),
 )
 BOM = Command(
-    job=Job(function="bom", document=_parts_document, files=own_file),
+    job=Job(function="bom", files=own_file),
     parameters=(SCENE, OUTPUT),
 )
 KICAD = Command(
     job=Job(
         function="kicad",
-        document=_kicad_document,
         text=_nothing,
         after=_kicad_remarks,
         files=lambda found, call: found.written,
@@ -353,8 +321,6 @@ SOLVE = Command(
 SIMULATE = Command(
     job=Job(
         function="simulate",
-        document="cli.answers:record_document",
-        text="cli.answers:print_record",
         before=_check_export,
         files=own_file,
     ),
@@ -408,16 +374,12 @@ def _rescaled(call: Call) -> None:
 
 NEW_MATRIX = Job(
     function="new",
-    document="cli.answers:fresh_document",
-    text="cli.answers:print_fresh",
     schema="new-matrix",
     before=_new_file,
     files=_new_files,
 )
 NEW_SCALED = Job(
     function="scale",
-    document="cli.answers:scaled_document",
-    text="cli.answers:print_scaled",
     schema="scale",
     before=_rescaled,
     files=lambda found, call: [call.arguments["output"]],
@@ -490,15 +452,13 @@ NEW = Command(
 MODELS = Command(
     job=Job(
         function="models",
-        document="cli.answers:models_document",
-        text="cli.answers:print_models",
+        view="verification.report.views.opamp:list_view",
     ),
     parameters=(),
     commands={
         "show": Command(
             job=Job(
                 function="opamp",
-                document="cli.answers:opamp_document",
                 outputs=(picture("the Bode diagram and the steps of a follower"),),
             ),
             parameters=(argument("name", type=str, reads=False),),
@@ -506,8 +466,6 @@ MODELS = Command(
         "import": Command(
             job=Job(
                 function="import_model",
-                document="cli.answers:model_document",
-                text="cli.answers:print_model",
                 files=lambda found, call: [found.file],
             ),
             parameters=(
@@ -524,8 +482,6 @@ MODELS = Command(
 DOCTOR = Command(
     job=Job(
         function="doctor",
-        document="cli.answers:doctor_document",
-        text="cli.answers:print_doctor",
     ),
     parameters=(),
     ends="Exit status: 3 if ngspice is missing.",

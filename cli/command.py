@@ -133,14 +133,6 @@ REPORT = Output(
 )
 
 
-def print_result(found: Any) -> None:
-    """Print the page of a result."""
-    from taction.cli.terminal import console
-    from taction.verification.report.renderers.terminal import print_page
-
-    print_page(found.page(), console())
-
-
 def text_file(name: str, text: str, make: Target) -> Output:
     """Return the option ``--NAME``; `make` takes the result and returns the file's text."""
 
@@ -184,8 +176,10 @@ class Job:
     document : Target
         Takes the result and returns its document, or an iterator of the parts of a long one; by
         default the result is its own.
-    text : Target
-        Takes the result and prints it; by default its page.
+    view : Target
+        Takes the result and returns the page that is printed; by default its own.
+    text : Target, optional
+        Takes the result and prints it, in the place of its page.
     outputs : tuple of Output
         The files that show the result.
     work : callable, optional
@@ -206,7 +200,8 @@ class Job:
 
     function: str
     document: Target = lambda found: found
-    text: Target = print_result
+    view: Target = lambda found: found.page()
+    text: Target | None = None
     outputs: tuple[Output, ...] = ()
     work: Callable[[Call, Callable[[str], None]], Any] | None = None
     schema: str | None = ""

@@ -13,7 +13,7 @@ import click
 import taction
 from taction.cli.command import Call, Command, Job, Output, Parameter, beginning, load, signature
 from taction.cli.ending import of_stdout
-from taction.cli.terminal import STATUS, display, print_json, say
+from taction.cli.terminal import STATUS, console, display, print_json, say
 from taction.system.after_result import attempt
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_text import visible
@@ -165,11 +165,20 @@ def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
     return complete
 
 
+def _print(job: Job, result: Any) -> None:
+    if job.text is not None:
+        load(job.text)(result)
+        return
+    from taction.verification.report.renderers.terminal import print_page
+
+    print_page(load(job.view)(result), console())
+
+
 def _show(job: Job, result: Any, call: Call) -> None:
     if not call.as_json:
         ending = str(getattr(result, "outcome", "")).upper()
         failed: list[str] = []
-        attempt("the text", lambda: load(job.text)(result), None, failed.append, _is_of_stdout)
+        attempt("the text", lambda: _print(job, result), None, failed.append, _is_of_stdout)
         for line in failed:
             say(line)
             click.echo(ending)

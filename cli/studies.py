@@ -92,7 +92,6 @@ CORNERS = Command(
 TUNE = Command(
     job=Job(
         function="tune",
-        document="cli.answers:tuned_document",
         outputs=(picture("settling time against overshoot"), REPORT),
         files=own_file,
     ),
@@ -172,8 +171,6 @@ CHOOSE = Command(
 SCALE = Command(
     job=Job(
         function="scale",
-        document="cli.answers:scaled_document",
-        text="cli.answers:print_scaled",
         files=own_file,
     ),
     parameters=(

@@ -86,6 +86,8 @@ class OpAmp:
         A figure is out of its range; the text has its name, its value and the accepted range.
     """
 
+    DOCUMENT = "taction.verification.report.documents.plain:Preset.of"
+
     name: str  # of the subcircuit: a letter, then letters, digits and '_'
     dc_gain: float  # A0, V/V; finite and above 1
     gbw: float = math.inf  # gain-bandwidth product, Hz

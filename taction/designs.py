@@ -122,17 +122,12 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     >>> listed.parts.count("capacitor"), listed.parts.opamp
     (7, 'ideal')
     """
-    from taction.netlist_gen.board.bill_of_materials import bill_of_materials
-    from taction.netlist_gen.board.synthesis import synthesise
     from taction.system.atomic_files import write_atomically
-    from taction.verification.engines.statespace.linearised.board import LinearBoard
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.report.views.parts import parts_csv
-    from taction.verification.verdict.board_power import PartsList, board_power
+    from taction.verification.verdict.board_power import parts_list
 
-    scene = read_scene(scene)
-    circuit = synthesise(scene)
-    found = PartsList(scene, bill_of_materials(circuit, scene), board_power(LinearBoard(circuit)))
+    found = parts_list(read_scene(scene))
     if output is not None:
         write_atomically(output, parts_csv(found.parts))
     return found

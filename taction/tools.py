@@ -2,49 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from taction.spice_models.opamp import OpAmp
-    from taction.verification.characterise.characterise import OpAmpFigures
+    from taction.verification.characterise.characterise import ImportedModel, OpAmpFigures
     from taction.verification.evidence.demonstration import Demonstration
+    from taction.verification.studies.running.installation import Installation
     from taction.verification.verdict.progress import Progress
-
-EXTRAS = (
-    ("matplotlib", "--plot", "pip install 'taction[plot]'"),
-    ("jinja2", "--report", "pip install 'taction[report]'"),
-    ("plotly", "--report", "pip install 'taction[report]'"),
-    ("nicegui", "explore", "pip install 'taction[explore]'"),
-    ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
-    ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
-    ("pandas", "to_pandas() of studies, in Python", "pip install 'taction[data]'"),
-    ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),
-)
-"""Optional packages, what each is needed for, and how to install it."""
-
-
-@dataclass(frozen=True, slots=True)
-class ImportedModel:
-    """The results of `taction.import_model`: the file, and what it holds."""
-
-    file: str
-    model: Mapping[str, Any] = field(repr=False)
-
-
-@dataclass(frozen=True, slots=True)
-class Installation:
-    """The results of `taction.doctor`: what is installed, and what it is needed for."""
-
-    findings: tuple[Mapping[str, Any], ...]
-
-    @property
-    def outcome(self) -> str:
-        """``inconclusive`` if ngspice is missing."""
-        simulator = next(each for each in self.findings if each["what"] == "ngspice")
-        return "pass" if simulator["ok"] else "inconclusive"
 
 
 def demo(
@@ -150,24 +117,15 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     'ua741'
     """
     from taction.netlist_gen.scene.open_tables import OPAMPS
-    from taction.spice_models.presets import figure_origins
-    from taction.system.errors import Complaint, InputError, SimulationError, nearest_question
-    from taction.verification.characterise.characterise import OpAmpFigures, characterise
-    from taction.verification.characterise.witnesses import Equations, Simulation
-    from taction.verification.engines.ngspice.executable import find_simulator
+    from taction.system.errors import Complaint, InputError, nearest_question
+    from taction.verification.characterise.characterise import opamp_figures
     from taction.verification.verdict.progress import Notice
 
     if name not in OPAMPS:
         hint = nearest_question(name, tuple(OPAMPS), 0.6)
         text = f"{name!r} is no preset; {hint}known: {', '.join(OPAMPS)}"
         raise InputError("models show", Complaint("NAME", "", text))
-    witnesses: dict[str, Any] = {"state space": Equations()}
-    try:
-        witnesses["ngspice"] = Simulation(find_simulator())
-    except SimulationError as error:
-        progress(Notice(f"without ngspice: {error}"))
-    results = {title: characterise(OPAMPS[name], each) for title, each in witnesses.items()}
-    return OpAmpFigures(OPAMPS[name], figure_origins(name), witnesses, results)
+    return opamp_figures(OPAMPS[name], lambda text: progress(Notice(text)))
 
 
 def import_model(
@@ -231,7 +189,7 @@ def import_model(
     from taction.netlist_gen.scene.fields import BOTH_SIGNS
     from taction.netlist_gen.scene.imported_opamps import to_document
     from taction.system.atomic_files import write_atomically
-    from taction.verification.characterise.characterise import import_opamp
+    from taction.verification.characterise.characterise import ImportedModel, import_opamp
 
     volts = _quantity("supply", BOTH_SIGNS.sub("", str(supply)), "V", 1e6)
     farads = _quantity("compensation", str(compensation), "F", 1.0) if compensation else 0.0
@@ -289,72 +247,9 @@ def doctor() -> Installation:
     Examples
     --------
     >>> import taction
-    >>> [finding["what"] for finding in taction.doctor().findings][:2]
+    >>> [finding.what for finding in taction.doctor().findings][:2]
     ['Python', 'ngspice']
     """
-    return Installation((_python(), _simulator(), *_blas(), *_extras()))
+    from taction.verification.studies.running.installation import installation
 
-
-def _python() -> dict[str, Any]:
-    import os
-    import platform
-    from importlib import metadata
-
-    packages = ("PySpice", "numpy", "scipy", "pydantic", "click", "quantiphy", "rich")
-    return {
-        "what": "Python",
-        "ok": True,
-        "found": f"{platform.python_version()} on {platform.system()}, {os.cpu_count()} cores",
-        "means": ", ".join(f"{name} {metadata.version(name)}" for name in packages),
-    }
-
-
-def _simulator() -> dict[str, Any]:
-    from taction.system.errors import SimulationError
-    from taction.verification.engines.ngspice.executable import find_simulator
-
-    try:
-        simulator = find_simulator()
-    except SimulationError as error:
-        means = "taction uses its state-space engine only, without the comparison with ngspice"
-        return {"what": "ngspice", "ok": False, "found": str(error), "means": means}
-    return {
-        "what": "ngspice",
-        "ok": True,
-        "found": f"{simulator.version} at {simulator.executable}",
-        "means": "with the matrix solver KLU: fast on large boards"
-        if simulator.klu
-        else "without the matrix solver KLU: slow on boards of more than 32 channels",
-    }
-
-
-def _blas() -> Iterator[dict[str, Any]]:
-    """Yield one finding a BLAS library: numpy and scipy bring their own."""
-    import numpy as np  # noqa: F401
-    import scipy.linalg  # noqa: F401
-    from threadpoolctl import threadpool_info
-
-    for library in threadpool_info():
-        if library["user_api"] == "blas":
-            version = library["version"] or "of no stated version"
-            kernels = library.get("architecture", "unnamed")
-            yield {
-                "what": f"BLAS of {Path(library['filepath']).parent.name.partition('.')[0]}",
-                "ok": True,
-                "found": f"{library['internal_api']} {version}, {kernels} kernels,"
-                f" threads: {library['num_threads']}",
-                "means": "rounding differs between kernels; OPENBLAS_CORETYPE chooses others",
-            }
-
-
-def _extras() -> Iterator[dict[str, Any]]:
-    from importlib import util
-
-    for package, purpose, remedy in EXTRAS:
-        there = util.find_spec(package) is not None
-        yield {
-            "what": package,
-            "ok": there,
-            "found": "installed" if there else f"not installed: {remedy}",
-            "means": f"needed only for {purpose}",
-        }
+    return installation()

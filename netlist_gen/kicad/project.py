@@ -38,6 +38,8 @@ class Project:
 class KicadProject:
     """The drawing of a channel, and the files that were written."""
 
+    DOCUMENT = "taction.verification.report.documents.plain:KicadDocument.of"
+
     scene: Scene = field(repr=False)
     project: Project = field(repr=False)
     written: tuple[str, ...]

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
+from taction.system.raw_file import write_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.evidence import Ending, accepted_waveforms
-from taction.verification.engines.ngspice.raw_file import write_raw
 from tests.fuzz.edits import BYTE_EDITS, VALUE_EDIT, edited
 from tests.fuzz.target import Target
 from tests.support.small_decks import transient

@@ -6,8 +6,9 @@ Of a vendor's netlist the same benches give the figures and a linear model, all 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,14 +24,20 @@ from taction.spice_models.imported import (
     check_pins,
 )
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
-from taction.spice_models.presets import Origin
+from taction.spice_models.presets import Origin, figure_origins
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import Complaint, InputError, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 from taction.system.results import Result
 from taction.verification.characterise.bench import Bench, VendorBench
 from taction.verification.characterise.rational_fit import fit_rational, fit_together, has_aaa
-from taction.verification.characterise.witnesses import Responses, Simulation, Witness, frequencies
+from taction.verification.characterise.witnesses import (
+    Equations,
+    Responses,
+    Simulation,
+    Witness,
+    frequencies,
+)
 from taction.verification.engines.ngspice.executable import find_simulator
 
 UNITS = {
@@ -93,11 +100,23 @@ class OpAmpFigures(Result):
     """
 
     VIEW = "taction.verification.report.views.opamp:view"
+    DOCUMENT = "taction.verification.report.documents.plain:ShowDocument.of"
 
     opamp: OpAmp = field(repr=False)
     origins: Mapping[str, Origin] = field(repr=False)
     witnesses: Mapping[str, Witness] = field(repr=False)
     results: Mapping[str, tuple[Measured, ...]] = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedModel(Result):
+    """The results of `taction.import_model`: the file, and what it holds."""
+
+    VIEW = "taction.verification.report.views.opamp:imported_view"
+    DOCUMENT = "taction.verification.report.documents.plain:ImportDocument.of"
+
+    file: str
+    model: Mapping[str, Any] = field(repr=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,6 +188,20 @@ def characterise(opamp: OpAmp, witness: Witness) -> tuple[Measured, ...]:
         density = witness.noise(Bench(quiet), NOISE)
         found["voltage_noise"] = (density, opamp.voltage_noise)
     return tuple(Measured(name, UNITS[name], *found[name]) for name in UNITS if name in found)
+
+
+def opamp_figures(opamp: OpAmp, remark: Callable[[str], object]) -> OpAmpFigures:
+    """Measure an op-amp by our own equations and, where it is installed, by ngspice.
+
+    `remark` receives a line if ngspice is missing.
+    """
+    witnesses: dict[str, Witness] = {"state space": Equations()}
+    try:
+        witnesses["ngspice"] = Simulation(find_simulator())
+    except SimulationError as error:
+        remark(f"without ngspice: {error}")
+    results = {title: characterise(opamp, each) for title, each in witnesses.items()}
+    return OpAmpFigures(opamp, figure_origins(opamp.name), witnesses, results)
 
 
 def _limits(opamp: OpAmp, witness: Witness) -> dict[str, tuple[float, float]]:

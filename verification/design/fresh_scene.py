@@ -31,6 +31,7 @@ from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.planes import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
+from taction.system.results import Result
 from taction.verification.design.scaling import SHARE, Scaled, Scaling, scale
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference import Problem, solve
@@ -240,8 +241,11 @@ class FreshScene:
 
 
 @dataclass(frozen=True, slots=True)
-class NewScene:
+class NewScene(Result):
     """The files of a new scene, and for a matrix the scaling and the verdict."""
+
+    VIEW = "taction.verification.report.views.scaling:new_view"
+    DOCUMENT = "taction.verification.report.documents.verdict:NewMatrixDocument.of"
 
     file: str
     written: tuple[str, ...]

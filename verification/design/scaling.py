@@ -31,6 +31,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, EngineError, InputError
+from taction.system.results import Result
 from taction.verification.design.search import search_range
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import (
@@ -164,8 +165,11 @@ class Scaling:
 
 
 @dataclass(frozen=True, slots=True)
-class Scaled:
+class Scaled(Result):
     """The scalings, and the verdict of the board with them."""
+
+    VIEW = "taction.verification.report.views.scaling:view"
+    DOCUMENT = "taction.verification.report.documents.verdict:ScaleDocument.of"
 
     scaling: Scaling = field(repr=False)
     verdict: Verdict

@@ -66,6 +66,7 @@ class Tuned(Result):
     """A search, and the verdict of the best design."""
 
     VIEW = "taction.verification.report.views.tune:view"
+    DOCUMENT = "taction.verification.report.documents.verdict:TuneDocument.of"
 
     tuning: Tuning = field(repr=False)
     verdict: Verdict

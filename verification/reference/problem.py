@@ -9,6 +9,7 @@ import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
+from taction.system.results import Result
 from taction.verification.reference.regularisers import REGULARISERS
 
 RELATIVE_ERROR = 1e-12
@@ -135,7 +136,7 @@ def _check(problem: Problem | ToeplitzProblem, shape: list[Complaint], **arrays:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Solution:
+class Solution(Result):
     """A solution with its certificate.
 
     Attributes
@@ -169,6 +170,9 @@ class Solution:
     reason : str
         Why the solution is not trusted and what to do; empty for a trusted solution.
     """
+
+    VIEW = "taction.verification.report.views.solution:view"
+    DOCUMENT = "taction.verification.report.documents.plain:SolveDocument.of"
 
     problem: Problem | ToeplitzProblem
     u: Floats

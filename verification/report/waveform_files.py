@@ -63,7 +63,7 @@ def _parquet(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
 
 
 def _raw(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
-    from taction.verification.engines.ngspice.raw_file import write_raw
+    from taction.system.raw_file import write_raw
 
     write_raw(path, waveforms)
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from taction.netlist_gen.board.bill_of_materials import BillOfMaterials
+from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of_materials
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -46,10 +47,33 @@ class PartsList(Result):
     """The parts of a board to buy, and its power at rest."""
 
     VIEW = "taction.verification.report.views.parts:view"
+    DOCUMENT = "taction.verification.report.documents.plain:BomDocument.of"
 
     scene: Scene = field(repr=False)
     parts: BillOfMaterials = field(repr=False)
     power: BoardPower
+
+
+def parts_list(scene: Scene) -> PartsList:
+    """Return the parts and the power of the board of `scene`.
+
+    Raises
+    ------
+    InputError
+        The scene cannot be built.
+    EngineError
+        The board has no equilibrium.
+
+    Examples
+    --------
+    >>> import taction
+    >>> listed = parts_list(taction.load_scene("scenes/custom-matrix.toml"))
+    >>> listed.parts.count("capacitor")
+    4
+    """
+    circuit = synthesise(scene)
+    power = board_power(LinearBoard(circuit))
+    return PartsList(scene, bill_of_materials(circuit, scene), power)
 
 
 def board_power(board: LinearBoard) -> BoardPower:

@@ -77,6 +77,8 @@ class Netlist(Deck):
         The files that were written.
     """
 
+    DOCUMENT = "taction.verification.report.documents.plain:NetlistDocument.of"
+
     circuit: Circuit = field(kw_only=True, repr=False)
     warnings: tuple[str, ...] = field(default=(), repr=False)
     pruning: Pruning | None = field(default=None, repr=False)

@@ -16,6 +16,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
 from taction.system.quantities import quantity
+from taction.system.results import Result
 from taction.system.waveforms import Waveforms
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
@@ -178,8 +179,11 @@ REPEATS = 3  # largest number of repeated runs
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class MeasuredTransient:
+class MeasuredTransient(Result):
     """Waveforms of one transient, their measurements, and their file, if there is one."""
+
+    VIEW = "taction.verification.report.views.solution:transient_view"
+    DOCUMENT = "taction.verification.report.documents.verdict:SimulateDocument.of"
 
     circuit: Circuit
     transient: Transient

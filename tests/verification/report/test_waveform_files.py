@@ -15,8 +15,8 @@ from taction.netlist_gen.scene.scene import load_scene
 from taction.system.documents import plain
 from taction.system.errors import InputError
 from taction.system.picture import time_unit
+from taction.system.raw_file import read_raw
 from taction.system.waveforms import Cost, Waveforms
-from taction.verification.engines.ngspice.raw_file import read_raw
 from taction.verification.readings.readings import Reading
 from taction.verification.report.documents.verdict import (
     verdict_document,

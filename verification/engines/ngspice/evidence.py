@@ -49,9 +49,9 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.foreign_files import MEGABYTE
+from taction.system.raw_file import Plot, read_complex, read_plots, read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
-from taction.verification.engines.ngspice.raw_file import Plot, read_complex, read_plots, read_raw
 from taction.verification.engines.ngspice.screening import Deck
 
 Result = TypeVar("Result")

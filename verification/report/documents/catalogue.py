@@ -56,10 +56,10 @@ MODELS = {
     "models": "verification.report.documents.plain.ModelsDocument",
     "models-show": "verification.report.documents.plain.ShowDocument",
     "models-import": "verification.report.documents.plain.ImportDocument",
-    "new": "verification.report.documents.plain.NewDocument",
+    "new": "verification.report.documents.verdict.NewDocument",
     "new-matrix": "verification.report.documents.verdict.NewMatrixDocument",
     "help": "verification.report.documents.plain.HelpDocument",
-    "doctor": "verification.report.documents.plain.DoctorDocument",
+    "doctor": "verification.studies.running.installation.Installation",
     ERROR: "system.error_document.ErrorDocument",
 }
 """By the name of the schema: that of the command, or of one of its documents."""

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, Package, Preferred
+from taction.netlist_gen.board.bill_of_materials import Package, Preferred
 from taction.netlist_gen.board.circuit import Omission
+from taction.netlist_gen.kicad.project import KicadProject
 from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
@@ -26,11 +27,16 @@ from taction.system.documents import (
     Watts,
     taken,
 )
-from taction.verification.characterise.characterise import supply_of
+from taction.verification.characterise.characterise import (
+    ImportedModel,
+    OpAmpFigures,
+    supply_of,
+)
 from taction.verification.reference import Solution
 from taction.verification.report.documents.verdict import Certificate
-from taction.verification.report.views.opamp import TITLES, Origins, Results, stated_figures
-from taction.verification.verdict.board_power import BoardPower
+from taction.verification.report.views.opamp import TITLES, stated_figures
+from taction.verification.verdict.board_power import PartsList
+from taction.verification.verdict.deck import Netlist
 from taction.verification.verdict.pruning import Pruning
 
 
@@ -61,6 +67,18 @@ class NetlistDocument:
     pruning: PruningPart | None
     warnings: tuple[str, ...]
     lam: Annotated[Number, Key("lambda")]
+
+    @classmethod
+    def of(cls, found: Netlist) -> NetlistDocument:
+        """Return a deck, or the files that hold it."""
+        return cls(
+            files=found.written,
+            deck=None if found.written else found.text,
+            omissions=found.circuit.omissions,
+            pruning=None if found.pruning is None else PruningPart.of(found.pruning),
+            warnings=found.warnings,
+            lam=found.circuit.value("lambda"),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +126,16 @@ class BomDocument:
     not_listed: tuple[str, ...]
 
     @classmethod
-    def of(cls, scene: str, parts: BillOfMaterials, power: BoardPower) -> BomDocument:
+    def of(cls, found: PartsList) -> BomDocument:
         """Return the parts of a board."""
+        parts = found.parts
         lines = tuple(
             taken(Line, line, count=len(line.references), standard=not line.preferred)
             for line in parts.lines
         )
         opamps = Packages(parts.opamp, parts.packages, parts.spare)
-        return cls(scene, lines, opamps, taken(Power, power), parts.not_listed)
+        power = taken(Power, found.power)
+        return cls(found.scene.name, lines, opamps, power, parts.not_listed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +147,11 @@ class KicadDocument:
     channel: int
     row: int
     not_drawn: tuple[str, ...]
+
+    @classmethod
+    def of(cls, found: KicadProject) -> KicadDocument:
+        """Return what was drawn."""
+        return taken(cls, found.project, scene=found.scene.name, files=found.written)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,24 +188,6 @@ class SolveDocument:
             outcome="pass" if solution.trusted else "inconclusive",
             certificate=Certificate(solution.certificate_kind, value, solution.bound),
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A part of the installation."""
-
-    what: str
-    ok: bool
-    found: str
-    means: str
-
-
-@dataclass(frozen=True, slots=True)
-class DoctorDocument:
-    """``taction self doctor``."""
-
-    findings: tuple[Finding, ...]
-    ok: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,11 +260,12 @@ class ShowDocument:
     measured: Annotated[dict[str, MeasuredFigure], Note("by the name of the figure")]
 
     @classmethod
-    def of(cls, opamp: OpAmp, origins: Origins, results: Results) -> ShowDocument:
+    def of(cls, found: OpAmpFigures) -> ShowDocument:
         """Return the stated and the measured figures."""
+        opamp, origins = found.opamp, found.origins
         measured: dict[str, dict[str, Any]] = {}
-        for witness, found in results.items():
-            for each in found:
+        for witness, results in found.results.items():
+            for each in results:
                 known = {"unit": each.unit, "stated": each.stated}
                 measured.setdefault(each.name, known)[witness.replace(" ", "_")] = each.value
         limits, unknown = dict(opamp.guaranteed), Origin("", "", "")
@@ -332,12 +340,10 @@ class ImportDocument:
     missing: Annotated[str, Note("why there is no linear model")]
     doubts: Annotated[tuple[str, ...], Note("figures that op-amps do not have")]
 
-
-@dataclass(frozen=True, slots=True)
-class NewDocument:
-    """``taction new FILE``."""
-
-    file: str
+    @staticmethod
+    def of(found: ImportedModel) -> dict[str, Any]:
+        """Return an imported model, without its netlist."""
+        return {"file": found.file, **{k: v for k, v in found.model.items() if k != "netlist"}}
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,15 +42,14 @@ from taction.verification.verdict.recording import Accuracy
 from taction.verification.verdict.verify import Verdict
 
 if TYPE_CHECKING:
-    from taction.system.waveforms import Waveforms
-    from taction.verification.design.fresh_scene import FreshScene
+    from taction.verification.design.fresh_scene import NewScene
     from taction.verification.design.remedies import Remedies
-    from taction.verification.design.scaling import Scaling
+    from taction.verification.design.scaling import Scaled
     from taction.verification.design.stable_ranges import StableRange
     from taction.verification.design.trials import Trial
-    from taction.verification.design.tune import Tuning
-    from taction.verification.readings.measurements import Measurements
+    from taction.verification.design.tune import Tuned
     from taction.verification.studies.verify_files import VerifiedFiles
+    from taction.verification.verdict.recording import MeasuredTransient
 
 
 @dataclass(frozen=True, slots=True)
@@ -503,8 +502,9 @@ class TuneDocument:
     verification: VerdictBody
 
     @classmethod
-    def of(cls, tuning: Tuning, verdict: Verdict) -> TuneDocument:
+    def of(cls, found: Tuned) -> TuneDocument:
         """Return a tuned design with its verdict."""
+        tuning, verdict = found.tuning, found.verdict
         return taken(
             cls,
             tuning,
@@ -536,8 +536,9 @@ class ScaleDocument:
     verification: VerdictBody
 
     @classmethod
-    def of(cls, scaling: Scaling, verdict: Verdict) -> ScaleDocument:
+    def of(cls, found: Scaled) -> ScaleDocument:
         """Return the scalings and the verdict."""
+        scaling, verdict = found.scaling, found.verdict
         return taken(
             cls,
             scaling,
@@ -558,10 +559,19 @@ class NewMatrixDocument:
     scaling: Annotated[ScaleDocument, INLINE]
 
     @classmethod
-    def of(cls, file: str, fresh: FreshScene, verdict: Verdict) -> NewMatrixDocument:
-        """Return a new scene with its verdict."""
-        scaling = ScaleDocument.of(fresh.scaling, verdict)
-        return cls(file, fresh.rule, tuple(fresh.notes), scaling)
+    def of(cls, found: NewScene) -> NewMatrixDocument | NewDocument:
+        """Return a new scene, for a matrix with its verdict."""
+        if found.fresh is None or found.scaled is None:
+            return NewDocument(found.file)
+        scaling = ScaleDocument.of(found.scaled)
+        return cls(found.file, found.fresh.rule, tuple(found.fresh.notes), scaling)
+
+
+@dataclass(frozen=True, slots=True)
+class NewDocument:
+    """``taction new FILE``."""
+
+    file: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -581,12 +591,11 @@ class SimulateDocument:
     output: str | None
 
     @classmethod
-    def of(
-        cls, scene: str, waveforms: Waveforms, measured: Measurements, output: str | None
-    ) -> SimulateDocument:
+    def of(cls, found: MeasuredTransient) -> SimulateDocument:
         """Return what was measured of a transient."""
+        waveforms, measured = found.waveforms, found.measurements
         return cls(
-            scene=scene,
+            scene=found.circuit.name,
             simulator=waveforms.engine,
             solver=waveforms.solver or None,
             method=waveforms.method or None,
@@ -596,5 +605,5 @@ class SimulateDocument:
             step_amplitude=measured.amplitude,
             settling_time=finite(measured.settling_time),
             channels=tuple(map(Channel.of, measured.channels)),
-            output=output,
+            output=found.output,
         )

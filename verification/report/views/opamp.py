@@ -12,9 +12,12 @@ import numpy as np
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
 from taction.system.array_types import Floats
+from taction.system.foreign_text import visible
+from taction.system.quantities import show
 from taction.verification.characterise.characterise import (
     STEP,
     Bode,
+    ImportedModel,
     Measured,
     OpAmpFigures,
     bode,
@@ -23,7 +26,16 @@ from taction.verification.characterise.characterise import (
     supply_of,
 )
 from taction.verification.characterise.witnesses import Witness
-from taction.verification.report.blocks import EVERYWHERE, Cell, Notes, Page, Section, Sheet, Table
+from taction.verification.report.blocks import (
+    EVERYWHERE,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Sheet,
+    Table,
+    cell,
+)
 from taction.verification.report.charts import BLUE, ORANGE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.verification.report.texts import quantity, readable
 
@@ -311,3 +323,73 @@ def _large(opamp: OpAmp, curves: Mapping[str, Curves]) -> Chart:
         summary="A step at which the slew rate limits the output.",
         legend="",
     )
+
+
+def list_view(models: Mapping[str, OpAmp]) -> Page:
+    """Return the page of all presets, with the figures that most boards depend on."""
+    rows = []
+    for name, model in models.items():
+        values = [(getattr(model, figure), unit) for figure, unit, _ in LISTED]
+        known = [show(x, unit, 3) if x and math.isfinite(x) else "-" for x, unit in values]
+        ends = f"\N{PLUS-MINUS SIGN}{model.least_supply:g} to {model.most_supply:g} V"
+        rows.append((name, *known, ends if math.isfinite(model.most_supply) else "-"))
+    titles = ("", *(title for _, _, title in LISTED), "supply")
+    table = Table("", titles, tuple(tuple(map(cell, row)) for row in rows))
+    more = "all figures with their sources, and what the model does: taction parts show NAME"
+    return Page(
+        title="op-amps",
+        command="taction parts",
+        outcome="",
+        summary="",
+        lines=(),
+        sections=(Section("Op-amps", (table,), media=EVERYWHERE),),
+        foot=(more,),
+    )
+
+
+LISTED = (
+    ("gbw", "Hz", "GBW"),
+    ("slew_rate", "V/s", "slew rate"),
+    ("offset_voltage", "V", "offset"),
+    ("bias_current", "A", "bias"),
+    ("voltage_noise", "V/rtHz", "noise"),
+)
+"""Figures of the list of op-amps, beside the range of the supply; `view` has all."""
+
+
+def imported_view(result: ImportedModel) -> Page:
+    """Return the page of an imported model: what was measured, and how a scene uses it."""
+    model = result.model
+    lines = []
+    for key, unit in IMPORTED:
+        value = model["figures"][key]
+        text = "none found" if value is None else show(value, unit)
+        lines.append(f"  {key.replace('_', ' '):22} {text}")
+    lines += [f"warning: {doubt}" for doubt in model["doubts"]]
+    linear = model["linear"]
+    if linear is not None:
+        poles = len(linear["gain"]["poles"])
+        lines.append(
+            f"linear model: {poles} poles, within {100.0 * linear['error']:.2g} % of the simulated"
+            f" response up to {show(linear['band'][1], 'Hz', 3)}"
+        )
+    else:
+        lines.append(f"{model['missing']}: boards with it stay inconclusive")
+    lines.append(f'in a scene beside it: opamp = {{ file = "{visible(result.file)}" }}')
+    return Page(
+        title=f"{model['name']}, simulated at \N{PLUS-MINUS SIGN}{show(model['supply'], 'V')}",
+        command="taction parts import",
+        outcome="",
+        summary="",
+        lines=(),
+        sections=(Section("Figures", (Notes("", tuple(lines)),), media=EVERYWHERE),),
+    )
+
+
+IMPORTED = (
+    ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
+    ("output_resistance", "ohm"), ("slew_rate", "V/s"), ("swing", "V"), ("supply_current", "A"),
+    ("offset_voltage", "V"), ("bias_current", "A"), ("offset_current", "A"),
+    ("common_mode_rejection", "dB"),
+)  # fmt: skip
+"""Figures of an imported op-amp, and their units."""

@@ -20,6 +20,7 @@ from taction.system.errors import (
     SingularCircuit,
     StepTooSmall,
 )
+from taction.system.raw_file import write_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.evidence import (
     LONGEST_LINE,
@@ -30,7 +31,6 @@ from taction.verification.engines.ngspice.evidence import (
 )
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import start
-from taction.verification.engines.ngspice.raw_file import write_raw
 from taction.verification.verdict.output_noise import noise_bands
 from tests.support.small_decks import SmallDeck, divider, transient
 

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taction.system.errors import BadEvidence, OutOfDisk
+from taction.system.raw_file import read_raw, write_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.process import find_simulator, simulate
-from taction.verification.engines.ngspice.raw_file import read_raw, write_raw
 from tests.support.small_decks import transient
 
 

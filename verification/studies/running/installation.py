@@ -1,0 +1,117 @@
+"""What is installed, and what each part is needed for."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import metadata, util
+from pathlib import Path
+from typing import Annotated
+
+from taction.system.documents import HIDDEN
+from taction.system.errors import SimulationError
+from taction.system.results import Result
+from taction.verification.engines.ngspice.executable import find_simulator
+
+PACKAGES = ("PySpice", "numpy", "scipy", "pydantic", "click", "quantiphy", "rich")
+EXTRAS = (
+    ("matplotlib", "--plot", "pip install 'taction[plot]'"),
+    ("jinja2", "--report", "pip install 'taction[report]'"),
+    ("plotly", "--report", "pip install 'taction[report]'"),
+    ("nicegui", "explore", "pip install 'taction[explore]'"),
+    ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
+    ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
+    ("pandas", "to_pandas() of studies, in Python", "pip install 'taction[data]'"),
+    ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),
+)
+"""Optional packages, what each is needed for, and how to install it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A part of the installation."""
+
+    what: str
+    ok: bool
+    found: str
+    means: str
+
+
+@dataclass(frozen=True, slots=True)
+class Installation(Result):
+    """The results of `taction.doctor`: what is installed, and what it is needed for."""
+
+    VIEW = "taction.verification.report.views.installation:view"
+    SHOWN = ("ok",)
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing is missing."""
+        return all(each.ok for each in self.findings)
+
+    @property
+    def outcome(self) -> Annotated[str, HIDDEN]:
+        """``inconclusive`` if ngspice is missing."""
+        simulator = next(each for each in self.findings if each.what == "ngspice")
+        return "pass" if simulator.ok else "inconclusive"
+
+
+def installation() -> Installation:
+    """Return what is installed here.
+
+    Examples
+    --------
+    >>> installation().findings[0].what
+    'Python'
+    """
+    return Installation((_python(), _simulator(), *_blas(), *_extras()))
+
+
+def _python() -> Finding:
+    found = f"{platform.python_version()} on {platform.system()}, {os.cpu_count()} cores"
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
+    return Finding("Python", True, found, versions)
+
+
+def _simulator() -> Finding:
+    try:
+        simulator = find_simulator()
+    except SimulationError as error:
+        means = "taction uses its state-space engine only, without the comparison with ngspice"
+        return Finding("ngspice", False, str(error), means)
+    means = (
+        "with the matrix solver KLU: fast on large boards"
+        if simulator.klu
+        else "without the matrix solver KLU: slow on boards of more than 32 channels"
+    )
+    return Finding("ngspice", True, f"{simulator.version} at {simulator.executable}", means)
+
+
+def _blas() -> Iterator[Finding]:
+    """Yield one finding a BLAS library: numpy and scipy bring their own."""
+    import numpy as np  # noqa: F401
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_info
+
+    for library in threadpool_info():
+        if library["user_api"] == "blas":
+            version = library["version"] or "of no stated version"
+            kernels = library.get("architecture", "unnamed")
+            yield Finding(
+                f"BLAS of {Path(library['filepath']).parent.name.partition('.')[0]}",
+                True,
+                f"{library['internal_api']} {version}, {kernels} kernels,"
+                f" threads: {library['num_threads']}",
+                "rounding differs between kernels; OPENBLAS_CORETYPE chooses others",
+            )
+
+
+def _extras() -> Iterator[Finding]:
+    for package, purpose, remedy in EXTRAS:
+        there = util.find_spec(package) is not None
+        found = "installed" if there else f"not installed: {remedy}"
+        yield Finding(package, there, found, f"needed only for {purpose}")
