@@ -207,7 +207,6 @@ def test_a_cluster_that_dies_keeps_what_is_stored(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(module, "WORKER_PATIENCE", 0.5)
     expected = {"scheduler": "the workers are gone", "worker": "the cluster had no worker"}
     with ExitStack() as stack:
         database = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
@@ -221,6 +220,8 @@ def test_a_cluster_that_dies_keeps_what_is_stored(
 
         def kill(count: Any) -> None:
             if count.done == 5:
+                # Not before: the first worker may take long to come.
+                monkeypatch.setattr(module, "WORKER_PATIENCE", 0.5)
                 processes[victim].kill()
 
         with pytest.raises(NoVerdictError, match=expected[victim]) as ended:
