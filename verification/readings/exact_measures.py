@@ -11,11 +11,10 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import FAINT, SETTLING_BAND
@@ -155,17 +154,6 @@ def _measured(responses: Sequence[ExactResponse]) -> list[Measurements]:
     begins = range(0, len(tolerance), count)
     parts = [{name: each[k : k + count] for name, each in found.items()} for k in begins]
     return [one.measured(part) for one, part in zip(responses, parts, strict=True)]
-
-
-def measure_exact(circuit: Circuit | LinearBoard, target: Floats, **known: Any) -> Measurements:
-    """Measure the step response of one stable linear board; `known` as in `ExactResponse`.
-
-    Raises
-    ------
-    EngineError
-        See `ExactResponse.solution`.
-    """
-    return measure_responses([ExactResponse(LinearBoard.of(circuit), target, **known)])[0]
 
 
 STILL = Settlement(ChannelState.SETTLED, None, NO_STEP)

@@ -21,7 +21,6 @@ from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.readings.constraint_stage import ConstraintPlane, constraint_plane
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import (
@@ -35,6 +34,7 @@ from taction.verification.stability.poles import Poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import Agreement, StepError, exact_response
+from taction.verification.verdict.constraint_stage import ConstraintPlane, constraint_plane
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads

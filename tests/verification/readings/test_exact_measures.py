@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +14,22 @@ from taction.netlist_gen.board.circuit import Circuit, OpAmpCell, Output, Voltag
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.readings.exact_measures import measure_exact
-from taction.verification.readings.measurements import measure
+from taction.verification.readings.exact_measures import ExactResponse, measure_responses
+from taction.verification.readings.measurements import Measurements, measure
 from taction.verification.readings.settling import ChannelState
 from tests.support.boards import bare, lags, paper_board
 from tests.support.making import make_scene
 
 OMEGA, ZETA = 2e6, 0.2
+
+
+def measure_exact(circuit: Circuit | LinearBoard, target: Floats, **known: Any) -> Measurements:
+    """Measure the step response of one stable linear board; `known` as in `ExactResponse`."""
+    return measure_responses([ExactResponse(LinearBoard.of(circuit), target, **known)])[0]
 
 
 def second_order(zeta: float = ZETA, volts: float = 1.0) -> Circuit:

@@ -26,9 +26,9 @@ from taction.verification.evidence.paper.findings import (
     weigh,
 )
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
-from taction.verification.readings.constraint_stage import constraint_plane
 from taction.verification.stability.margin import stability_margin
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
+from taction.verification.verdict.constraint_stage import constraint_plane
 from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.verify import Verdict, verify
 

@@ -29,11 +29,11 @@ from taction.system.documents import (
 )
 from taction.system.error_document import Failure
 from taction.system.reading_definitions import READINGS
-from taction.verification.readings.constraint_stage import ConstraintPlane
 from taction.verification.report.documents.scene_keys import KeyValue, scene_keys
 from taction.verification.stability.margin import Margin
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.constraint_stage import ConstraintPlane
 from taction.verification.verdict.error_budget import ErrorBudget, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.output_noise import OutputNoise
