@@ -1,4 +1,4 @@
-"""Power cuts, two studies on one database, full disks, a clock that jumps."""
+"""What happens to a study besides kills: power cuts, full disks, other versions, a lost ngspice."""
 
 from __future__ import annotations
 
@@ -8,14 +8,19 @@ import shutil
 import signal
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from tests.support import clusters
 from tests.support.paths import ROOT
 from tests.torture.killing import Report, again, end
-from tests.torture.studies import DATABASE, Place, Study
+from tests.torture.studies import DATABASE, Place, Study, rows
 from tests.torture.victims import wait_for_end
 
+SECTOR = 512  # bytes, which a disk writes whole or not at all
 Disaster = Callable[[Study, Path, float, Any, random.Random], Report]
 
 
@@ -25,7 +30,8 @@ def power_cut(
     """Copy database and log at one instant of a run, lose the end of the log, and go on from there.
 
     The command is stopped while the two files are copied, so that they are of one instant. A power
-    cut loses the end of the log, since the log is not synchronised after every point.
+    cut loses the end of the log, or sectors of it, since the log is not synchronised after every
+    point.
     """
     report = Report(study.name, "power", "cut")
     running, later = (Place.make(folder / name) for name in ("running", "later"))
@@ -42,7 +48,13 @@ def power_cut(
     end(report, process, running)
     log = later.work / f"{DATABASE}-wal"
     if log.exists():
-        os.truncate(log, chance.randint(0, log.stat().st_size))
+        kept = chance.randint(0, log.stat().st_size)
+        if chance.random() < 0.5:
+            os.truncate(log, kept)
+        else:
+            with log.open("r+b") as file:
+                file.seek(kept // SECTOR * SECTOR)
+                file.write(bytes(SECTOR * chance.randint(1, 20)))
     again(report, study, later, expected)
     return report
 
@@ -77,6 +89,82 @@ def full_disk(
     return report
 
 
+def full_memory_disk(
+    study: Study, folder: Path, seconds: float, expected: Any, chance: random.Random
+) -> Report:
+    """Let /dev/shm, which holds the temporary files, be full, and run again with a free one."""
+    report = Report(study.name, "memory disk", "full")
+    place = Place.make(folder)
+    free = chance.randint(4, 300)
+    process = place.start(study, before=in_small_memory(free))
+    end(report, process, place)
+    if report.status not in (0, 3):
+        report.faults.append(f"exit status {report.status} with {free} kB")
+    report.faults += points_without_verdict(place)
+    again(report, study, place, expected)
+    return report
+
+
+def in_small_memory(size: int) -> list[str]:
+    """Return the words before a command whose /dev/shm, also for temporary files, has `size` kB."""
+    script = f"mount -t tmpfs -o size={size}k tmpfs /dev/shm && mount --bind /dev/shm $TMPDIR"
+    own = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "-r", "--mount"]
+    return [*own, "sh", "-c", f'{script} && exec "$0" "$@"']
+
+
+def removed_simulator(
+    study: Study, folder: Path, seconds: float, expected: Any, chance: random.Random
+) -> Report:
+    """Remove ngspice in the middle of a run, and run again with it."""
+    report = Report(study.name, "ngspice", "removed")
+    place = Place.make(folder)
+    link = folder / "ngspice"
+    link.symlink_to(shutil.which(os.environ.get("TACTION_NGSPICE") or "ngspice") or "ngspice")
+    process = place.start(study, TACTION_NGSPICE=str(link))
+    time.sleep(chance.random() * seconds)
+    link.unlink()
+    end(report, process, place)
+    if report.status not in (0, 3):
+        report.faults.append(f"exit status {report.status}")
+    report.faults += points_without_verdict(place)
+    again(report, study, place, expected)
+    return report
+
+
+def points_without_verdict(place: Place) -> list[str]:
+    """What no failure of the machine may store: points that the next run takes as computed."""
+    return [f"stored: {row}" for row in stored(place) if row[0] == "error"]
+
+
+def stored(place: Place) -> list[Any]:
+    """The rows of a place's database, which may be missing."""
+    return list(rows(place.database).values()) if place.database.exists() else []
+
+
+def other_version(
+    study: Study, folder: Path, seconds: float, expected: Any, chance: random.Random
+) -> Report:
+    """Run on a Dask cluster whose only worker has another taction, and run again here."""
+    report = Report(study.name, "worker", "another version")
+    place = Place.make(folder)
+    version, ours = f"0.{chance.randint(2, 9)}.{chance.randint(0, 9)}", metadata.version("taction")
+    without = chance.choice((None, "verification/studies/sweep/point.py", "system/errors.py"))
+    with ExitStack() as stack:
+        (folder / "cluster").mkdir()
+        file = stack.enter_context(clusters.scheduler(folder / "cluster"))
+        other = clusters.another_taction(folder / "other", version, without)
+        clusters.worker(stack, file, source=other)
+        there = replace(study, words=(*study.words, "--cluster", clusters.address(file)))
+        process = place.start(there)
+        end(report, process, place)
+    said = (place.folder / "stderr").read_text(errors="replace")
+    if report.status != 3 or version not in said or ours not in said:
+        report.faults.append(f"exit status {report.status}, without {without}: {said[-300:]}")
+    report.faults += [f"stored: {row}" for row in stored(place)]
+    again(report, study, place, expected)
+    return report
+
+
 JUMPS = """
 import random, time
 real = time.time
@@ -106,5 +194,8 @@ DISASTERS: dict[str, Disaster] = {
     "power cut": power_cut,
     "two at once": two_at_once,
     "full disk": full_disk,
+    "full memory disk": full_memory_disk,
+    "removed simulator": removed_simulator,
+    "other version": other_version,
     "jumping clock": jumping_clock,
 }

@@ -31,10 +31,13 @@ nobody disturbed, except for times.
 | faults | tracebacks, and commands that had not ended after {limit:g} s |
 
 Ctrl-C (SIGINT) comes after the start of Python, which itself answers a signal with a traceback before the first line of
-taction runs. Of a power cut: database and log are copied at one instant of the run, the log is cut at a random byte, and the command is
-given again on the copy. A full disk: no file may have more than a random number of bytes (`ulimit -f`).
-`jumps`: each look at the wall clock of each process is three years
-early, right, or three years late.
+taction runs. Of a power cut: database and log are copied at one instant of the run, the log is cut at a random byte or has
+sectors of zeros, and the command is given again on the copy. A full disk: no file may have more than a random number of
+bytes (`ulimit -f`). A full memory disk: `/dev/shm`, where temporary files are, too, has 4 to 300 kB. `removed`: the executable of
+ngspice is removed at a random instant. `another version`: the only worker of a Dask cluster has another version of
+taction, in some runs without a module that the study needs; its message must have both versions. `jumps`: each look at
+the wall clock of each process is three years early, right, or three years late. After these, no point without a verdict
+may be stored, since the next run would take it as computed.
 A killed command leaves its database, which is complete up to the last stored point, and, after SIGKILL, a folder
 `taction-run-*`, which the next run removes. The test `tests/torture/test_torture.py` does the same with few kills.
 {list}"""

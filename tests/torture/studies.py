@@ -9,6 +9,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,14 +79,22 @@ class Place:
         return self.work / DATABASE
 
     def start(
-        self, study: Study, largest_file: int | None = None, **variables: str
+        self,
+        study: Study,
+        largest_file: int | None = None,
+        before: Sequence[str] = (),
+        **variables: str,
     ) -> subprocess.Popen[str]:
-        """Start the command of `study`; `largest_file` is a limit in bytes, as a full disk."""
+        """Start the command of `study`.
+
+        `largest_file` is a limit in bytes, as a full disk; `before` are words before the command,
+        of programs that become it.
+        """
         own = {MARK: str(self.folder), "TMPDIR": str(self.temporary), "PYTHONPATH": str(ROOT)}
         own |= NO_BYTECODE | variables
         with (self.folder / "stdout").open("wb") as out, (self.folder / "stderr").open("wb") as err:
             process = subprocess.Popen(
-                [sys.executable, "-m", "taction", *study.words, "--json"],
+                [*before, sys.executable, "-m", "taction", *study.words, "--json"],
                 cwd=self.work,
                 stdin=subprocess.DEVNULL,
                 stdout=out,
