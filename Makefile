@@ -54,7 +54,7 @@ test-kicad: ready ## the KiCad projects in a real kicad-cli, which is installed 
 test-processors: ready ## the numerical tests with every BLAS kernel that this processor executes
 	$(PYTHON_IN_VENV) scripts/processors.py $(ARGS) -- -n $(JOBS)
 
-test-pythons: ready ## the numerical tests with the newest other Python, in .venv-VERSION; ARGS=--all runs all tests
+test-pythons: ready ## the numerical tests with the newest other Python, in .venv-VERSION; ARGS=--all runs all tests with every newer one
 	bash scripts/pythons.sh $(ARGS) -n $(JOBS)
 
 test-simulators: ready ## all shipped scenes with ngspice 39 (of Debian 12) and the installed one: solvers and methods, ARGS=--all for every combination
