@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from decimal import Decimal
 
 from taction.spice_models.presets import opamp_name as opamp_name
@@ -14,6 +15,8 @@ from taction.system.quantities import readable as readable
 from taction.verification.report.blocks import Cell
 from taction.verification.report.charts import Outcome
 
+NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
+UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;]?(?:\s|$))")
 LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
 LEAST_ERROR = 1e-5  # of a value: smaller errors are below the digits that are shown
 
@@ -61,6 +64,17 @@ def with_error(value: float | None, error: float | None, unit: str) -> str:
     if error < LEAST_ERROR * abs(value):
         return f"{text} (error under 10 ppm)"
     return f"{text} ± {figure(error, unit, 2)}"
+
+
+def glued(text: str, glue: str) -> str:
+    """Return a text with `glue` in the place of the blanks between numbers and their units.
+
+    Examples
+    --------
+    >>> glued("100 % within 3 us of 2 boards", "_")
+    '100_% within 3_us of 2_boards'
+    """
+    return UNIT.sub(rf"\1{glue}", text)
 
 
 def titled(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,11 +13,13 @@ from taction.system.atomic_files import replacing
 from taction.system.output_files import check_package
 from taction.system.picture import MATPLOTLIB, check_plot_file
 from taction.verification.report.charts import BLUE, ORANGE, PURPLE
+from taction.verification.report.texts import glued
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 METADATA = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+LETTERS = 9.0  # of the title in an inch
 DPI = 100  # of the picture in a notebook
 CYCLE = [BLUE, ORANGE, "#009e73", PURPLE, "#e69f00", "#56b4e9"]
 STYLE: dict[Any, Any] = {
@@ -28,6 +31,11 @@ STYLE: dict[Any, Any] = {
     "hatch.linewidth": 0.6,
     "svg.hashsalt": "taction",  # the same picture gives the same bytes
 }
+
+
+def wrapped(text: str, letters: float) -> str:
+    """Return a text in lines of so many letters, a number and its unit in one of them."""
+    return textwrap.fill(glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters)))
 
 
 @contextmanager
@@ -76,7 +84,7 @@ def figure_file(
         check_plot_file(path)
     with new_figure(width, height) as figure:
         if title:
-            figure.suptitle(title, fontweight="bold")
+            figure.suptitle(wrapped(title, LETTERS * width), fontweight="bold")
         yield figure
         if path is not None:
             with replacing(path) as file:

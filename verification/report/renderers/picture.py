@@ -28,7 +28,7 @@ from taction.verification.report.charts import (
     Limit,
     Text,
 )
-from taction.verification.report.renderers.figures import figure_file
+from taction.verification.report.renderers.figures import figure_file, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -143,8 +143,7 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
     _legend(axes, chart)
     figure: Any = axes.figure
     inches = figure.get_figwidth() * axes.get_position().width
-    title = textwrap.fill(chart.heading, max(30, int(LETTERS * inches)))
-    axes.set_title(title, fontsize="medium")
+    axes.set_title(wrapped(chart.heading, LETTERS * inches), fontsize="medium")
 
 
 def colour(name: str) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import io
 import os
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from textwrap import TextWrapper
@@ -22,13 +21,12 @@ from taction.system.foreign_text import escaped, visible
 from taction.verification.report import blocks
 from taction.verification.report.blocks import TERMINAL, Bars, Block, Page
 from taction.verification.report.charts import OUTCOMES, Chart
+from taction.verification.report.texts import glued
 
 WIDTH = 160  # columns of a page in a file or a pipe, unless the variable COLUMNS says otherwise
 SHORT = 20  # letters of a cell that stays in one line wherever the page is wide enough
 MOST_LINES = 8  # of a cell; a table of narrow columns is harder to read than a list
 GLUE = "\ue000"  # stands between a number and its unit while lines are broken
-NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
-UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;]?(?:\s|$))")
 SMALL = str.maketrans({"µ": "u", "Ω": "ohm"})
 
 
@@ -147,9 +145,9 @@ class FittedTable:
 
     def __init__(self, block: blocks.Table) -> None:
         self.title, self.note = plain(block.title), plain(block.note)
-        self.titles = [_glued(plain(title)) for title in block.columns]
+        self.titles = [glued(plain(title), GLUE) for title in block.columns]
         self.rows = [
-            [outcome_text(_glued(plain(cell.text)), cell.outcome) for cell in row]
+            [outcome_text(glued(plain(cell.text), GLUE), cell.outcome) for cell in row]
             for row in block.rows
         ]
         self.short = [
@@ -225,11 +223,6 @@ class FittedTable:
                     start = f" {name.ljust(indent)}" if place == 0 else " " * (indent + 1)
                     text = Text(start, no_wrap=True, overflow="ignore")
                     yield text.append(line.replace(GLUE, " "), cell.style)
-
-
-def _glued(text: str) -> str:
-    """Return a text with its numbers bound to their units."""
-    return UNIT.sub(rf"\1{GLUE}", text)
 
 
 SHOWN: dict[type, Callable[[Any], RenderableType]] = {

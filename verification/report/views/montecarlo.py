@@ -33,7 +33,13 @@ from taction.verification.report.texts import (
     titled,
 )
 from taction.verification.report.views.origin import origin_section
-from taction.verification.studies.tolerance.yield_report import Remedy, Spread, YieldReport
+from taction.verification.studies.tolerance.yield_report import (
+    CHECK_OF,
+    Remedy,
+    Sensitivity,
+    Spread,
+    YieldReport,
+)
 
 BINS = 40  # of a histogram, at most
 CULPRITS = 12  # parts of a chart
@@ -57,38 +63,45 @@ def view(result: YieldReport) -> Page:
         command="taction yield montecarlo",
         outcome="",
         summary=_summary(result),
-        lines=(f"{result.passed} of {result.samples} boards pass; seed {seed}.",),
+        lines=(),
         sections=(
             Section("Yield", (_interval(result),)),
             Section("Samples", (_shares(result),), media=(NOTEBOOK,)),
             Section("Checks that do not pass", tuple(_failures(result)), media=EVERYWHERE),
+            Section("What to buy better", (Notes("", remedy),)),
+            Section("What costs yield", lambda: (_culprits(result),)),
             Section("Spread and limits", (_ranges(result),)),
             Section("Quantities", (_quantities(result),), media=EVERYWHERE),
             Section("Histograms", lambda: _histograms(result)),
-            Section("Culprits", lambda: (_culprits(result),)),
-            Section("Sensitivities", (_sensitivities(result),), media=EVERYWHERE),
-            Section("What to buy better", (Notes("", remedy),), media=EVERYWHERE),
+            Section("Causes", (_sensitivities(result),), media=EVERYWHERE),
             origin_section(scene, rows),
         ),
+        foot=remedy,
         sheet=lambda: sheet(result),
     )
 
 
 def sheet(result: YieldReport) -> Sheet:
-    """Return what the picture of a yield shows: a histogram each quantity, and the culprits."""
+    """Return what the picture of a yield shows: histograms with limits, and the parts behind."""
     foot = ""
     if result.remedy is not None and result.remedy.what:
         foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction)}"
-    passed = f"{result.passed} of {result.samples} boards pass. {_summary(result)}"
-    blocks = [*_histograms(result), _culprits(result)]
-    return Sheet.of(f"{result.scene.name}: {passed}", blocks, ACROSS, PANEL, (0.0, 0.5), foot)
+    limited = (each for each in _histograms(result) if isinstance(each, Chart) and each.legend)
+    blocks = [*limited, _culprits(result)]
+    return Sheet.of(
+        f"{result.scene.name}: {_summary(result)}", blocks, ACROSS, PANEL, (0.0, 0.5), foot
+    )
 
 
 def _summary(result: YieldReport) -> str:
-    if not result.samples:
-        return "No sample, no yield."
-    low, high = percent(result.low), percent(result.high)
-    return f"Yield {percent(result.fraction)}, 95 % interval {low} to {high}."
+    text = f"{titled(result.sentence)}."
+    worst = next(iter(result.failures), "")
+    if not (worst and result.samples):
+        return text
+    share = percent(result.failures[worst] / result.samples)
+    text += f" {share} of the boards do not pass the check of the {spaced(worst)}"
+    first = next((each for each in result.sensitivities if _check(each) == worst), None)
+    return f"{text}; {first.parameter} is behind most of it." if first else f"{text}."
 
 
 def _interval(result: YieldReport) -> Ranges | None:
@@ -100,6 +113,11 @@ def _interval(result: YieldReport) -> Ranges | None:
     )
     row = Range("yield, from 0 to 100 %", result.low, result.fraction, result.high, (), "", texts)
     return Ranges("", (row,))
+
+
+def _check(cause: Sensitivity) -> str:
+    """Return the check that a cause belongs to."""
+    return CHECK_OF.get(cause.quantity, cause.quantity)
 
 
 def _shares(result: YieldReport) -> Shares:
@@ -200,7 +218,13 @@ def _quantities(result: YieldReport) -> Table:
 
 
 def _histograms(result: YieldReport) -> Iterator[Block]:
-    for spread in result.quantities:
+    """Yield a histogram of each quantity, those first whose check costs most yield."""
+
+    def place(spread: Spread) -> tuple[bool, int]:
+        unlimited = spread.at_least is None and spread.at_most is None
+        return unlimited, -result.failures.get(CHECK_OF.get(spread.name, spread.name), 0)
+
+    for spread in sorted(result.quantities, key=place):
         found = [sample.value(spread.name) for sample in result.boards if not sample.lost]
         values = np.array([value for value in found if value is not None], dtype=np.float64)
         values = values[np.isfinite(values)]
@@ -286,8 +310,11 @@ def _edges(values: Floats, limits: list[float]) -> Floats:
 def _culprits(result: YieldReport) -> Block:
     shown = result.sensitivities[:CULPRITS]
     if not shown:
-        text = "No part has an influence that stands out of the scatter of these samples."
-        return Notes("Components behind the spread", (text,))
+        text = (
+            "No part has an influence on a quantity with a limit that stands out of the scatter of"
+            " these samples."
+        )
+        return Notes("Parts behind the lost yield", (text,))
     shares = np.array([100.0 * each.correlation**2 for each in shown])
     rising = [each.correlation > 0.0 for each in shown]
     bars = Columns(
@@ -301,13 +328,14 @@ def _culprits(result: YieldReport) -> Block:
     )
     names = tuple(f"{each.parameter}, {spaced(each.quantity)}" for each in shown)
     return Chart(
-        "Components behind the spread",
+        "Parts behind the lost yield",
         Axis("share of the variance (%)", limits=(0.0, 1.25 * float(shares.max()))),
         Axis(scale="names", names=names, reverse=True),
         (bars,),
         summary=(
-            "Parts with the largest share of the variance of a quantity. Solid with +: the"
-            " quantity grows with the part; hatched with −: it falls."
+            "Share of a part in the variance of a quantity with a limit; the quantity whose check"
+            " costs most yield comes first. Solid with +: the quantity grows with the part; hatched"
+            " with −: it falls."
         ),
         legend="",
         height=110 + 26 * len(shown),
@@ -320,6 +348,7 @@ def _sensitivities(result: YieldReport) -> Table:
         "quantity": lambda each: (
             spaced(each.quantity) + ("" if each.channel is None else f", channel {each.channel}")
         ),
+        "lost yield": lambda each: Cell(percent(each.lost), each.lost),
         "part": lambda each: each.parameter,
         "kind": lambda each: spaced(each.kind),
         "correlation": lambda each: Cell(
@@ -330,7 +359,7 @@ def _sensitivities(result: YieldReport) -> Table:
         ),
     }
     few = {TERMINAL: SHOWN, NOTEBOOK: SHOWN}
-    return Table.of("Sensitivities", result.sensitivities, columns, most=few)
+    return Table.of("Causes, by lost yield", result.sensitivities, columns, most=few)
 
 
 def remedy_text(remedy: Remedy) -> str:

@@ -140,6 +140,7 @@ def draw_samples(
     workers: AbstractContextManager[Workers],
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
+    label: str = "yield",
 ) -> None:
     """Draw samples into `collection` until it has enough; an interruption keeps those it has.
 
@@ -149,6 +150,8 @@ def draw_samples(
         Starts its processes with the first sample that has to be computed.
     output : path, optional
         A database; samples that it holds are not computed again.
+    label : str
+        What is drawn, before the numbers of `progress`.
 
     Raises
     ------
@@ -164,7 +167,7 @@ def draw_samples(
         for _ in run_samples(board, range(collection.limit), seed, ready, collection, store):
             count = f"{len(collection.samples)} of {collection.limit} samples"
             left = pace.ended(collection.limit - len(collection.samples))
-            progress(f"{count}, {collection.passed} pass{left}")
+            progress(f"{label}: {count}, {collection.passed} pass{left}")
 
 
 def half_width(until: str | float | None) -> float | None:

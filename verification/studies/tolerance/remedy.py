@@ -36,8 +36,9 @@ from taction.verification.studies.tolerance.yield_report import (
     Remedy,
     interval,
     limits_of,
+    yield_sentence,
 )
-from taction.verification.verdict.progress import Progress
+from taction.verification.verdict.progress import Notice, Progress
 
 TARGET = 0.99  # the yield that a remedy is looked for, and wanted from it
 
@@ -205,8 +206,7 @@ def find_remedy(
     EngineError
         The nominal board has no equilibrium.
     """
-    passed = sum(sample.outcome == "pass" for sample in samples)
-    if len(samples) < MIN_SAMPLES or passed >= target * len(samples):
+    if not _is_needed(samples, target):
         return None
     start = YieldForecast.of(board, samples, seed)
     few = _few(start, target)
@@ -218,6 +218,14 @@ def find_remedy(
     if best.predicted <= start.fraction:
         return Remedy({}, {}, target, start.fraction)
     return best
+
+
+def _is_needed(samples: list[BoardSample], target: float) -> bool:
+    return len(samples) >= MIN_SAMPLES and _passed(samples) < target * len(samples)
+
+
+def _passed(samples: list[BoardSample]) -> int:
+    return sum(sample.outcome == "pass" for sample in samples)
 
 
 def _grade(parameter: Parameter, steps: int = 1) -> float | None:
@@ -322,6 +330,8 @@ def verified_remedy(
     InputError, NoVerdictError, OutOfDisk
         As `draw_samples`.
     """
+    if _is_needed(samples, target):  # the yield stands there while better parts are looked for
+        progress(Notice(yield_sentence(_passed(samples), len(samples))))
     try:
         remedy = find_remedy(board, samples, seed, target)
     except EngineError:
@@ -329,7 +339,7 @@ def verified_remedy(
     if remedy is None or not remedy.what:
         return remedy
     tally = SampleCollection(min(AGAIN, len(samples)))
-    progress(f"the samples again with {remedy.what}")
-    draw_samples(improved(board, remedy), seed, tally, workers(), output, progress)
+    label = f"with {remedy.what}"
+    draw_samples(improved(board, remedy), seed, tally, workers(), output, progress, label)
     low, high = interval(tally.passed, len(tally.samples))
     return replace(remedy, samples=len(tally.samples), passed=tally.passed, low=low, high=high)

@@ -29,6 +29,7 @@ MIN_SAMPLES = 30  # for the test of the interval's width, and for sensitivities
 SIGNIFICANT = 4.0  # standard errors of a reported correlation; hundreds are tested at once
 MOST = 3  # failed checks in a `repr`
 QUANTILES = (0.05, 0.5, 0.95)
+CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity of another name
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +105,8 @@ class Sensitivity:
 
     Times enter by their logarithm; the steady state by the signed error of the channel with the
     largest root mean square, whose number, from 1, is `channel`. The square of `correlation` is the
-    share of the variance that the component explains.
+    share of the variance that the component explains. `lost` is the yield that the check of the
+    quantity costs: the share of the samples that do not pass it.
     """
 
     parameter: str
@@ -113,6 +115,7 @@ class Sensitivity:
     correlation: float
     standard_error: float
     channel: int | None = None
+    lost: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -174,6 +177,11 @@ class YieldReport(Result):
             return "pass"
         return "fail" if self.high < self.min_yield else "inconclusive"
 
+    @property
+    def sentence(self) -> str:
+        """The yield in words, without a full stop."""
+        return yield_sentence(self.passed, self.samples)
+
     def __repr__(self) -> str:
         low, high = (f"{100 * share:.3g}" for share in (self.low, self.high))
         return (
@@ -210,6 +218,21 @@ def summarise_samples(board: VariedBoard, samples: list[BoardSample], seed: int)
         quantities=tuple(_spread(board.scene, quantity, samples) for quantity in reported),
         sensitivities=tuple(_sensitivities(board, reported, samples, seed)),
     )
+
+
+def yield_sentence(passed: int, samples: int) -> str:
+    """Return a yield in words, without a full stop.
+
+    Examples
+    --------
+    >>> yield_sentence(1, 2)
+    'yield 50 %, 95 % interval 1.26 % to 98.7 %: 1 of 2 boards pass'
+    """
+    if not samples:
+        return "no sample, no yield"
+    low, high = (f"{100 * end:.3g} %" for end in interval(passed, samples))
+    share = f"{100 * passed / samples:.4g} %"
+    return f"yield {share}, 95 % interval {low} to {high}: {passed} of {samples} boards pass"
 
 
 def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -253,11 +276,18 @@ def limits_of(scene: Scene, name: str) -> tuple[float | None, float | None]:
 def _sensitivities(
     board: VariedBoard, reported: tuple[Quantity, ...], samples: list[BoardSample], seed: int
 ) -> list[Sensitivity]:
-    """Return the correlations beyond `SIGNIFICANT` standard errors, the strongest first."""
+    """Return the correlations beyond `SIGNIFICANT` standard errors, of quantities with a limit.
+
+    Those of the check that costs most yield come first, and of one check the strongest.
+    """
     tolerances = board.scene.tolerances
     sensitivities = []
     for quantity in reported:
-        if quantity.name == "margin":  # computed only up to the limit of the check
+        check = CHECK_OF.get(quantity.name, quantity.name)
+        lost = sum(check in sample.failed for sample in samples) / max(len(samples), 1)
+        limited = any(limit is not None for limit in limits_of(board.scene, quantity.name))
+        # A margin is computed only up to the limit of the check.
+        if quantity.name == "margin" or not (limited or lost):
             continue
         channel = _furthest(samples) if quantity.name == "steady_state" else None
         pairs = [(sample.number, _value(sample, quantity.name, channel)) for sample in samples]
@@ -270,11 +300,13 @@ def _sensitivities(
         z = np.array([draw(tolerances, board.varied, seed, number) for number, _ in usable])
         error = 1.0 / math.sqrt(len(usable))
         sensitivities += [
-            Sensitivity(parameter.name, parameter.kind, quantity.name, float(r), error, channel)
+            Sensitivity(
+                parameter.name, parameter.kind, quantity.name, float(r), error, channel, lost
+            )
             for parameter, r in zip(board.varied, _correlation(z, values), strict=True)
             if abs(r) > SIGNIFICANT * error
         ]
-    return sorted(sensitivities, key=lambda sensitivity: -abs(sensitivity.correlation))
+    return sorted(sensitivities, key=lambda each: (-each.lost, -abs(each.correlation)))
 
 
 def _furthest(samples: list[BoardSample]) -> int | None:

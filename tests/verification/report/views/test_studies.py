@@ -18,6 +18,7 @@ from taction.verification.report.charts import Cells, Chart, Columns, Limit, Tex
 from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.texts import figure
+from taction.verification.report.views import montecarlo
 from taction.verification.report.views.montecarlo import _edges, sheet
 from taction.verification.report.views.sweep import Plane
 from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
@@ -216,7 +217,9 @@ def test_a_limit_far_away_is_an_arrow() -> None:
 
 
 def test_one_value_is_no_histogram() -> None:
-    notes = next(each for each in charts(REPORT) if isinstance(each, Notes))
+    notes = next(
+        each for each in montecarlo.view(REPORT).blocks() if isinstance(each, Notes) and each.title
+    )
     assert notes.lines == ("Growth rate: every sample has -5 /s.",)
 
 

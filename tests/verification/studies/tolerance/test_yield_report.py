@@ -35,7 +35,7 @@ WORN = {"resistor": 0.05, "capacitor": 0.1}
 
 
 def study(**tables: Any) -> VariedBoard:
-    checks = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2}}
+    checks = {"steady_state": {"tolerance": 0.03}, "settling_time": {"band": 0.2, "max": "1s"}}
     tables = {"tolerances": WORN, "checks": checks} | tables
     return prepare(small_scene(**tables))
 
@@ -208,6 +208,25 @@ def test_what_varies_explains_the_variance_and_nothing_else_does() -> None:
     assert sum(each.correlation**2 for each in settling) > 0.5  # the slower channel decides
     assert all(each.correlation > 0 for each in settling)
     assert not [each for each in found.sensitivities if each.quantity == "steady_state"]
+
+
+def test_causes_belong_to_quantities_with_limits_and_the_costliest_check_comes_first() -> None:
+    limits = {"settling_time": {"band": 0.5, "max": "1us"}, "steady_state": {"tolerance": 0.02}}
+    varied = study(tolerances=QUIET | {"capacitor": 0.1, "resistor": 0.05}, checks=limits)
+    with one_thread() as workers:
+        samples = drawn(varied, 100, workers)
+        found = summarise_samples(varied, samples, 5).sensitivities
+        free = study(tolerances=QUIET | {"capacitor": 0.1})  # no limit of the overshoot
+        other = summarise_samples(free, drawn(free, 40, workers), 5).sensitivities
+    names = {each.quantity: each.lost for each in found}
+    checks = {"growth_rate": "stability"}
+    for name, lost in names.items():
+        failed = [checks.get(name, name) in sample.failed for sample in samples]
+        assert lost == sum(failed) / len(samples)
+    order = [(-each.lost, -abs(each.correlation)) for each in found]
+    assert order == sorted(order)
+    assert len(set(names.values())) > 1
+    assert "overshoot" not in names | {each.quantity: 0.0 for each in other}
 
 
 def test_a_component_with_a_large_tolerance_is_ranked_first() -> None:
