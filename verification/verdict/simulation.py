@@ -39,13 +39,18 @@ from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import amplified, structured_radau
+from taction.verification.engines.statespace.transients import (
+    amplified,
+    reduced_transient,
+    structured_radau,
+)
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
 
 TIGHTER = 16.0  # the first run's tolerance over the second's
 ADAPTED = 0.125  # of the difference of two such runs: error of the second, at most twice the 1/15
 # that follows if the error is proportional to the tolerance; the order of the method gives less
+PATTERNED = 1.0  # of the difference to a model of more patterns, which may err hardly less
 HALVED = 0.5  # of the difference to half the steps: error of the second run if it errs a third
 
 
@@ -111,6 +116,8 @@ def _second_run(
     Also return the largest error that it can have, as a share of the difference, and its name.
     """
     if board.circuit.is_linear:
+        if record.method == reduced_transient.METHOD:
+            return reduced_transient.refined(record), PATTERNED, "more patterns"
         return structured_radau.halved(board, transient, record), HALVED, "half the steps"
     second, nodes, times = tolerance / TIGHTER, record.nodes, record.time
     run = amplified.simulate(board, transient, nodes=nodes, times=times, tolerance=second)

@@ -73,23 +73,23 @@ def _thin(part: Coupling, kept: Bools, place: Ints, gain: float) -> Coupling:
 
 def _choose(descriptor: Descriptor, channels: int) -> tuple[Bools, float]:
     """Choose the unknowns to keep; return the factor of the couplings, too."""
-    units = _units(descriptor)
-    kept = units < 0
-    gain, assigned = 1.0, np.zeros(max(int(units.max(initial=0)) + 1, 1), dtype=np.bool_)
+    unit = units(descriptor)
+    kept = unit < 0
+    gain, assigned = 1.0, np.zeros(max(int(unit.max(initial=0)) + 1, 1), dtype=np.bool_)
     for part in descriptor.couplings:
-        new_units: Ints = np.unique(units[part.sinks])
+        new_units: Ints = np.unique(unit[part.sinks])
         new_units = new_units[~assigned[np.maximum(new_units, 0)] & (new_units >= 0)]
         if not len(new_units):
             continue
         assigned[new_units] = True
         count = min(channels, len(new_units))
         chosen = new_units[np.linspace(0.0, len(new_units) - 1.0, count).round().astype(np.int64)]
-        kept = kept | np.isin(units, chosen)
+        kept = kept | np.isin(unit, chosen)
         gain = max(gain, len(new_units) / count)
     return kept, gain
 
 
-def _units(descriptor: Descriptor) -> Ints:
+def units(descriptor: Descriptor) -> Ints:
     """Return the channel or sensor of each unknown; -1 for voltage sources.
 
     Two unknowns belong together if an element connects them that is neither a resistor matrix nor

@@ -20,18 +20,23 @@ _NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
 ROUNDING = 64 * EPS  # relative error of Newton's method in a slope
 
 
-def proposed_image(names: tuple[str, ...]) -> Ints:
-    """Return the place of each unknown's mirror image by name: ``v_7`` for ``v_1``, for example."""
-    image = list(range(len(names)))
+def numbered_kinds(names: tuple[str, ...]) -> list[Ints]:
+    """Return the places of the unknowns of each kind, by number: ``v_1``, ``v_2``, for example."""
     kinds: dict[tuple[str, str], list[tuple[int, int]]] = {}
     for place, (head, number, tail) in enumerate(_NUMBERED.findall("\n".join(names))):
         if number:
             kinds.setdefault((head, tail), []).append((int(number), place))
-    for kind in kinds.values():
-        kind.sort()
-        for (_, place), (_, other) in zip(kind, reversed(kind), strict=True):
-            image[place] = other
-    return np.array(image, dtype=np.int64)
+        else:
+            kinds[head, tail] = [(0, place)]
+    return [np.array([place for _, place in sorted(kind)]) for kind in kinds.values()]
+
+
+def proposed_image(names: tuple[str, ...]) -> Ints:
+    """Return the place of each unknown's mirror image by name: ``v_7`` for ``v_1``, for example."""
+    image = np.arange(len(names))
+    for kind in numbered_kinds(names):
+        image[kind] = kind[::-1]
+    return image
 
 
 @functools.lru_cache(maxsize=16)

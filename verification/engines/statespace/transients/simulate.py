@@ -29,7 +29,7 @@ def simulate(
 ) -> Waveforms:
     """Simulate a transient: by `amplified` if the board is not linear, else by `exact`.
 
-    A large linear board is simulated by `structured_radau`.
+    A large linear board is simulated by `reduced_transient`, or else by `structured_radau`.
 
     Parameters
     ----------
@@ -42,7 +42,8 @@ def simulate(
     times : ndarray (P,), optional
         Requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
     tolerance : float, optional
-        Of one step in `amplified` and `structured_radau`; by default theirs.
+        Of one step in `amplified` and `structured_radau`, of the outputs in
+        `reduced_transient`; by default theirs.
 
     Returns
     -------
@@ -62,9 +63,15 @@ def simulate(
 
         return amplified.simulate(board, analysis, nodes=nodes, times=times, **given)
     if board.descriptor.is_large:
-        from taction.verification.engines.statespace.transients import structured_radau
+        from taction.verification.engines.statespace.transients import (
+            reduced_transient,
+            structured_radau,
+        )
 
-        return structured_radau.simulate(board, analysis, nodes=nodes, times=times, **given)
+        given = {"tolerance": structured_radau.TOLERANCE} | given
+        methods = reduced_transient.simulate, structured_radau.simulate
+        found = (each(board, analysis, nodes=nodes, times=times, **given) for each in methods)
+        return next(waveforms for waveforms in found if waveforms is not None)
     began = clock.perf_counter()
     solution = exact_solution(
         board,

@@ -1,0 +1,233 @@
+"""Transients of large linear boards by their patterns: the exact solution of a small board.
+
+`ReducedBoard` has the cells of the board, and the patterns of its transient at a few rates, one or
+two a decade. More of them are added until two boards of patterns in turn have the same outputs, and
+until the residual of the board's own equations, solved at each rate, leaves the outputs in place.
+A board with growing modes, or one that needs too many patterns, is integrated by steps
+(`structured_radau`), with the same bounds.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import time as clock
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from taction.netlist_gen.analysis import Transient
+from taction.system.array_types import Floats, Indices, Ints
+from taction.system.errors import EngineError
+from taction.system.waveforms import Cost, Waveforms
+from taction.verification.engines.statespace.linearised.board import (
+    Initial,
+    LinearBoard,
+    initial_unknowns,
+)
+from taction.verification.engines.statespace.linearised.reduced_board import ReducedBoard
+from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
+from taction.verification.engines.statespace.transients.record_times import record_times
+
+METHOD = "exact, by patterns"
+SHOWN = 1e-7  # step amplitudes: a mode of the coarse board that sets the fastest rate
+SETTLED = 1e12  # times the fastest rate of the coarse board: a rate at which nothing has moved
+PER_DECADE = 1.3  # rates
+# Vectors at each rate, and the least share of a pattern.
+LEVELS = ((2, 1e-7), (3, 1e-8), (4, 1e-9), (6, 1e-10), (8, 1e-11))
+COMPARED = 300  # instants
+# The cost of an eigenproblem grows with the cube of the states: above this number, steps by
+# structured solves are quicker (500 channels: 5 s and 13 s of processor time).
+STATES = 900
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patterns:
+    """The deviation from the equilibrium as ``lift x(t)``, x the states of a board of patterns."""
+
+    flow: ModalFlow
+    lift: Floats  # (size, n)
+
+    @classmethod
+    def of(cls, reduced: ReducedBoard, start: Floats) -> Patterns | None:
+        """Solve a board of patterns for a start (size,), V; None if it is too large, or grows."""
+        space = reduced.board.state_space
+        if space.n > STATES or np.any(space.modes.poles.real >= 0.0):
+            return None
+        nothing = np.zeros(space.descriptor.size)
+        deviation = space.state_of(reduced.patterns.T @ start) - space.state_of(nothing)
+        flow = ModalFlow(space.modes, np.eye(space.n), deviation)
+        return cls(flow, reduced.patterns @ space.C)
+
+    def at(self, times: Floats, places: Ints) -> Floats:
+        """Return the deviations of some unknowns at `times` (P,), s; shape (P, K), V."""
+        return np.asarray(self.flow.at(times) @ self.lift[places].T)
+
+    def pairs(self, times: Floats, places: Ints) -> Floats:
+        """Return the deviation of one unknown at each time, (Q,), V."""
+        instants, which = np.unique(times, return_inverse=True)
+        states = self.flow.at(instants)[which]
+        return np.asarray((states * self.lift[places]).sum(axis=1))
+
+    def off(self, board: LinearBoard, rates: Floats, places: Ints) -> float:
+        """Return how far the residuals of the board's equations move some unknowns, V.
+
+        At each rate s, 1/s, the residual at the time 1/s is solved at s: a step of that length.
+        """
+        structure, moved = board.structure, 0.0
+        x, slopes = self.flow.pair(1.0 / rates)
+        for rate, there, slope in zip(rates.tolist(), x, slopes, strict=True):
+            charge = structure.mass @ (self.lift @ slope)
+            residual = charge - board.descriptor.stiffness_times(self.lift @ there)
+            found = structure.solver(rate)(residual)[places]
+            moved = max(moved, float(np.abs(found).max(initial=0.0)))
+        return moved
+
+
+class Reduction:
+    """The transient of a large board by patterns, to as many vectors at each rate as asked for."""
+
+    def __init__(self, board: LinearBoard, deviation: Floats, stop: float) -> None:
+        self.board = board
+        fastest, shown = _fastest(board, deviation)
+        span = max(math.log10(shown * stop), 1.0)
+        self.rates: Floats = np.geomspace(1.0 / stop, shown, math.ceil(PER_DECADE * span) + 1)
+        charge = board.structure.mass @ deviation
+        self.start = board.structure.settled_voltages(charge, SETTLED * fastest)
+        self.ends = [self.start] * len(self.rates)
+        self.vectors = [self.start]
+        self.found: list[Patterns | None] = []
+
+    def model(self, number: int) -> Patterns | None:
+        """Return the model of a level; None if patterns do not suffice there."""
+        while len(self.found) <= number:
+            structure, (depth, least) = self.board.structure, LEVELS[len(self.found)]
+            while len(self.vectors) <= depth * len(self.rates):
+                for k, rate in enumerate(self.rates.tolist()):
+                    end = structure.solver(rate)(structure.mass @ self.ends[k])
+                    self.ends[k] = end / (float(np.linalg.norm(end)) or 1.0)
+                    self.vectors.append(self.ends[k])
+            try:
+                reduced = ReducedBoard.of(self.board, np.stack(self.vectors, axis=1), least)
+                self.found.append(Patterns.of(reduced, self.start))
+            except EngineError:  # the board of patterns has no state space
+                self.found.append(None)
+        return self.found[number]
+
+    def converged(
+        self, times: Floats, places: Ints, tolerance: float
+    ) -> tuple[Patterns, Patterns] | None:
+        """Return the first model that `tolerance` allows, and the next one; None if none is.
+
+        They agree at `times` (P,), s, and the residuals of the first move nothing more.
+        """
+        compared = times[:: max(len(times) // COMPARED, 1)]
+        before, there = None, np.zeros(0)
+        for number in range(len(LEVELS)):
+            model = self.model(number)
+            if model is None:
+                return None
+            values = model.at(compared, places)
+            allowed = tolerance * float(np.abs(values).max(initial=0.0))
+            if (
+                before is not None
+                and float(np.abs(values - there).max(initial=0.0)) <= allowed
+                and before.off(self.board, self.rates, places) <= allowed
+            ):
+                return before, model
+            before, there = model, values
+        return None
+
+
+def _fastest(board: LinearBoard, deviation: Floats) -> tuple[float, float]:
+    """Return the fastest rate of the coarse board, and of the modes that its outputs show, 1/s."""
+    coarse = board.coarse
+    space, descriptor = coarse.state_space, board.descriptor
+    kept = [descriptor.place(name) for name in coarse.descriptor.names]
+    x = space.state_of(deviation[kept]) - space.state_of(np.zeros(len(kept)))
+    C, _ = space.rows([node for node in board.reported(None) if node in space.nodes])
+    heights = space.modes.heights(C, x).max(axis=0, initial=0.0)
+    sizes = np.abs(space.modes.poles)
+    shown = heights >= SHOWN * max(float(np.abs(C @ x).max(initial=0.0)), 1e-300)
+    return float(sizes.max()), float(sizes[shown].max(initial=sizes.min()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """Voltages of nodes (Q,) at instants (Q,), by a model; `finer` is the next one."""
+
+    model: Patterns
+    finer: Patterns
+    places: Ints
+    rest: Floats  # the equilibrium (K,), V
+
+    def __call__(self, times: Floats, columns: Indices) -> Floats:
+        """Return voltages (Q,)."""
+        return self.rest[columns] + self.model.pairs(times, self.places[columns])
+
+
+@functools.lru_cache(maxsize=1)
+def reduction(board: LinearBoard, initial: Initial, stop: float) -> Reduction:
+    """Return the reduction of a transient, which one verification uses several times."""
+    deviation = initial_unknowns(board, initial) - board.equilibrium.values
+    return Reduction(board, deviation, stop)
+
+
+def simulate(
+    board: LinearBoard,
+    analysis: Transient,
+    *,
+    nodes: Iterable[str] | None = None,
+    times: Floats | None = None,
+    tolerance: float,
+) -> Waveforms | None:
+    """Simulate a large linear board; None where patterns do not suffice.
+
+    Parameters
+    ----------
+    board, analysis, nodes, times
+        See `simulate.simulate`.
+    tolerance : float
+        Of the outputs, in step amplitudes.
+
+    Raises
+    ------
+    EngineError
+        The board has no equilibrium.
+    """
+    began, reported = clock.perf_counter(), board.reported(nodes)
+    if analysis.voltages:
+        return None
+    found = reduction(board, analysis.initial, analysis.stop)
+    times = record_times(analysis, analysis.stop) if times is None else times
+    outputs = _places(board, board.reported(None))
+    models = found.converged(times, outputs, tolerance)
+    if models is None:
+        return None
+    places = _places(board, reported)
+    curve = Curve(*models, places, board.equilibrium.values[places])
+    cost = Cost(clock.perf_counter() - began, len(times), len(found.rates) + 1)
+    values = curve.rest + curve.model.at(times, places)
+    return Waveforms(times, reported, values, "statespace", cost, curve=curve, method=METHOD)
+
+
+def refined(first: Waveforms) -> Waveforms:
+    """Repeat a run of `simulate` with more patterns, at the same instants.
+
+    Raises
+    ------
+    EngineError
+        The first run is not one of `simulate`.
+    """
+    began, curve = clock.perf_counter(), first.curve
+    if not isinstance(curve, Curve):
+        raise EngineError("the first run is not one by patterns")
+    finer = replace(curve, model=curve.finer)
+    values = finer.rest + finer.model.at(first.time, finer.places)
+    cost = replace(first.cost, seconds=clock.perf_counter() - began)
+    return replace(first, values=values, cost=cost, curve=finer)
+
+
+def _places(board: LinearBoard, nodes: Iterable[str]) -> Ints:
+    return np.array([board.descriptor.place(node) for node in nodes], dtype=np.int64)
