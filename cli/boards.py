@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,66 +23,25 @@ from taction.cli.command import (
     Job,
     argument,
     folder,
-    load,
     option,
     own_file,
     picture,
     text_file,
 )
-from taction.cli.terminal import console, print_json, say
-from taction.system.after_result import attempt
-from taction.system.errors import Interrupted
+from taction.cli.terminal import print_json, say
+from taction.cli.verify_scene import Verified, changes_text, print_outcome, verify_scene
 from taction.system.foreign_text import visible
 
 if TYPE_CHECKING:
     from taction.netlist_gen.kicad.project import KicadProject
     from taction.verification.design.fresh_scene import NewScene
-    from taction.verification.design.remedies import Remedies
     from taction.verification.verdict.deck import Netlist
 
 DOCUMENTS = "verification.report.documents"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 
-@dataclass(frozen=True, slots=True)
-class _Verified:
-    """The verdict of one scene, with what the options of ``taction verify`` add."""
-
-    verdict: taction.Verdict
-    remedies: Remedies | None
-    document: dict[str, Any]
-    verbose: bool
-
-    @property
-    def outcome(self) -> str:
-        return str(self.verdict.outcome.value)
-
-
-def _verify(call: Call, progress: Callable[[str], None]) -> _Verified:
-    options = call.options
-    verdict = taction.verify(
-        options["scenes"][0],
-        engine=options["engine"],
-        settings=options["settings"],
-        progress=progress,
-    )
-    document: dict[str, Any] = {}
-    if call.as_json or options["margins"] or options["annotate"]:
-        name = "verdict_document" + "_with_margins" * bool(options["margins"])
-        document = load(f"{DOCUMENTS}.verdict:{name}")(verdict)
-    found = _Verified(verdict, None, document, options["verbose"])
-
-    def search() -> Remedies | None:
-        given = {name: options[name] for name in ("changes", "any_part")}
-        return taction.what_to_change(verdict, **given, progress=progress)
-
-    try:
-        return replace(found, remedies=attempt("the search for changes", search, None, say))
-    except KeyboardInterrupt:
-        raise Interrupted("the verdict stands, the search for changes was ended", found) from None
-
-
-def _verified_document(found: _Verified) -> object:
+def _verified_document(found: Verified) -> object:
     from taction.verification.report.documents.verdict import WhatToChange
 
     if found.remedies is None:
@@ -90,27 +49,11 @@ def _verified_document(found: _Verified) -> object:
     return found.document | {"what_to_change": WhatToChange.of(found.remedies)}
 
 
-def _verified_text(found: _Verified) -> None:
-    from taction.verification.report.renderers.terminal import print_page
-    from taction.verification.report.views.files import margin_lines
-
-    notes = tuple(margin_lines(found.document))
-    print_page(_verified_page(found, notes=notes, verbose=found.verbose), console())
-
-
-def _verified_page(found: _Verified, **more: Any) -> Any:
-    from taction.verification.report.views.remedies import remedies_text
+def _write_report(found: Verified, path: str) -> None:
+    from taction.verification.report.renderers.page import write_page
     from taction.verification.report.views.verdict import view
 
-    remedies = found.remedies
-    changes = "" if remedies is None else remedies_text(found.verdict.scene, remedies)
-    return view(found.verdict, changes=changes, **more)
-
-
-def _write_report(found: _Verified, path: str) -> None:
-    from taction.verification.report.renderers.page import write_page
-
-    write_page(_verified_page(found), path)
+    write_page(view(found.verdict, changes=changes_text(found)), path)
 
 
 def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
@@ -169,9 +112,9 @@ SOLUTION = Job(
 VERIFY = Command(
     job=Job(
         function="verify",
-        work=_verify,
+        work=verify_scene,
         document=_verified_document,
-        text=_verified_text,
+        text=print_outcome,
         outputs=(
             replace(
                 picture("outputs, settling band and recovered stress"),
@@ -212,7 +155,8 @@ VERIFY = Command(
             "-v",
             "--verbose",
             is_flag=True,
-            help="Show also the error budget, and how the record and the reference were made.",
+            help="Show the tables of checks, channels and op-amps, all warnings, the error budget,"
+            " and how the record and the reference were made.",
         ),
     ),
     ends="SCENE is a scene file, or a folder: all its files *.toml. Several scenes give one table,"

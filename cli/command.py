@@ -16,6 +16,7 @@ from typing import Any
 import click
 
 import taction
+from taction.cli.terminal import Stages
 from taction.system import results
 
 ENGINES = ("auto", "ngspice", "statespace")
@@ -203,7 +204,7 @@ class Job:
     view: Target = lambda found: found.page()
     text: Target | None = None
     outputs: tuple[Output, ...] = ()
-    work: Callable[[Call, Callable[[str], None]], Any] | None = None
+    work: Callable[[Call, Stages], Any] | None = None
     schema: str | None = ""
     before: Callable[[Call], None] | None = None
     after: Callable[[Any, Call], object] | None = None

@@ -65,7 +65,7 @@ def run(command: Command, given: dict[str, Any]) -> None:
         click.echo(f"wrote {visible(name)}", err=True)
     written = _write(job, result, given)  # before the text: its reader may go
     if job.after is not None:
-        attempt("the remarks", partial(job.after, result, call), None, say, _is_of_stdout)
+        attempt("the remarks", partial(job.after, result, call), None, say, is_of_stdout)
     _show(job, result, call)
     if interrupted:
         say(f"interrupted; {interrupted}")
@@ -178,7 +178,7 @@ def _show(job: Job, result: Any, call: Call) -> None:
     if not call.as_json:
         ending = str(getattr(result, "outcome", "")).upper()
         failed: list[str] = []
-        attempt("the text", lambda: _print(job, result), None, failed.append, _is_of_stdout)
+        attempt("the text", lambda: _print(job, result), None, failed.append, is_of_stdout)
         for line in failed:
             say(line)
             click.echo(ending)
@@ -195,5 +195,6 @@ def _is_bad_input(error: Exception) -> bool:
     return isinstance(error, InputError)
 
 
-def _is_of_stdout(error: Exception) -> bool:
+def is_of_stdout(error: Exception) -> bool:
+    """Whether stdout takes no more, which is no fault of the step that prints."""
     return isinstance(error, OSError) and of_stdout(error)

@@ -16,6 +16,7 @@ from taction.verification.verdict.progress import Notice
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Progress
 
 STATUS = {"pass": 0, "fail": 1, "bad input": 2, "inconclusive": 3}
 """Exit status of an outcome."""
@@ -99,22 +100,40 @@ class SparseLines:
             self._say(text)
 
 
-@contextmanager
-def display() -> Iterator[Callable[[str], None]]:
-    """Show the stages of a function on stderr: as a bar, or without a terminal as a few lines.
+class Stages:
+    """Shows the stages of a function on stderr; `bar` is None where stderr is no terminal.
 
     A `Notice` is always a line of its own, and is said once.
     """
-    said: set[str] = set()
 
-    def once(text: str) -> None:
-        if text not in said:
-            said.add(text)
-            say(text)
+    def __init__(self, show: Callable[[str], None], bar: Progress | None = None) -> None:
+        self._show, self._bar = show, bar
+        self._said: set[str] = set()
 
+    def __call__(self, stage: str) -> None:
+        """Show a stage."""
+        if not isinstance(stage, Notice):
+            self._show(stage)
+        elif stage not in self._said:
+            self._said.add(stage)
+            say(stage)
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Take the bar away while something is printed on stdout."""
+        if self._bar is None:
+            yield
+            return
+        self._bar.stop()
+        yield
+        self._bar.start()
+
+
+@contextmanager
+def display() -> Iterator[Stages]:
+    """Show the stages of a function on stderr: as a bar, or without a terminal as a few lines."""
     if not sys.stderr.isatty():
-        lines = SparseLines(say)
-        yield lambda stage: once(stage) if isinstance(stage, Notice) else lines.stage(stage)
+        yield Stages(SparseLines(say).stage)
         return
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
     from rich.table import Column
@@ -126,11 +145,8 @@ def display() -> Iterator[Callable[[str], None]]:
         task = shown.add_task("starting", total=None)
 
         def show(stage: str) -> None:
-            if isinstance(stage, Notice):
-                once(stage)
-                return
             counted = COUNTED.match(stage)
             done, total = map(int, counted.groups()) if counted else (0, None)
             shown.update(task, completed=done, total=total, description=stage)
 
-        yield show
+        yield Stages(show, shown)

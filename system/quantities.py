@@ -196,6 +196,17 @@ def readable(text: str) -> str:
     return MICRO.sub("µ", OHM.sub("Ω", text))
 
 
+def spaced(name: str) -> str:
+    """Return the name of a figure or a check in words.
+
+    Examples
+    --------
+    >>> spaced("settling_time")
+    'settling time'
+    """
+    return name.replace("_", " ")
+
+
 def counted(number: int, noun: str, nouns: str = "") -> str:
     """Return a number with its noun; `nouns` is a plural that does not end in an added s.
 

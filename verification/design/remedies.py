@@ -9,7 +9,7 @@ range. Where no single key mends a transient, two knobs are changed together.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
@@ -22,6 +22,7 @@ from taction.verification.design.screening import can_estimate
 from taction.verification.design.search import Searched, search_list, search_pair, search_range
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
 from taction.verification.design.trials import Trial, Trials, knobs_with_margin
+from taction.verification.verdict.cause import following
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
 
@@ -52,6 +53,10 @@ class Change:
     mends: tuple[str, ...]
     left: tuple[str, ...]
     resistance: float | None = None
+
+
+Tell = Callable[[tuple[StableRange, ...] | Change], None]
+"""Receives what a search has found: stable ranges, then each change that mends everything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +118,11 @@ def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
 
 
 def find_remedies(
-    verdict: Verdict, seconds: float = LIMIT, *, any_part: bool = False
+    verdict: Verdict,
+    seconds: float = LIMIT,
+    *,
+    any_part: bool = False,
+    tell: Tell = lambda found: None,
 ) -> Remedies | None:
     """Return the nearest changes that mend a failed verdict; None for any other outcome.
 
@@ -125,6 +134,8 @@ def find_remedies(
         Time limit, s; a simulation that has begun is finished.
     any_part : bool
         Whether a change may have parts beyond the limits of real ones.
+    tell : callable, optional
+        Receives what is found at the moment when it is found.
 
     Raises
     ------
@@ -141,32 +152,22 @@ def find_remedies(
         return None
     accepted, far = ANY_PART if any_part else None, can_estimate(verdict.scene, failed)
     trials = Trials(verdict.scene, seconds, accepted, screened=far)
-    search = _Search(trials, failed, _causes(verdict))
+    follows = following(verdict.checks)
+    causes = tuple(name for name in failed if name not in follows)
+    search = _Search(trials, failed, causes, tell)
     if verdict.parts.largest_unit_voltage is not None:
         search.edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
     search.run(unstable=verdict.poles.certain and not verdict.poles.stable)
     return search.result()
 
 
-def _causes(verdict: Verdict) -> tuple[str, ...]:
-    """Return the failed checks without those that fail only because another one does.
-
-    An unstable board has no readings, and one that rests outside the settling band never settles.
-    """
-    failed = {check.name: check for check in verdict.checks if check.outcome is Outcome.FAIL}
-    if "stability" in failed and not verdict.poles.stable:
-        return ("stability",)
-    settling = failed.get("settling_time")
-    if "steady_state" in failed and settling is not None and settling.value is None:
-        del failed["settling_time"]
-    return tuple(failed)
-
-
 class _Search:
     """A search in progress."""
 
-    def __init__(self, trials: Trials, failed: tuple[str, ...], causes: tuple[str, ...]) -> None:
-        self.trials, self.scene = trials, trials.scene
+    def __init__(
+        self, trials: Trials, failed: tuple[str, ...], causes: tuple[str, ...], tell: Tell
+    ) -> None:
+        self.trials, self.scene, self.tell = trials, trials.scene, tell
         self.keys, self.knobs = mending_keys(self.scene), knobs_with_margin(self.scene)
         self.failed, self.causes = failed, causes
         self.ranges: tuple[StableRange, ...] = ()
@@ -187,6 +188,7 @@ class _Search:
         if unstable and paths:
             self.trials.share(len(paths) + 1)
             self.ranges = stable_ranges(self.trials, self.knobs)
+            self.tell(self.ranges)
         known = {each.path: each for each in self.ranges}
         self.edges |= {path: one.edge for path, one in known.items() if one.edge is not None}
         for number, path in enumerate(paths):
@@ -213,12 +215,17 @@ class _Search:
             return
         listed, accepted = search_list(self.trials, path, values)
         self.searched.append(listed)
-        self.passing += accepted[:SHOWN]
+        self._pass(accepted[:SHOWN])
 
     def _keep(self, found: Searched) -> None:
         self.searched.append(found)
         if found.found is not None:
-            self.passing.append(found.found)
+            self._pass([found.found])
+
+    def _pass(self, trials: list[Trial]) -> None:
+        self.passing += trials
+        for trial in trials:
+            self.tell(self._change(trial))
 
     def result(self) -> Remedies:
         """Return what was found."""

@@ -153,12 +153,13 @@ LITTLE = f"below {100 * LEAST:g} % of the limit"
 
 @dataclass(frozen=True, slots=True)
 class Bars:
-    """Values beside their limits."""
+    """Values beside their limits; `drawn`: a terminal draws a bar a line, without the reasons."""
 
     kind: ClassVar[str] = "bars"
     title: str
     rows: tuple[Bar, ...]
     note: str = ""
+    drawn: bool = False
 
     @property
     def table(self) -> Table:

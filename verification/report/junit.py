@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
-from taction.system.documents import plain
 from taction.system.foreign_text import escaped, visible, visible_lines
 from taction.verification.evidence.stress.catalogue import FOLDER
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
 from taction.verification.report.texts import value_text
-from taction.verification.report.views.files import Document, reasons
+from taction.verification.report.views.files import Document, checks_of, reasons
 from taction.verification.report.views.regression import change_line, remarks
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
+from taction.verification.verdict.cause import cause, causes, following
+from taction.verification.verdict.checks import Check
 from taction.verification.verdict.compare import Difference
 
 COUNTS = (("failures", "failure"), ("errors", "error"), ("skipped", "skipped"))
@@ -135,11 +136,20 @@ def _scene(
     return JUnitSuite(name, path, cases, properties)
 
 
-def _check_test(check: Mapping[str, Any]) -> JUnitTest:
-    limit = check["expected"] if check["tolerance"] is None else check["tolerance"]
-    value, bound = (value_text(number, check["unit"], 6) for number in (check["value"], limit))
-    text = f"{check['outcome']}: {value}, limit {bound}; {check['reason']}"
-    return JUnitTest(f"check {check['name']}", ENDS[check["outcome"]], text, text)
+def _check_tests(checks: Sequence[Check]) -> Iterator[JUnitTest]:
+    """Yield a test for each check; what follows from a failure is skipped, and names it."""
+    known = {each.check: each for each in causes(checks)}
+    first, follows = cause(checks), following(checks)
+    for check in checks:
+        limit = check.expected if check.tolerance is None else check.tolerance
+        value, bound = (value_text(number, check.unit, 6) for number in (check.value, limit))
+        text = f"{check.outcome.value}: {value}, limit {bound}; {check.reason}"
+        end, message = ENDS[check.outcome.value], text
+        if check.name in known:
+            message = known[check.name].text
+        elif check.name in follows and first is not None:
+            end, message = "skipped", f"follows: {first.text}"
+        yield JUnitTest(f"check {check.name}", end, message, text)
 
 
 def _verdict_suite(document: Mapping[str, Any]) -> JUnitSuite:
@@ -149,8 +159,9 @@ def _verdict_suite(document: Mapping[str, Any]) -> JUnitSuite:
 
 
 def _verdict_tests(document: Mapping[str, Any]) -> Iterator[JUnitTest]:
-    yield from map(_check_test, document.get("checks", ()))
-    if "checks" not in document:
+    if "checks" in document:
+        yield from _check_tests(checks_of(document))
+    else:
         outcome = document["outcome"]
         text = document.get("error", {}).get("message", "interrupted")
         yield JUnitTest("verify", ENDS.get(outcome, "error"), f"{outcome}: {text}", text)
@@ -174,7 +185,7 @@ def _scene_tests(result: SceneResult, *, updated: bool) -> Iterator[JUnitTest]:
         end: End = "skipped" if accepted else WITHOUT_VERDICT[result.status]
         yield JUnitTest("verify", end, f"{result.status.value}: {result.reason}", result.reason)
         return
-    yield from (_check_test(plain(check)) for check in result.checks)
+    yield from _check_tests(result.checks)
     if result.baseline is None:
         yield JUnitTest("baseline", "skipped", "new: not in the baseline")
         return

@@ -12,12 +12,14 @@ from taction.system.quantities import UNITS, show
 from taction.system.quantities import counted as counted
 from taction.system.quantities import quantity as quantity
 from taction.system.quantities import readable as readable
+from taction.system.quantities import spaced as spaced
 from taction.verification.report.blocks import Cell
 from taction.verification.report.charts import Outcome
 
 NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
 UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;]?(?:\s|$))")
 LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
+LEAST_AMOUNT = 1e-15  # of any other unit: smaller errors are rounding
 LEAST_ERROR = 1e-5  # of a value: smaller errors are below the digits that are shown
 
 
@@ -51,18 +53,22 @@ def _per_cent(share: float, digits: int) -> str:
 
 
 def with_error(value: float | None, error: float | None, unit: str) -> str:
-    """Return a value with the bound on its error, which has two digits or is below those shown.
+    """Return a value with the bound on its error in two digits.
+
+    A bound below the digits that are shown is not written, nor one that is rounding.
 
     Examples
     --------
     >>> with_error(0.1, 0.01, "step"), with_error(1.4e-4, 2.1e-17, "s"), with_error(2.0, None, "V")
-    ('10 % ± 1 %', '140 µs (error under 10 ppm)', '2 V')
+    ('10 % ± 1 %', '140 µs', '2 V')
+    >>> with_error(0.0, 3.4e-19, "s"), with_error(0.0, 1e-9, "step")
+    ('0 s', '0 %')
     """
     text = figure(value, unit)
     if value is None or not error or not math.isfinite(error) or not math.isfinite(value):
         return text
-    if error < LEAST_ERROR * abs(value):
-        return f"{text} (error under 10 ppm)"
+    if error < max(LEAST_ERROR * abs(value), LEAST_SHARE if unit == "step" else LEAST_AMOUNT):
+        return text
     return f"{text} ± {figure(error, unit, 2)}"
 
 
@@ -122,8 +128,3 @@ def rounded_up(value: float, digits: int = 1) -> float:
     """
     exponent = math.floor(math.log10(value)) + 1 - digits
     return float(f"{math.ceil(value / 10.0**exponent * (1.0 - 1e-12))}e{exponent}")
-
-
-def spaced(name: str) -> str:
-    """Return the name of a figure or a check in words."""
-    return name.replace("_", " ")

@@ -18,6 +18,7 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
+from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict
 
@@ -295,11 +296,9 @@ class Record:
 
 
 def decisive_reason(verdict: Verdict) -> str:
-    """Return the first check with the outcome of the verdict, and its reason; empty of a pass."""
-    decisive = next((c for c in verdict.checks if c.outcome is verdict.outcome), None)
-    if verdict.outcome is Outcome.PASS or decisive is None:
-        return ""
-    return f"{decisive.name}: {decisive.reason}"
+    """Return why a verdict is no pass; empty of a pass."""
+    found = cause(verdict.checks)
+    return "" if found is None else found.text
 
 
 def _channels(verdict: Verdict) -> tuple[Channel, ...]:

@@ -60,8 +60,9 @@ def _unsettled(evidence: Evidence) -> Check:
         return failed("settling_time", reason, limits.max)
     outside = evidence.at_end - evidence.error.steady_state - evidence.reference_error > limits.band
     if outside and limits.max is not None and evidence.end > limits.max:
+        late = f"outside the band after {show(limits.max, 's')}, the limit"
         reason = f"{percent(evidence.at_end)} off the reference at {show(evidence.end, 's')}"
-        return failed("settling_time", f"outside the band after the limit: {reason}", limits.max)
+        return failed("settling_time", f"{late}: {reason}", limits.max)
     short = evidence.too_short(0.5 * (limits.band - evidence.static))
     return undecided("settling_time", "s", joined(reason, short), limits.max)
 
@@ -196,7 +197,7 @@ def headroom(evidence: Evidence) -> Check | None:
         outcome, load = Outcome.FAIL, parts.impossible[0]
         rest = amount(load, load.rest)
         reason = (
-            f"at rest the output {load.quantity} of op-amp {load.part} would be {rest}; the limit"
+            f"at rest the output {load.quantity} of op-amp {load.part} would be {rest}, the limit"
             f" is {amount(load, load.limit)}{parts.remedy}"
         )
     elif worst.is_above:
@@ -303,7 +304,7 @@ def _stability(evidence: Evidence) -> Check:
         doubt = doubtful(evidence.poles.resolution)
         return check(Outcome.INCONCLUSIVE, f"{text}; {doubt}")
     if evidence.growth:
-        return check(Outcome.FAIL, f"{evidence.growth}: {text}")
+        return check(Outcome.FAIL, f"{evidence.growth}; {text}")
     if contradiction := evidence.disagreement:
         return check(Outcome.INCONCLUSIVE, f"{contradiction} ({text})")
     if margin is None:

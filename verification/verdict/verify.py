@@ -61,9 +61,10 @@ from taction.verification.verdict.warnings import (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Verdict(Result):
-    """All results of `verify`; ``print`` shows the table, `outcome` is the overall result."""
+    """All results of `verify`; ``print`` shows one screen, `outcome` is the overall result."""
 
     VIEW = "taction.verification.report.views.verdict:view"
+    SCREEN = "taction.verification.report.views.verdict_screen:screen"
     CARD = "Verdict"
     DOCUMENT = "taction.verification.report.documents.verdict:VerdictBody.of"
 
@@ -114,7 +115,8 @@ class Verdict(Result):
         return (*attempt("the warnings", found, nothing, failures.append), *failures)
 
     def __str__(self) -> str:
-        text: str = load(f"{RENDERERS}.terminal:page_text")(self.page())
+        page = load(self.SCREEN)(self)
+        text: str = load(f"{RENDERERS}.terminal:page_text")(page)
         return text
 
     def __repr__(self) -> str:

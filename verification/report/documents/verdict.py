@@ -331,6 +331,7 @@ class VerdictBody:
     omissions: tuple[Omission, ...]
     warnings: tuple[str, ...]
     timing: Annotated[dict[str, float], "s"]
+    cause: Annotated[str, Note("why it is no pass, with value and limit; empty of a pass")] = ""
     what_to_change: Annotated[
         WhatToChange | None, OPTIONAL, Note("of a failed verdict: changes that mend it")
     ] = None
@@ -392,6 +393,7 @@ class VerdictBody:
             omissions=verdict.circuit.omissions,
             warnings=verdict.warnings,
             timing=verdict.timing,
+            cause=record.reason,
         )
 
     def with_margins(self, verdict: Verdict) -> VerdictBody:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -19,12 +20,14 @@ from rich.text import Text
 
 from taction.system.foreign_text import escaped, visible
 from taction.verification.report import blocks
-from taction.verification.report.blocks import TERMINAL, Bars, Block, Page
+from taction.verification.report.blocks import TERMINAL, Bar, Bars, Block, Page
 from taction.verification.report.charts import OUTCOMES, Chart
 from taction.verification.report.texts import glued
 
 WIDTH = 160  # columns of a page in a file or a pipe, unless the variable COLUMNS says otherwise
 SHORT = 20  # letters of a cell that stays in one line wherever the page is wide enough
+LIMIT_AT, BEYOND = 12, 4  # letters of a drawn bar up to its limit, and beyond it
+UNMET = {"fail": "FAILS", "inconclusive": "undecided"}
 MOST_LINES = 8  # of a cell; a table of narrow columns is harder to read than a list
 GLUE = "\ue000"  # stands between a number and its unit while lines are broken
 SMALL = str.maketrans({"µ": "u", "Ω": "ohm"})
@@ -69,7 +72,8 @@ def page_text(page: Page) -> str:
 
 def page_lines(page: Page) -> Iterator[RenderableType]:
     """Yield what `print_page` prints."""
-    yield Text(plain(page.title), style="bold")
+    colour = OUTCOMES[page.outcome].colour if page.outcome else ""
+    yield Text(plain(page.title), style=f"bold {colour}")
     for line in (*page.lines, page.summary):
         if line:
             yield Text(plain(line))
@@ -82,7 +86,12 @@ def page_lines(page: Page) -> Iterator[RenderableType]:
     for line in page.foot:
         yield Text(plain(line), style="dim")
     if page.outcome:
-        yield Text(page.outcome.upper(), style=f"bold {OUTCOMES[page.outcome].colour}")
+        yield outcome_line(page.outcome)
+
+
+def outcome_line(outcome: str) -> Text:
+    """Return the last line of a page: one word."""
+    return Text(outcome.upper(), style=f"bold {OUTCOMES[outcome].colour}")
 
 
 def shown(block: Block) -> RenderableType:
@@ -108,8 +117,33 @@ def outcome_text(text: str, outcome: str) -> Text:
 
 def _bars(block: Bars) -> Group:
     """Return the values beside their limits as a table, and the reasons below: they are long."""
+    if block.drawn:
+        return Group(*_drawn(block.rows))
     reasons = (Text(f" {plain(bar.name)}: {plain(bar.reason)}") for bar in block.rows if bar.reason)
     return Group(FittedTable(replace(block.table, note="")), *reasons)
+
+
+def _drawn(rows: Sequence[Bar]) -> Iterator[Text]:
+    """Yield a line for each value: its bar up to the limit and beyond it, and its numbers."""
+    longest = max((len(bar.name) for bar in rows), default=0)
+    for bar in rows:
+        text = Text(f"  {plain(bar.name).ljust(longest)}  ")
+        text.append(_bar(bar.share), OUTCOMES[bar.fill].colour)
+        text.append(f" {plain(', '.join(filter(None, (bar.value, bar.limit))))}")
+        if bar.outcome in UNMET:
+            text.append(f": {UNMET[bar.outcome]}", f"bold {OUTCOMES[bar.outcome].colour}")
+        elif bar.share is not None:
+            text.append(f" ({bar.used.replace(' of the limit', '')})", "dim")
+        yield text
+
+
+def _bar(share: float | None) -> str:
+    """Return a bar of letters: ``######......|    `` uses half of the limit."""
+    if share is None:
+        return " " * (LIMIT_AT + 1 + BEYOND)
+    within = min(int(LIMIT_AT * share), LIMIT_AT)
+    beyond = min(math.ceil(LIMIT_AT * max(share - 1.0, 0.0)), BEYOND)
+    return f"{'#' * within:.<{LIMIT_AT}}|{'#' * beyond:<{BEYOND}}"
 
 
 def _shares(block: blocks.Shares) -> Text:

@@ -6,11 +6,11 @@ from taction.verification.report.texts import LEAST_SHARE, figure, quantity, rou
 from taction.verification.verdict.answer_error import AnswerError
 
 
-def answer_text(answer: AnswerError) -> str:
+def answer_text(answer: AnswerError, *, short: bool = False) -> str:
     """Return in a sentence how far the board is from the answer, and the answer from the truth.
 
     It is empty for a board that does not come to rest at the answer, and where the answer cannot
-    be trusted. "Within" rounds up.
+    be trusted. "Within" rounds up. The `short` one has neither channel nor the kind of its unit.
     """
     if answer.board is None or not answer.unit:
         return ""
@@ -18,6 +18,10 @@ def answer_text(answer: AnswerError) -> str:
     if answer.boards is not None:
         boards = f"{100 * answer.boards:g} % of the boards find"
     near = _within(answer.board + answer.board_error, answer.unit)
+    if short:
+        unit = quantity(answer.unit, "V", 3)
+        far = _truth(answer, "it", short=True)
+        return f"{boards} the regularised answer {near} of {unit}; {far}."
     far = _truth(answer, "that answer")
     return f"{boards} the regularised answer {near} ({of_unit(answer)}); {far}."
 
@@ -53,7 +57,7 @@ def _within(volts: float, unit: float) -> str:
     return f"within {up}"
 
 
-def _truth(answer: AnswerError, subject: str) -> str:
+def _truth(answer: AnswerError, subject: str, *, short: bool = False) -> str:
     """Return how far the answer is from the true stress, and why."""
     stress, far, n = answer.stress, answer.true_error, answer.channel
     if stress is None:
@@ -65,18 +69,21 @@ def _truth(answer: AnswerError, subject: str) -> str:
     volts = far * answer.unit + answer.target_error
     if volts <= max(2.0 * answer.target_error, LEAST_SHARE * answer.unit):
         return f"{subject} is the true stress {_within(volts, answer.unit)}"
+    text = f"{subject} is {figure(far, 'step', 3)} from the true stress"
+    if short:
+        return f"{text} by {_causes(answer)}"
     place = f" in channel {n + 1}" if len(stress) > 1 else ""
-    return f"{subject} is {figure(far, 'step', 3)} from the true stress{place}, {_causes(answer)}"
+    return f"{text}{place}, because of {_causes(answer)}"
 
 
 def _causes(answer: AnswerError) -> str:
     """Return the causes with their shares, the larger one first; they add up to the error."""
     if answer.regularisation is None or answer.noise is None:
-        return "because of regularisation and noise (their shares are not known)"
+        return "regularisation and noise (their shares are not known)"
     shares = {"regularisation": answer.regularisation, "noise": answer.noise}
     first, second = sorted(shares, key=lambda name: -shares[name])
     if not shares[second]:
-        return f"because of {first} alone"
+        return f"{first} alone"
     joint = " and" if shares[second] > 0.0 else ", partly cancelled by"
     large, small = (figure(abs(shares[name]), "step", 3) for name in (first, second))
-    return f"because of {first} ({large}){joint} {second} ({small})"
+    return f"{first} ({large}){joint} {second} ({small})"

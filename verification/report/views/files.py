@@ -6,10 +6,13 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from taction.system.documents import read
 from taction.verification.report.blocks import BOTH, Notes, Page, Section, Table
 from taction.verification.report.charts import OUTCOMES, Outcome
-from taction.verification.report.texts import number_cell, outcome_cell, spaced
+from taction.verification.report.texts import number_cell, outcome_cell
 from taction.verification.studies.verify_files import VerifiedFiles
+from taction.verification.verdict.cause import causes
+from taction.verification.verdict.checks import Check
 
 Document = Mapping[str, Any]
 
@@ -53,20 +56,23 @@ def _lines(document: Document) -> Iterator[str]:
 
 
 def reasons(document: Document) -> Iterator[str]:
-    """Yield why a file does not pass: its undecided and failed checks, or its error.
+    """Yield why a file does not pass: each cause, or its error.
 
     Examples
     --------
-    >>> check = {"name": "rise_time", "outcome": "fail", "reason": "3 us, above 2 us"}
-    >>> list(reasons({"outcome": "fail", "checks": [check]}))
-    ['rise time fails: 3 us, above 2 us']
+    >>> check = {"name": "rise_time", "outcome": "fail", "value": 3e-6, "expected": 2e-6}
+    >>> list(reasons({"outcome": "fail", "checks": [check | {"unit": "s"}]}))
+    ['rises in 3 us (limit: at most 2 us)']
     """
     if "error" in document:
         yield document["error"]["message"]
-    ends = {"fail": "fails", "inconclusive": "is inconclusive"}
-    for check in document.get("checks", ()):
-        if check["outcome"] in ends:
-            yield f"{spaced(check['name'])} {ends[check['outcome']]}: {check['reason']}"
+    if "checks" in document:
+        yield from (found.text for found in causes(checks_of(document)))
+
+
+def checks_of(document: Document) -> tuple[Check, ...]:
+    """Return the checks of a verdict's document."""
+    return tuple(read(Check, check) for check in document["checks"])
 
 
 def margin_lines(document: Document) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from taction.netlist_gen.scene.keys import SYMBOLS, Value, find_key
 from taction.netlist_gen.scene.scene import Scene
@@ -31,17 +31,21 @@ def remedies_text(scene: Scene, remedies: Remedies) -> str:
     return "\n".join(_lines(scene, remedies))
 
 
+HEAD = "what to change (by the state-space engine; lambda stays unless it is named):"
+
+
 def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
-    yield "what to change (by the state-space engine; lambda stays unless it is named):"
+    yield HEAD
     if remedies.unmendable:
         names = ", ".join(map(spaced, remedies.unmendable))
         yield f"  no change of the design mends: {names}"
         return
-    stable = _stability(remedies)
-    if stable:
-        yield f"  stable {', or '.join(stable)}"
+    stable = found_text(scene, remedies.stability)
+    yield from [stable] if stable else []
+    if remedies.opamps:
+        yield f"  {'or' if stable else 'stable'} with {' or '.join(remedies.opamps)}"
     for change in remedies.changes:
-        yield f"  {_change(scene, change)}"
+        yield found_text(scene, change)
     for searched in remedies.without:
         where = ""
         if searched.least is not None and searched.most is not None:
@@ -54,11 +58,12 @@ def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
     yield f"  {remedies.trials} designs tried"
 
 
-def _stability(remedies: Remedies) -> list[str]:
-    parts = [text for each in remedies.stability if (text := edge_text(each))]
-    if remedies.opamps:
-        parts.append(f"with {' or '.join(remedies.opamps)}")
-    return parts
+def found_text(scene: Scene, found: Sequence[StableRange] | Change) -> str:
+    """Return what a search has found as one of the lines of `remedies_text`, or nothing."""
+    if isinstance(found, Change):
+        return f"  {_change(scene, found)}"
+    edges = [text for each in found if (text := edge_text(each))]
+    return f"  stable {', or '.join(edges)}" if edges else ""
 
 
 def edge_text(found: StableRange) -> str:

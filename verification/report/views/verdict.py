@@ -55,7 +55,8 @@ from taction.verification.report.views.waveforms import (
 )
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.answer_error import worst_channel
-from taction.verification.verdict.checks import Check
+from taction.verification.verdict.cause import cause, causes, listed, named
+from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.verify import Verdict
@@ -95,7 +96,7 @@ def view(
     engine = tuple((name, getattr(waves, name) or "–") for name in ("engine", "solver", "method"))
     detailed = BOTH if verbose else (PAGE,)
     return Page(
-        title=verdict.scene.name,
+        title=title_of(verdict),
         command=command,
         outcome=verdict.outcome.value,
         summary=decisive_text(verdict.checks, verdict.outcome.value),
@@ -130,15 +131,13 @@ def sample_view(found: VerifiedSample) -> Page:
 def _sheet(verdict: Verdict) -> Sheet:
     """Return the waveforms beside the recovered stress and the checks."""
     left = tuple(each for each in _records(verdict) if each is not None)
-    bars = Bars("", tuple(check_bar(check) for check in verdict.checks))
-    settling, outcome = verdict.measurements.settling_time, verdict.outcome.value
-    headline = outcome
-    if outcome != "pass":
-        headline += f" ({', '.join(_decisive(verdict.checks, verdict.outcome.value))})"
-    elif settling is not None:
-        headline += f", settled at {quantity(settling.value, 's')}"
+    bars = Bars("", check_bars(verdict))
+    settling, title = verdict.measurements.settling_time, title_of(verdict)
+    if verdict.outcome is Outcome.PASS:
+        title += ": pass"
+        title += "" if settling is None else f", settled at {quantity(settling.value, 's')}"
     return Sheet(
-        f"{verdict.scene.name}: {headline}",
+        title,
         (left, (stress_chart(verdict), bars)),
         widths=(1.7, 1.0),
         heights=((1.0, 1.0, 0.55)[: len(left)], (1.0, 1.55 if left[2:] else 1.0)),
@@ -146,29 +145,36 @@ def _sheet(verdict: Verdict) -> Sheet:
     )
 
 
-def _decisive(checks: Sequence[Check], outcome: str) -> list[str]:
-    return [spaced(check.name) for check in checks if check.outcome.value == outcome]
+def title_of(verdict: Verdict) -> str:
+    """Return the name of the scene, with the cause of a verdict that is no pass."""
+    found = cause(verdict.checks)
+    return verdict.scene.name if found is None else readable(f"{verdict.scene.name}: {found.title}")
 
 
 def decisive_text(checks: Sequence[Check], outcome: str) -> str:
     """Return what decides the outcome of a verdict in a sentence."""
-    if outcome == "pass":
-        return f"All {len(checks)} checks pass{_nearest(checks)}."
-    names = _decisive(checks, outcome)
-    if len(names) == 1:
-        reason = next(check.reason for check in checks if check.outcome.value == outcome)
-        return readable(f"{names[0]}: {reason}")
-    verb = "fail" if outcome == "fail" else "are not decided"
-    return f"{len(names)} of {len(checks)} checks {verb}: {', '.join(names)}."
+    found = [*causes(checks)]
+    if not found:
+        nearest = nearest_bar(checks)
+        near = (
+            "" if nearest is None else f"; {nearest.name} is nearest to its limit ({nearest.used})"
+        )
+        return f"All {len(checks)} checks pass{near}."
+    first, *others = found
+    text = readable(first.text)
+    if first.follows and outcome == Outcome.FAIL.value:
+        text += f"; from this follow {listed(first.follows)}"
+    undecided = {check.name for check in checks if check.outcome is Outcome.INCONCLUSIVE}
+    failed = [readable(each.title) for each in others if each.check not in undecided]
+    open_ = [name for each in others if each.check in undecided for name in named(each)]
+    more = [f"{listed(open_)} not decided"] if open_ else []
+    return "; ".join((text, *failed, *more))
 
 
-def _nearest(checks: Sequence[Check]) -> str:
-    """Return which check is nearest to its limit."""
+def nearest_bar(checks: Sequence[Check]) -> Bar | None:
+    """Return the check that is nearest to its limit; None where no limit has a distance."""
     bars = [bar for bar in map(check_bar, checks) if bar.share is not None]
-    if not bars:
-        return ""
-    nearest = max(bars, key=lambda bar: bar.share or 0.0)
-    return f"; {nearest.name} is nearest to its limit ({nearest.used})"
+    return max(bars, key=lambda bar: bar.share or 0.0, default=None)
 
 
 def _cost(verdict: Verdict) -> str:
@@ -194,15 +200,19 @@ def _changes(text: str) -> Section:
 
 
 def _checks(verdict: Verdict, notes: Sequence[str]) -> tuple[Block, ...]:
-    limits = {name: getattr(verdict.scene.checks, name) for name in LIMITED}
-    least = {name: each.min for name, each in limits.items() if each and each.min is not None}
-    rows = (check_bar(check, least.get(check.name)) for check in verdict.checks)
     return (
-        Bars("", tuple(rows), MARGINS),
+        Bars("", check_bars(verdict), MARGINS),
         Notes("", tuple(filter(None, [answer_text(verdict.answer)]))),
         Notes("", tuple(map(readable, notes))),
         Notes("Warnings", tuple(map(readable, verdict.warnings))),
     )
+
+
+def check_bars(verdict: Verdict) -> tuple[Bar, ...]:
+    """Return the checks of a verdict as bars, in their order."""
+    limits = {name: getattr(verdict.scene.checks, name) for name in LIMITED}
+    least = {name: each.min for name, each in limits.items() if each and each.min is not None}
+    return tuple(check_bar(check, least.get(check.name)) for check in verdict.checks)
 
 
 def check_bar(check: Check, smallest: float | None = None) -> Bar:

@@ -23,6 +23,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats, Indices
 from taction.system.errors import DivergesError, EngineError
+from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.equations.amplifier_gains import (
     LIMITER,
@@ -328,7 +329,7 @@ def simulate(
         raise EngineError("an amplifier is beyond the range of floats in the initial state")
     first = min(FIRST / speed if speed > 0.0 else stop, stop)
     dense = Radau(system, z, tolerance, floor, first, limit).run(stop)
-    diverges = f"the board diverges: it passes {limit:.3g} V at {dense.ends[-1]!r} s"
+    diverges = f"the board diverges: it passes {limit:.3g} V at {show(dense.ends[-1], 's')}"
     instants = _instants(dense, analysis, times)
     values = system.report(dense.at(instants))
     if not np.all(np.isfinite(values)):

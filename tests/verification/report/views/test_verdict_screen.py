@@ -1,0 +1,107 @@
+"""What a terminal shows of a verdict: at most 14 lines of 80 columns, for every scene there is."""
+
+from __future__ import annotations
+
+import io
+import re
+from contextlib import suppress
+
+import pytest
+
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.system.errors import TactionError
+from taction.verification.evidence.stress.catalogue import load_catalogue
+from taction.verification.report.blocks import Page
+from taction.verification.report.renderers.terminal import Terminal, print_page
+from taction.verification.report.views.verdict_screen import CHANGES, COLUMNS, MOST, screen
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.progress import Effort
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.paths import SCENES
+from tests.support.report_pages import verdicts
+
+SHIPPED = {file.stem: file for file in sorted(SCENES.glob("*.toml"))}
+STRESS = {case.name: case for case in load_catalogue() if not case.refused}
+TINY = re.compile(r"± [\d.]+ [zaf](V|s|A)\b")  # uncertainties that are rounding
+BRIEF = Effort(details=False)  # no line of the screen depends on the rest
+
+
+def lines_of(page: Page, width: int = COLUMNS) -> list[str]:
+    """Return the lines of a page on a terminal of so many columns."""
+    console = Terminal(file=io.StringIO())
+    console.width, console.soft_wrap = width, False
+    print_page(page, console)
+    assert isinstance(console.file, io.StringIO)
+    return console.file.getvalue().splitlines()
+
+
+def of_stress(name: str) -> Scene:
+    return STRESS[name].scene("statespace")
+
+
+def hold(verdict: Verdict) -> None:
+    """Hold what every screen has."""
+    if verdict.outcome is Outcome.FAIL:
+        lines = lines_of(screen(verdict, searched=True))
+        assert len(lines) + CHANGES <= MOST, "\n".join(lines)
+    lines = lines_of(screen(verdict))
+    assert len(lines) <= MOST, "\n".join(lines)
+    word = verdict.outcome.value.upper()
+    assert lines[0].startswith(f"{word}: {verdict.scene.name}"[:COLUMNS])
+    assert lines[-1] == word
+    assert "more: -v" in lines[-2]
+    assert [line for line in lines if TINY.search(line)] == []
+    assert max(map(len, lines)) <= COLUMNS
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_scene_fits_on_a_screen(name: str) -> None:
+    hold(verify(load_scene(SHIPPED[name]).with_engine("statespace"), effort=BRIEF))
+
+
+@pytest.mark.parametrize("name", STRESS)
+def test_a_stress_case_fits_on_a_screen(name: str) -> None:
+    with suppress(TactionError):  # accepted of some cases; the tests of the catalogue judge it
+        hold(verify(of_stress(name), effort=BRIEF))
+
+
+def test_the_screen_of_a_pass_names_nearest_limit_distance_answer_and_warnings() -> None:
+    verdict = verify(load_scene(SHIPPED["paper-breadboard"]).with_engine("statespace"))
+    first, *bars = lines_of(screen(verdict))[:6]
+    text = " ".join(lines_of(screen(verdict)))
+    assert first == "PASS: paper-breadboard, 5 checks; nearest to its limit: overshoot (95.8 %)"
+    assert bars[1] == "  settling time  #####.......|     2.42 ms, at most 5 ms (48.4 %)"
+    assert "Distance to oscillation: damping ratio 0.0048 at 37.3 kHz" in text
+    assert "within 0.00056 % of 955 mV; it is 77 % from the true stress by regularisation" in text
+    assert "warning: 60 of 74 matrix resistors are above 10 Mohm, up to 247.3 Mohm" in text
+    assert "more: -v (2 warnings), --report FILE" in text
+
+
+def test_an_unstable_board_has_its_cause_once() -> None:
+    scene = load_scene(SHIPPED["paper-breadboard"]).with_engine("statespace")
+    verdict = verify(with_values(scene, {"design.capacitance": 5e-12}), effort=BRIEF)
+    cause = r"oscillates at 37\.9 kHz, growth rate \+\S+ k/s \(limit: below 0 /s\)"
+    text = " ".join(lines_of(screen(verdict)))
+    assert len(re.findall(cause, text)) == text.count("37.9 kHz") == 1
+    follows = "; from this follow steady state, settling time, rise time, overshoot"
+    assert re.match(f"FAIL: paper-breadboard: {cause}{follows}", text)
+    page = verdict.page()
+    assert re.fullmatch(f"paper-breadboard: {cause}", page.title)
+    assert page.sheet().title == page.title
+    assert "follow steady state" in page.summary
+
+
+def test_a_bar_shows_the_part_of_the_limit_and_what_is_beyond_it() -> None:
+    verdict = verdicts()["failing"]
+    rows = [line for line in lines_of(screen(verdict)) if "FAILS" in line]
+    assert rows
+    assert all("############|#" in row for row in rows if "settling" in row)
+
+
+@pytest.mark.parametrize("width", [40, 120])
+def test_another_width_loses_nothing(width: int) -> None:
+    for verdict in verdicts().values():
+        page = screen(verdict)
+        words = " ".join(lines_of(page)).split()
+        assert " ".join(lines_of(page, width)).split() == words
