@@ -155,7 +155,7 @@ def verify(
     Returns
     -------
     Verdict or list of Verdict
-        ``print(verdict)`` shows the table of the command; `outcome` is pass, fail or inconclusive.
+        ``print(verdict)`` shows the screen of the command; `outcome` is pass, fail or inconclusive.
         With `strains`: one verdict per row.
 
     Raises

@@ -33,7 +33,7 @@ def lines_of(page: Page, width: int = COLUMNS) -> list[str]:
     console.width, console.soft_wrap = width, False
     print_page(page, console)
     assert isinstance(console.file, io.StringIO)
-    return console.file.getvalue().splitlines()
+    return [line.rstrip() for line in console.file.getvalue().splitlines()]
 
 
 def of_stress(name: str) -> Scene:
