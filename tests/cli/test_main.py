@@ -59,7 +59,7 @@ def test_verify_for_people() -> None:
         assert part in result.stdout
     assert "Parts of the error" not in result.stdout
     tables = taction("verify", TUNED, *FAST, "-v").stdout
-    for part in ("Parts of the error", "±1 %", "undershoot", "Headroom"):
+    for part in ("Parts of the error", "±1 %", "undershoot", "limit of slew rate"):
         assert part in tables
     assert result.stderr == ""
 
