@@ -7,7 +7,9 @@ and runs on both engines. The truth of a linear board is that of the tests' orac
 text. SciPy's integrators are too slow for hundreds of boards with behavioural amplifiers: their
 truth is a run of the state-space engine with a tolerance of 1e-11, read at dense instants. Prints,
 for every engine, kind of board and reading: the share of readings whose true value is within the
-stated uncertainty, and the median of uncertainty over true error. Needs the extra ``dev``.
+stated uncertainty, and the median of uncertainty over true error. A linear board by the state-space
+engine is compared at both levels of its readings: as its checks need them, and "finest", where
+only rounding is left. Needs the extra ``dev``.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import argparse
 import json
 import sys
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +30,8 @@ from taction.netlist_gen.scene.scene import Scene  # noqa: E402
 from taction.system.errors import TactionError  # noqa: E402
 from taction.verification.evidence.stress.compare import Comparison, compare  # noqa: E402
 from taction.verification.evidence.stress.true_values import TrueValues  # noqa: E402
-from taction.verification.verdict.verify import verify  # noqa: E402
+from taction.verification.verdict.recording import finest  # noqa: E402
+from taction.verification.verdict.verify import Verdict, verify  # noqa: E402
 from tests.support.fine_readings import fine_readings  # noqa: E402
 from tests.support.random_scenes import AMPLIFIERS, random_scene, random_setting  # noqa: E402
 from tests.support.true_values import true_values  # noqa: E402
@@ -58,8 +62,8 @@ def main() -> int:
         for engine in asked.engine or ENGINES:
             _run(scene, seed, engine, truth, found)
     for (engine, kind, name), comparisons in sorted(found.items()):
-        print(f"{engine:10} {kind:9} {name:13} {_summary(comparisons)}")
-    for engine in asked.engine or ENGINES:
+        print(f"{engine:18} {kind:9} {name:13} {_summary(comparisons)}")
+    for engine in sorted({key[0] for key in found}):
         every = [c for key, each in found.items() if key[0] == engine for c in each]
         print(engine, _summary(every))
     return 0
@@ -83,12 +87,27 @@ def _run(
     truth: TrueValues,
     found: dict[tuple[str, str, str], list[Comparison]],
 ) -> None:
-    kind = "linear" if scene.design.amplifier == "linear" else "amplified"
     try:
         verdict = verify(scene.with_engine(engine))
     except TactionError as error:
         print(f"{seed} {engine}: {str(error)[:100]!r}", flush=True)
         return
+    _compare(verdict, seed, engine, truth, found)
+    if verdict.evidence.forever:
+        measured, errors = finest(verdict.recording, verdict.ideal)
+        finer = replace(verdict, measurements=measured, error=errors)
+        _compare(finer, seed, f"{engine}, finest", truth, found)
+
+
+def _compare(
+    verdict: Verdict,
+    seed: int,
+    engine: str,
+    truth: TrueValues,
+    found: dict[tuple[str, str, str], list[Comparison]],
+) -> None:
+    scene = verdict.scene
+    kind = "linear" if scene.design.amplifier == "linear" else "amplified"
     for comparison in compare(verdict, truth):
         name = comparison.name.split(" ")[0]
         if comparison.error != comparison.error or np.isinf(comparison.uncertainty):
