@@ -17,14 +17,12 @@ from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations
 from taction.verification.engines.statespace.transients.simulate import simulate
-from taction.verification.readings.exact_signal import Course, ExactSignal
+from taction.verification.readings.exact_signal import Course, ExactGrid, ExactSignal
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
 DETAIL = 0.02  # of a limit: smaller modes need no points of their own
 TOLERANCE = 1e-3  # of the steps of a board without exact solution, in step amplitudes
-SAMPLES = 100  # of an exact solution, for a lower bound of its peaks
-EARLY, LATE = 0.03, 30.0  # of the fastest, and of the slowest time constant: first and last of them
 INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
 
@@ -189,9 +187,9 @@ class _Loads:
 def _exact(loads: _Loads, initial: Initial) -> Iterator[Load]:
     """Yield the loads of a board with an exact solution."""
     solution = loads.solution(initial)
-    kept = _not_excluded(loads, solution)
-    loads, count = _Loads.of(loads.board, tuple(loads.rows[k] for k in kept.tolist())), len(kept)
-    course = Course(solution.part(kept), np.ones(count), np.zeros(count), PRECISION, DETAIL)
+    kept = _not_excluded(loads, _course(loads, solution))
+    loads = _Loads.of(loads.board, tuple(loads.rows[k] for k in kept.tolist()))
+    course = _course(loads, solution.part(kept))
     signal = ExactSignal(course)
     (high, above), (low, below) = (signal.highest(sign) for sign in (1.0, -1.0))
     sizes, time = np.abs(signal.grid.errors), np.append(signal.grid.time, math.inf)
@@ -199,17 +197,21 @@ def _exact(loads: _Loads, initial: Initial) -> Iterator[Load]:
     yield from loads.loads(np.maximum(high, low), time[place], np.where(high > low, above, below))
 
 
-def _not_excluded(loads: _Loads, solution: Exact) -> Ints:
+def _course(loads: _Loads, solution: Exact) -> Course:
+    """Return the way of the loads, in parts of their limits."""
+    count = len(loads.rows)
+    return Course(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL)
+
+
+def _not_excluded(loads: _Loads, course: Course) -> Ints:
     """Return the places of the rows that no upper bound excludes (see `headroom`)."""
-    rates = np.abs(solution.poles.real)
-    time = np.geomspace(EARLY / rates.max(), LATE / rates.min(), SAMPLES)
-    reached = np.abs(solution.at(time)).max(axis=0, initial=0.0)
-    bound = np.abs(solution.flow.share).sum(axis=0) + np.abs(solution.final)
-    worst: dict[str, float] = {}
-    for row, size in zip(loads.rows, reached.tolist(), strict=True):
-        worst[row.quantity] = min(max(worst.get(row.quantity, 0.0), size), FULL)
-    least = np.array([worst[row.quantity] for row in loads.rows])
-    return np.flatnonzero(bound >= least)
+    grid = ExactGrid([course])
+    reached = np.maximum(np.abs(grid.errors).max(axis=0), np.abs(grid.ends))
+    bound, full = (x.max(axis=(0, 1)) for x in (grid.caps, grid.caps + grid.reach[:, None]))
+    kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
+    worst = np.zeros(len(UNITS))
+    np.maximum.at(worst, kinds, reached)
+    return np.flatnonzero((bound >= worst[kinds]) | (full > FULL))
 
 
 def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:

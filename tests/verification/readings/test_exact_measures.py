@@ -166,3 +166,28 @@ def test_a_channel_that_never_leaves_the_band_settles_at_once_without_doubt():
 def test_what_comes_to_rest_beyond_its_target_overshoots_by_as_much() -> None:
     found = measure_exact(lags(2, 1e-6), np.array([0.99]), band=0.05).channels[0]
     assert found.overshoot == pytest.approx(0.01 / 0.99, rel=1e-9)
+
+
+def test_boards_together_are_measured_as_each_alone() -> None:
+    # Different numbers of channels, defective modes, no step, and grids of different lengths.
+    paper = [paper_board(C) for C in (10e-12, 12e-12, 30e-12)]
+    quiet = replace(paper_board(), currents=())
+    circuits = [lags(3, 1e-6), *paper, second_order(), second_order(zeta=1.0), quiet]
+    boards = [LinearBoard(circuit) for circuit in circuits]
+    responses = [
+        ExactResponse(board, np.array([out.sign * board.equilibrium[out.node] for out in outputs]))
+        for board, outputs in zip(boards, (each.outputs for each in circuits), strict=True)
+    ]
+    for response, found in zip(responses, measure_responses(responses), strict=True):
+        alone = measure_exact(response.board, response.target)
+        assert len(found.channels) == len(alone.channels)
+        for a, b in zip(found.channels, alone.channels, strict=True):
+            assert (a.state, a.reason, a.rises) == (b.state, b.reason, b.rises)
+            for name, reading in a.readings.items():
+                other = b.readings[name]
+                if reading is None or other is None:
+                    assert reading is other
+                    continue
+                assert reading.fragile is other.fragile
+                assert reading.value == pytest.approx(other.value, rel=1e-9, abs=1e-14)
+                assert reading.uncertainty == pytest.approx(other.uncertainty, rel=1e-6)

@@ -29,8 +29,9 @@ from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.progress import Clock
+from taction.verification.verdict.record import Record
 from taction.verification.verdict.recording import record_transient
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
@@ -292,3 +293,31 @@ def test_the_solution_and_its_record_are_read_the_same(scene: Scene) -> None:
             assert x.fragile is y.fragile
     assert compared >= len(a.channels)
     assert np.isfinite(a.amplitude)
+
+
+def test_scenes_together_have_the_verdict_of_each_alone() -> None:
+    # Those that need ngspice or an integration are left out.
+    engine = {"engine": "statespace"}
+    scenes = [
+        shipped("paper-breadboard", analysis=engine),
+        shipped("paper-breadboard", analysis={"engine": "ngspice"}),
+        shipped("paper-breadboard", design={"capacitance": "5pF"}, analysis=engine),  # unstable
+        shipped("paper-exponential", analysis=engine),
+        shipped("custom-matrix", analysis=engine),
+        shipped("tuned-breadboard", analysis=engine),
+    ]
+    found = dict(verify_together([Request(scene) for scene in scenes]))
+    assert set(found) == {0, 2, 4, 5}
+    for place, together in found.items():
+        record, alone = (
+            Record.of(verdict).without_run_time() for verdict in (together, verify(scenes[place]))
+        )
+        assert record.outcome == alone.outcome
+        assert [(c.name, c.outcome) for c in record.checks] == [
+            (c.name, c.outcome) for c in alone.checks
+        ]
+        for check, other in zip(record.checks, alone.checks, strict=True):
+            assert check.value == (
+                None if other.value is None else pytest.approx(other.value, rel=1e-9, abs=1e-12)
+            )
+    assert found[2].outcome is Outcome.FAIL

@@ -11,10 +11,11 @@ import dataclasses
 import enum
 import functools
 import hashlib
+import operator
 import os
 import platform
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -49,19 +50,12 @@ def digest(*values: object) -> bytes:
 
 def _encode(value: object, parts: list[bytes]) -> None:
     kind: Any = type(value)
-    if kind is str:
-        parts.append(_word(value))
-    elif kind in PLAIN:
-        text = repr(value)
-        parts.append(f"{kind.__name__}{len(text)}:{text}".encode())
+    if kind in PLAIN:
+        parts.append(_word(repr(value)))
     elif isinstance(value, tuple | list):
-        parts.append(b"t%d:" % len(value))
-        for item in value:
-            _encode(item, parts)
-    elif (names := _names(kind)) is not None:
-        parts.append(b"%b:" % kind.__name__.encode())
-        for name in names:
-            _encode(getattr(value, name), parts)
+        _encode_items(b"t", value, parts)
+    elif (fields := _fields(kind)) is not None:
+        _encode_items(kind.__name__.encode(), fields(value), parts)
     elif isinstance(value, np.ndarray):
         little = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
         parts += [f"a{little.dtype.str}{little.shape}:".encode(), little.tobytes()]
@@ -77,20 +71,30 @@ def _encode(value: object, parts: list[bytes]) -> None:
         raise TypeError(f"no canonical encoding of {kind.__name__}")
 
 
-@functools.lru_cache(maxsize=1 << 14)
-def _word(value: object) -> bytes:
-    """Encode a string; the cache pays because all points have the same element names."""
-    text = repr(value)
-    return f"str{len(text)}:{text}".encode()
+def _encode_items(name: bytes, values: Sequence[object], parts: list[bytes]) -> None:
+    """Encode some values; plain ones together, because a board has hundreds of small parts."""
+    parts.append(b"%b%d:" % (name, len(values)))
+    if PLAIN.issuperset(map(type, values)):
+        parts.append(_word(repr(tuple(values))))
+        return
+    for value in values:
+        _encode(value, parts)
+
+
+def _word(text: str) -> bytes:
+    """Encode the text of plain values, which shows their types."""
+    return f"{len(text)}:{text}".encode()
 
 
 @functools.cache
-def _names(kind: Any) -> tuple[str, ...] | None:
-    """Return the fields of a dataclass that its digest needs; None for any other type."""
+def _fields(kind: Any) -> Callable[[Any], tuple[object, ...]] | None:
+    """Return what reads the fields of a dataclass that its digest needs; None of another type."""
     if not dataclasses.is_dataclass(kind):
         return None
-    fields = dataclasses.fields(kind)
-    return tuple(field.name for field in fields if field.metadata.get("digest", True))
+    names = [f.name for f in dataclasses.fields(kind) if f.metadata.get("digest", True)]
+    if len(names) > 1:
+        return operator.attrgetter(*names)
+    return lambda value: tuple(getattr(value, name) for name in names)
 
 
 def files_of(scene: Scene) -> dict[str, object]:

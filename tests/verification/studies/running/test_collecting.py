@@ -90,8 +90,9 @@ def test_the_last_of_many_kills_is_an_error_with_its_folder(tmp_path: Path) -> N
 
 
 def test_the_encoding_is_fixed() -> None:
-    # By hand: sha256 of b"t1:" + b"int1:7" (types and lengths are part of it).
-    assert digest(7) == hashlib.sha256(b"t1:int1:7").digest()
+    # By hand: number of items, then length and text of the plain ones, which shows their types.
+    assert digest(7) == hashlib.sha256(b"t1:4:(7,)").digest()
+    assert digest((7, "a"), b"b") == hashlib.sha256(b"t2:t2:8:(7, 'a')y1:b").digest()
 
 
 def test_types_and_borders_count() -> None:

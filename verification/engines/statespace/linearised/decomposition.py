@@ -36,9 +36,10 @@ def decompose_block(A: Floats, size: Floats) -> Block:
     """
     poles, vectors = np.linalg.eig(A)
     block, before = _basis(*_real_columns(poles, vectors), size), math.inf
-    scale = balance(A)
-    if not conditions(block, scale).max(initial=0.0) < ILL:
-        block = joined_basis(A, block, scale)
+    if not conditions(block, np.ones(len(A))).max(initial=0.0) < ILL:
+        scale = balance(A)
+        if not conditions(block, scale).max(initial=0.0) < ILL:
+            block = joined_basis(A, block, scale)
     for step in range(STEPS):
         if not block.is_refinable:
             break
