@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 PROGRAM = "taction"
 COMMANDS = {
     "verify": ("boards", "Simulate a board and check it against the solution."),
+    "check": ("studies", "Find poles, onset, settling and noise of a SPICE deck."),
     "diff": ("boards", "Compare the keys and the readings of two boards."),
     "netlist": ("boards", "Write the ngspice deck of a scene."),
     "bom": ("boards", "List the parts to buy, with packages and power."),
@@ -64,7 +65,7 @@ RENAMED = {"parts": "models", "waveforms": "simulate"}
 SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
-    "Check": ("regress", "diff", "reproduce"),
+    "Check": ("check", "regress", "diff", "reproduce"),
     "Further": ("parts", "self", "demo"),
 }
 FIRST_STEPS = """\

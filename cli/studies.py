@@ -209,6 +209,25 @@ ONSET = Command(
 )
 
 
+CHECK = Command(
+    job=Job(
+        function="check",
+        outputs=(picture("step response and poles"), REPORT),
+        files=own_file,
+    ),
+    parameters=(
+        argument("deck"),
+        option("outputs", "--output", metavar="NODE", multiple=True),
+        option("over", metavar="NAME[=LOW:HIGH:N]", multiple=True),
+        option("checks", "--check", metavar="NAME=LIMIT", multiple=True),
+        option("expect", metavar="V(NODE)=VALUE", multiple=True),
+        option("ngspice", "--ngspice/--no-ngspice"),
+        option("output", "-o", type=click.Path(dir_okay=False), writes=True),
+    ),
+    ends="Exit status: 0 without checks or if all pass, 1 a check failed, 3 one is not decided.",
+)
+
+
 def _check_sweep(call: Call) -> None:
     """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
     from taction.netlist_gen.scene.questions import axis_questions

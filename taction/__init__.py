@@ -17,6 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from taction.decks import check
     from taction.designs import bom, build, kicad, netlist, solve
     from taction.netlist_gen.board.circuit import Circuit
     from taction.netlist_gen.board.synthesis import synthesise
@@ -52,6 +53,7 @@ __all__ = [
     "accuracy",
     "bom",
     "build",
+    "check",
     "choose",
     "corners",
     "demo",
@@ -85,7 +87,7 @@ __all__ = [
 ]
 
 # The quickest to load first.
-_MODULES = ("designs", "transients", "studies", "searches", "tools", "values")
+_MODULES = ("designs", "transients", "decks", "studies", "searches", "tools", "values")
 
 
 def __getattr__(name: str) -> Any:

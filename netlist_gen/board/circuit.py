@@ -275,6 +275,20 @@ class VoltageSource(Part):
     switched: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Branch(Part):
+    """A linear part of `value` between nodes `a` and `b`; `branches` has the kinds."""
+
+    a: str
+    b: str
+    value: float
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The nodes that it touches."""
+        return self.a, self.b
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ResistorMatrix:
     """An M-by-N matrix of resistors; element (k, n) has the name ``Rf_k_n``, counted from 1."""
@@ -348,6 +362,7 @@ class Circuit(Result):
     transistors: tuple[TransistorCell, ...] = ()
     transistor_models: dict[str, Transistor] = field(default_factory=dict)  # types by name
     temperature: float = NOMINAL  # of the transistors, degrees C
+    branches: tuple[Branch, ...] = ()  # of a deck: its linear parts that no topology has
     # Names in the deck, by role; with the facts, these follow from the code of the topology.
     roles: Mapping[str, Collection[str]] = field(default_factory=dict, metadata=FOLLOWS)
     knobs: tuple[Knob, ...] = field(default=(), metadata=FOLLOWS)
@@ -456,6 +471,10 @@ class Circuit(Result):
             capacitors=tuple(
                 replace(part, farads=part.farads * factor) if part.card in names else part
                 for part in self.capacitors
+            ),
+            branches=tuple(
+                replace(part, value=part.value * factor) if part.card in names else part
+                for part in self.branches
             ),
             facts={
                 name: replace(fact, value=changed.get(name, fact.value))

@@ -135,14 +135,15 @@ def parse_axis(
     if not body:
         example = "=1pF:1nF:31 or =1pF,2pF" if key.unit == "F" else "=LOW:HIGH:POINTS or =A,B,C"
         raise _wrong(text, f"expected values, {name}{example}")
-    values, scale = _values(key, text, body, points)
+    values, scale = range_values(key, text, body, points)
     tried = values if scale == "list" else (values[0], values[-1])
     for value in tried:
         with_value(scene, key.path, value)
     return Axis(key, name, values, scale)
 
 
-def _values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, ...], Scale]:
+def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, ...], Scale]:
+    """Return the values of ``LOW:HIGH:POINTS`` or ``A,B,C`` in base units, and their spacing."""
     if key.kind == "choice" or ":" not in body:
         return tuple(read_value(key, part.strip()) for part in body.split(",")), "list"
     parts = [part.strip() for part in body.split(":")]

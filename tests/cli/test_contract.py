@@ -30,6 +30,7 @@ PYTHON = {"progress", "announce", "strains"}
 # Name of the command, and words with which it ends with 0 on the scene a.toml.
 CALLS: dict[str, tuple[str, ...]] = {
     "verify": ("a.toml",),
+    "check": ("a.cir",),
     "diff": ("a.toml", "a.toml"),
     "netlist": ("a.toml",),
     "bom": ("a.toml",),

@@ -19,7 +19,7 @@ from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edges, Scan
-from taction.verification.stability.loci import PortResponse, trace_loci
+from taction.verification.stability.loci import LawResponse, PortResponse, trace_loci
 from taction.verification.stability.poles import Poles, count_unstable, poles
 from taction.verification.stability.scan import TOLERANCE, scan
 
@@ -50,14 +50,18 @@ class Family:
     def of(cls, board: LinearBoard, knob: Knob) -> Family:
         """Return the boards that differ from `board` in one of its knobs."""
         circuit, parts = board.circuit, board.circuit.parts_of(knob)
-        reactive = isinstance(parts[0], Capacitor)
+        reactive = bool(parts) and isinstance(parts[0], Capacitor)
         point = board.operating_point if reactive else None  # no capacitor moves the equilibrium
 
         def moved(value: float) -> LinearBoard:
             return LinearBoard(circuit.turned(knob.name, value), point=point)
 
-        exact = reactive or not circuit.has_nonlinear_amplifiers
-        return cls(moved, circuit.value(knob.name), PortResponse(board, parts) if exact else None)
+        ports: PortResponse | None = None
+        if reactive or (parts and not circuit.has_nonlinear_amplifiers):
+            ports = PortResponse(board, parts)
+        elif not parts and circuit.is_linear:
+            ports = LawResponse.of(board, knob.name)
+        return cls(moved, circuit.value(knob.name), ports)
 
     @classmethod
     def over(
@@ -130,7 +134,7 @@ class Family:
 
     def _loci(self, ports: PortResponse, low: float, high: float, unstable: int) -> Edges:
         own = self.own
-        if ports.reactive:
+        if ports.proportional:
             found = trace_loci(ports, low / own, high / own, unstable)
             return found.mapped(lambda share: own * share)
         found = trace_loci(ports, own / high, own / low, unstable)

@@ -79,6 +79,11 @@ class PortResponse:
         return isinstance(self.parts[0], Capacitor)
 
     @property
+    def proportional(self) -> bool:
+        """Whether the matrices grow with the value: not with a resistance."""
+        return self.reactive
+
+    @property
     def poles(self) -> Complexes:
         """Poles of the board; of a large board those of its coarse board; 1/s."""
         board = self.board.coarse if self.board.descriptor.is_large else self.board
@@ -134,6 +139,58 @@ class PortResponse:
         structure, rows = self.board.structure, self._rows.astype(np.complex128)
         solved = [structure.factor(1j * each).solve(rows) for each in omega.tolist()]
         return np.asarray(self._columns.T @ np.stack(solved))
+
+
+@dataclass(frozen=True, eq=False)
+class LawResponse(PortResponse):
+    """The same for one part that stands in the matrices as ``value u v^T``: a gain, or a coil.
+
+    `knob` is its name; `parts` is empty.
+    """
+
+    knob: str = ""
+
+    @classmethod
+    def of(cls, board: LinearBoard, knob: str) -> LawResponse | None:
+        """Return the response of a knob; None if its change of the matrices has not the rank 1."""
+        response = cls(board, (), knob)
+        u = response._change[1]
+        return response if len(u) else None
+
+    @property
+    def reactive(self) -> bool:
+        """Whether the value stands in M."""
+        return self._change[0]
+
+    @property
+    def proportional(self) -> bool:
+        """Whether the matrices grow with the value."""
+        return True
+
+    @cached_property
+    def _change(self) -> tuple[bool, Floats, Floats]:
+        circuit, own = self.board.circuit, self.board.descriptor.dense
+        moved = LinearBoard(circuit.turned(self.knob, 2.0 * circuit.value(self.knob)))
+        there = moved.descriptor.dense
+        in_mass = not np.array_equal(there.mass, own.mass)
+        change = there.mass - own.mass if in_mass else own.stiffness - there.stiffness
+        i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
+        u, v = change[:, j], change[i] / change[i, j]
+        if not np.allclose(np.outer(u, v), change, rtol=1e-12, atol=0.0):
+            return in_mass, np.zeros(0), np.zeros(0)
+        return in_mass, u, v
+
+    def at(self, omega: Floats) -> Complexes:
+        """Return the response at angular frequencies (P,), 1/s; shape (P, 1, 1)."""
+        reactive, u, v = self._change
+        dense = self.board.descriptor.dense
+        s = 1j * omega[:, None, None]
+        X = s * dense.mass - dense.stiffness
+        scale = np.abs(X).max(axis=2, keepdims=True)
+        scale[scale == 0.0] = 1.0
+        solved = np.linalg.solve(X / scale, u[:, None] / scale)
+        found = v @ solved
+        return np.asarray(s * found[:, None, :] if reactive else found[:, None, :])
 
 
 def trace_loci(ports: PortResponse, low: float, high: float = 1.0, unstable: int = 0) -> Edges:

@@ -175,7 +175,10 @@ class StepModel:
         charges = modes @ (equations.dense.mass.T * farads)
         outputs = [node for node in board.reported(None) if node in equations.places]
         shares = modes[:, [equations.places[node] for node in outputs]]
-        amplitude = float(np.abs(shares.sum(axis=0).real).max(initial=0.0)) or 1.0
+        amplitude = float(np.abs(shares.sum(axis=0).real).max(initial=0.0))
+        largest = float(np.abs(shares).max(initial=0.0))
+        if amplitude <= UNSEEN * largest:  # the outputs return to where they were
+            amplitude = largest or 1.0
         shown = np.abs(shares).max(axis=1, initial=0.0) > UNSEEN * amplitude
         return cls(
             time=_instants(poles, stop),

@@ -262,17 +262,17 @@ class Run:
         accepted = functools.partial(
             accepted_waveforms, engine=self._engine, solver=self._solver, bound=self._bound
         )
-        return self._accept(accepted)
+        return self.accept(accepted)
 
     def response(self) -> tuple[Floats, Complexes]:
         """Wait for the end and return frequencies and voltages; see `small_signal_response`."""
-        return self._accept(small_signal_response)
+        return self.accept(small_signal_response)
 
     def noise(self) -> float:
         """Wait for the end and return the noise of the saved node, V; see `integrated_noise`."""
-        return self._accept(integrated_noise)
+        return self.accept(integrated_noise)
 
-    def _accept(self, evidence: Callable[[Deck, Ending], Result]) -> Result:
+    def accept(self, evidence: Callable[[Deck, Ending], Result]) -> Result:
         """Wait for the end and return what `evidence` accepts; else keep the folder."""
         if not self._discard.alive:
             raise SimulationError("a run returns its result once, and never after it was cancelled")

@@ -74,6 +74,7 @@ DEVICES = {
     "r": _Device(4, 2),
     "c": _Device(4, 2),
     "l": _Device(4, 2),
+    "k": _Device(4, 0),  # names of coils, no nodes
     "v": _Device(4, 2),
     "i": _Device(4, 0, 2),
     "e": _Device(4, 2, 2),

@@ -32,6 +32,7 @@ class Head:
 MODELS = {
     "verify": "verification.report.documents.verdict.VerdictBody",
     "verify-files": "verification.report.documents.verdict.VerifyFilesDocument",
+    "check": "verification.studies.board_check.BoardCheck",
     "demo": "verification.evidence.demonstration.Demonstration",
     "diff": "verification.studies.difference.VerdictDifference",
     "netlist": "verification.report.documents.plain.NetlistDocument",

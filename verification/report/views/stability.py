@@ -99,8 +99,8 @@ def pole_map(poles: Poles, ranges: str = "") -> Chart:
     summary = (
         "Poles of the linearised board in the upper half plane. Circles decay, crosses in the"
         " shaded half grow. On a thin line the damping ratio is"
-        f" {', '.join(f'{zeta:g}' for zeta in DAMPING)}, from the axis to the left. Stable values"
-        f" of C: {ranges}."
+        f" {', '.join(f'{zeta:g}' for zeta in DAMPING)}, from the axis to the left."
+        + (f" Stable values of C: {ranges}." if ranges else "")
     )
     return Chart(
         "Pole map",

@@ -223,7 +223,8 @@ class Entries:
 class Stamper:
     """Collector of stamps: currents, which do not apply to rows of ideal sources, and laws.
 
-    `constant_currents` and `constant_laws` are terms of b: places, and values.
+    `constant_currents` and `constant_laws` are terms of b: places, and values; `switched` are
+    terms of any row that begin at t = 0.
     """
 
     def __init__(self, circuit: Circuit) -> None:
@@ -234,6 +235,7 @@ class Stamper:
         self.couplings: list[tuple[Ints, Ints, Floats]] = []
         self.constant_currents: list[tuple[Ints, Floats]] = []
         self.constant_laws: list[tuple[Ints, Floats]] = []
+        self.switched: list[tuple[Ints, Floats]] = []
 
     def nodes(self, names: Iterable[str]) -> Ints:
         """Return the places of nodes, `GROUND` for ground; a new name gets the next place."""
@@ -284,4 +286,6 @@ class Stamper:
         np.add.at(b[0], nodes[switched], volts[switched])
         for places, values in self.constant_laws:
             np.add.at(b[1], places, values)
+        for places, values in self.switched:
+            np.add.at(b[0], places, values)
         return b[0, :size], b[1, :size]

@@ -11,6 +11,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.branch_stamps import stamp_branches
 from taction.verification.engines.statespace.equations.cell_stamps import (
     stamp_imported,
     stamp_opamps,
@@ -75,6 +76,7 @@ def stamp(circuit: Circuit) -> Descriptor:
     capacitors = stamper.nodes(n for part in circuit.capacitors for n in (part.a, part.b))
     stamper.nodes(source.node for source in circuit.currents)
     stamper.nodes(source.node for source in circuit.voltages)
+    stamper.nodes(node for part in circuit.branches for node in part.nodes)
     _claim_rows(stamper)
     for matrix in circuit.matrices:
         stamper.matrix(matrix)
@@ -86,6 +88,7 @@ def stamp(circuit: Circuit) -> Descriptor:
     stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
     farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)
     stamper.mass.branch(capacitors[0::2], capacitors[1::2], farads)
+    stamp_branches(stamper)
     return _finish(stamper, node_count, devices)
 
 

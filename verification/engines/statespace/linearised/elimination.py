@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.system.array_types import Bools, Floats, Ints
+from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
+ROUNDING = 64 * EPS
 SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
 
 
@@ -40,6 +41,12 @@ class ScaledInverse:
         """Condition number of the scaled matrix in the row-sum norm; inf if singular."""
         norms = [np.abs(X).sum(axis=1).max(initial=1.0) for X in (self.scaled, self.inverse)]
         return float(norms[0] * norms[1])
+
+    def magnitudes(self) -> Floats:
+        """Return the sizes of the elements of the inverse."""
+        inverse = np.diag(1.0 / np.abs(self.diagonal[:, 0]))
+        inverse[np.ix_(self.coupled, self.coupled)] = np.abs(self.inverse) / self.scale.T
+        return inverse
 
     def solve(self, B: Floats, names: Sequence[str], failure: str) -> Floats:
         """Return X; for a singular A raise EngineError with the names of the unknowns."""
@@ -90,12 +97,19 @@ def eliminate(
     """
     f, o = np.flatnonzero(~determined), np.flatnonzero(determined)
     size, inputs = b.shape
+    within: Terms | None = None
     if o.size:
-        sources, M, K, b, charge = _without_sources(M, K, b, f, o, names)
+        sources, *rest, within = _without_sources(M, K, b, f, o, names)
+        M, K, b, charge = rest
         names = [names[place] for place in f.tolist()]
     else:
         charge = np.concatenate([M, np.zeros((size, 1))], axis=1)
-    d, a, basis, mass, K, b, charge = _separate(M, K, b, charge)
+    whole = (M, K) if within is None else (within.mass, within.pull)
+    split = _separate(M, K, b, charge)
+    d, a, basis, mass, K, b, charge = split.parts
+    left = split.left if split.singular or within is not None else None
+    if left is not None and basis is not None:
+        within = Terms(*(np.abs(left) @ np.abs(each) @ np.abs(basis) for each in whole))
     n = len(d)
     columns = np.concatenate([d, np.arange(len(f), len(f) + inputs), a])
     rows = np.concatenate([d, a])
@@ -108,10 +122,13 @@ def eliminate(
     )
     rates = K[:n, : n + inputs] - K[:n, n + inputs :] @ passive
     charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
-    right = np.concatenate([rates, charge.take(d, axis=0)], axis=1)
+    charge = _with_impulses(charge, K[:n, n + inputs :], inner_factor, chargeless, d, a)
+    right = np.concatenate([rates, charge], axis=1)
     terms = np.abs(K[:n, :n]) + np.abs(K[:n, n + inputs :]) @ np.abs(passive[:, :n])
     sizes = np.abs(mass.solve(terms, charged, "the capacitances do not determine the states"))
     rates = mass.solve(right, charged, "the capacitances do not determine the states")
+    if within is not None and (basis is None or left is not None):
+        sizes = np.maximum(sizes, within.sizes(rates[:, :n], d, a, mass, inner_factor, passive))
     inner = np.zeros((len(f), n + inputs))
     inner[d, np.arange(n)] = 1.0
     inner[a] = -passive
@@ -132,41 +149,112 @@ def eliminate(
     )
 
 
+def _with_impulses(
+    charge: Floats,
+    pull: Floats,
+    inner_factor: ScaledInverse,
+    names: Sequence[str],
+    d: Ints,
+    a: Ints,
+) -> Floats:
+    """Return the charges of the unknowns d, (n, ...), after the impulses of the others.
+
+    Where a step reaches a capacitor whose current is an unknown, this current has an impulse at the
+    step, which charges what it flows into.
+    """
+    own, jumps = charge.take(d, axis=0), charge.take(a, axis=0)
+    if not np.abs(jumps).max(initial=0.0) > np.abs(charge).max(initial=0.0) / SINGULAR:
+        return own
+    return own - pull @ inner_factor.solve(jumps, names, "a step has no bounded current through")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Terms:
+    """Sizes of the terms that add up to M and K, (size, size) each, where sources have gains."""
+
+    mass: Floats
+    pull: Floats
+
+    def sizes(
+        self,
+        A: Floats,
+        d: Ints,
+        a: Ints,
+        mass: ScaledInverse,
+        inner: ScaledInverse,
+        passive: Floats,
+    ) -> Floats:
+        """Return the sizes of the terms of A, (n, n), with all that cancels on the way to it."""
+        n, pull = len(d), self.pull
+        passive = np.abs(passive[:, :n])
+        moved = (self.mass[:, d] + self.mass[:, a] @ passive) @ np.abs(A)
+        aside = pull[np.ix_(a, d)] + pull[np.ix_(a, a)] @ passive + moved[a]
+        terms = pull[np.ix_(d, d)] + moved[d]
+        terms += pull[np.ix_(d, a)] @ (passive + inner.magnitudes() @ aside)
+        return np.asarray(mass.magnitudes() @ terms)
+
+
 def _without_sources(
     M: Floats, K: Floats, b: Floats, f: Ints, o: Ints, names: Sequence[str]
-) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Terms | None]:
     """Eliminate the voltages z_o that ideal sources determine.
 
     Returns ``[P, p]`` of ``z_o = P z_f + p u``; M, K and b of the other unknowns z_f; and the
-    charges of z_f as a function of all of z, and of 1.
+    charges of z_f as a function of all of z, and of 1; and the sizes of the terms of M and K.
     """
     listed = [names[place] for place in (*o, *f)]
     # 0 = K_oo z_o + K_of z_f + b_o
     right = np.hstack([K[np.ix_(o, f)], b[o]])
     failure = "ideal sources form a loop without a solution"
-    sources = ScaledInverse(-K[np.ix_(o, o)]).solve(right, listed, failure)
+    inverse = ScaledInverse(-K[np.ix_(o, o)])
+    sources = inverse.solve(right, listed, failure)
     P, p = sources[:, : len(f)], sources[:, len(f) :]
     source_charge = M[np.ix_(f, o)] @ p
     if np.any(source_charge[:, 2:]):
         raise EngineError("a capacitor at the output of a behavioural amplifier: not supported")
     charge = np.hstack([M[f], -source_charge[:, :2].sum(axis=1)[:, None]])
+    within = _terms(M, K, f, o, inverse, P) if P.any() else None
     b = b[f] + K[np.ix_(f, o)] @ p
     K = K[np.ix_(f, f)] + K[np.ix_(f, o)] @ P
     M = M[np.ix_(f, f)] + M[np.ix_(f, o)] @ P
-    return sources, M, K, b, charge
+    if within is not None:  # what cancels leaves no capacitance
+        M[np.abs(M) < ROUNDING * within.mass] = 0.0
+    return sources, M, K, b, charge, within
 
 
-Split = tuple[Ints, Ints, Floats | None, ScaledInverse, Floats, Floats, Floats]
+def _terms(M: Floats, K: Floats, f: Ints, o: Ints, inverse: ScaledInverse, P: Floats) -> Terms:
+    """Return the sizes of the terms of M and K without the voltages that sources determine."""
+    M, K, size = np.abs(M), np.abs(K), np.abs(P)
+    size = np.maximum(size, inverse.magnitudes() @ (K[np.ix_(o, f)] + K[np.ix_(o, o)] @ size))
+    return Terms(M[np.ix_(f, f)] + M[np.ix_(f, o)] @ size, K[np.ix_(f, f)] + K[np.ix_(f, o)] @ size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """The unknowns that carry charge, and the equations in the basis that shows them.
+
+    Attributes
+    ----------
+    parts : tuple
+        The places d of the charged unknowns and a of the others, the basis if it changed, the
+        solver of M on d, and K, b and `charge` in that basis.
+    left : ndarray or None
+        What the rows were multiplied with.
+    singular : bool
+        Whether M on d is singular in node voltages.
+    """
+
+    parts: tuple[Ints, Ints, Floats | None, ScaledInverse, Floats, Floats, Floats]
+    left: Floats | None = None
+    singular: bool = False
 
 
 def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     """Find the unknowns that carry charge.
 
     Usually they are the nodes with a capacitor. See `_graded` for capacitances of very different
-    sizes. Where capacitors float, or an ideal amplifier joins
-    both ends of a capacitor, they are combinations of nodes, found by a singular value
-    decomposition of the equilibrated M. Returns the places d of the charged unknowns and a of the
-    others, the basis if it changed, the solver of M on d, and K, b and `charge` in that basis.
+    sizes. Where capacitors float, or an ideal amplifier joins both ends of a capacitor, they are
+    combinations of nodes, found by a singular value decomposition of the equilibrated M.
     """
     filled = M != 0.0
     rows, columns = filled.any(axis=1), filled.any(axis=0)
@@ -174,11 +262,11 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     if np.array_equal(rows, columns):
         mass = ScaledInverse(M.take(d, axis=0).take(d, axis=1))
         if mass.condition < GRADED:
-            return d, a, None, mass, K, b, charge
+            return Split((d, a, None, mass, K, b, charge))
         if mass.condition < SINGULAR:
             return _graded(M, K, b, charge, d, a)
     weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
-    rate = np.median(pull[rows] / weight[rows])
+    rate = np.median(pull[rows] / weight[rows]) or 1.0
     scale = np.where(rows, weight, np.maximum(pull, 1e-300) / rate)[:, None]
     U, S, Vt = np.linalg.svd(M / scale)
     rank = int(np.sum(S[0] / SINGULAR < S))
@@ -186,7 +274,8 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     turned = U.T @ (K / scale) @ Vt.T
     d, a = places[:rank], places[rank:]
     mass = ScaledInverse(np.diag(S[:rank]))
-    return d, a, Vt.T, mass, turned, U.T @ (b / scale), U.T @ (charge / scale)
+    parts = (d, a, Vt.T, mass, turned, U.T @ (b / scale), U.T @ (charge / scale))
+    return Split(parts, U.T / scale.T, True)
 
 
 def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -> Split:
@@ -213,4 +302,4 @@ def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -
     outer, inner = np.eye(size), np.eye(size)
     outer[np.ix_(d, d)], inner[np.ix_(d, d)] = left[order], basis[:, order]
     mass = ScaledInverse(np.diag(D.diagonal()[order]))
-    return d, a, inner, mass, outer @ K @ inner, outer @ b, outer @ charge
+    return Split((d, a, inner, mass, outer @ K @ inner, outer @ b, outer @ charge), outer)

@@ -1,0 +1,432 @@
+"""Flat linear cards of a deck, R C L K V I E F G H, as a `Circuit` without a topology.
+
+The roles of the parts are unknown: each part is a knob of its own. What a deck says of time is a
+step: a source rests at its value before the first change, and steps at t = 0 to its last one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from taction.netlist_gen.board.branches import (
+    Coil,
+    Coupling,
+    CurrentBetween,
+    CurrentByCurrent,
+    CurrentByVoltage,
+    Source,
+    VoltageBetween,
+    VoltageByCurrent,
+    VoltageByVoltage,
+)
+from taction.netlist_gen.board.circuit import (
+    GROUND,
+    Branch,
+    Capacitor,
+    Circuit,
+    Fact,
+    Knob,
+    OpAmpCell,
+    Output,
+    Part,
+    Resistor,
+    common_facts,
+)
+from taction.spice_models.foreign_expressions import number
+from taction.spice_models.opamp import OpAmp
+
+KINDS = {
+    "r": ("resistor", "ohm"),
+    "c": ("capacitor", "F"),
+    "l": ("coil", "H"),
+    "k": ("coupling", ""),
+    "e": ("gain", ""),
+    "f": ("gain", ""),
+    "g": ("transconductance", "S"),
+    "h": ("transresistance", "ohm"),
+}
+"""Letters of the parts that are knobs: what they are, and their unit."""
+UNITS = {"v": "V", "i": "A"}
+MODEL = "vendor{}"  # name of an op-amp that is replaced
+IDLE = {"tc1", "tc2", "tc", "noisy", "temp", "dtemp"}  # without effect at 27 degrees C, or on poles
+LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
+PINS = "e_taction_pins_"  # name of the card that stands for an op-amp: its pins and its model
+RAILS = "g_taction_rails"  # that of its supplies
+_FIELD = re.compile(r"[^\s=]+\s*=\s*[^\s=]+|[^\s=(),]+")
+_WAVE = re.compile(r"\b(pulse|pwl|sin|exp|step)\s*\(?([^()]*)\)?")
+_OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
+USUAL = ("out", "vout", "output", "vo", "o")  # names of an output, in this order
+
+
+class CardError(ValueError):
+    """A flat card that is not accepted; the text says what is."""
+
+
+def shown(card: str) -> str:
+    """Return the name of a flat card as its designer wrote it.
+
+    Examples
+    --------
+    >>> shown("r1"), shown("r.x1.xop.rin")
+    ('R1', 'x1.xop.Rin')
+    """
+    letter, dot, rest = card.partition(".")
+    if not dot or len(letter) != 1:
+        return card[:1].upper() + card[1:]
+    path, _, last = rest.rpartition(".")
+    return f"{path}.{last[:1].upper()}{last[1:]}"
+
+
+@dataclass(frozen=True, slots=True)
+class Stimulus:
+    """What a source does: its value before and after the step, the instant, and the kind."""
+
+    before: float
+    after: float
+    at: float = 0.0  # of its first change, s
+    kind: str = "dc"
+    ac: bool = False
+
+    @property
+    def moves(self) -> bool:
+        """Whether it changes over time."""
+        return self.before != self.after
+
+
+@dataclass(slots=True)
+class Flat:
+    """The parts of a deck while they are read."""
+
+    resistors: list[Resistor] = field(default_factory=list)
+    capacitors: list[Capacitor] = field(default_factory=list)
+    branches: list[Branch] = field(default_factory=list)
+    opamps: list[OpAmpCell] = field(default_factory=list)
+    stimuli: dict[str, Stimulus] = field(default_factory=dict)
+    rails: list[tuple[str, str]] = field(default_factory=list)  # supplies of the op-amps
+    charged: list[str] = field(default_factory=list)  # cards with ic=
+    knobs: dict[str, tuple[str, float]] = field(default_factory=dict)  # card and value, by name
+
+    @property
+    def nodes(self) -> dict[str, None]:
+        """All nodes without ground, in the order of the deck."""
+        found: dict[str, None] = {}
+        plain: list[Resistor | Capacitor] = [*self.resistors, *self.capacitors]
+        for part in plain:
+            found |= dict.fromkeys((part.a, part.b))
+        for branch in self.branches:
+            found |= dict.fromkeys(branch.nodes)
+        for cell in self.opamps:
+            found |= dict.fromkeys((cell.noninverting, cell.inverting, cell.output))
+        found.pop(GROUND, None)
+        return found
+
+
+def read_cards(lines: Iterable[str]) -> Flat:
+    """Read flat cards.
+
+    Raises
+    ------
+    CardError
+        A card that is not linear, or has a field that is not known; it says what is accepted.
+
+    Examples
+    --------
+    >>> flat = read_cards(["v1 in 0 dc 0 pulse(0 1 1u)", "r1 in out 1k", "c1 out 0 1n"])
+    >>> flat.resistors[0].ohms, flat.stimuli["V1"].after, list(flat.nodes)
+    (1000.0, 1.0, ['in', 'out'])
+    """
+    flat = Flat()
+    for line in lines:
+        name, _, rest = line.partition(" ")
+        reader = _READERS.get(name[0])
+        if reader is None:
+            raise CardError(f"{shown(name)}: a device {name[0].upper()!r} is not linear: {line!r}")
+        try:
+            reader(flat, name, rest)
+        except CardError:
+            raise
+        except (ValueError, IndexError) as error:
+            raise CardError(f"{shown(name)}: {error}: {line!r}") from None
+    return flat
+
+
+def _fields(text: str, least: int) -> tuple[list[str], dict[str, str]]:
+    """Return plain fields, at least so many, and ``key=value`` fields."""
+    words = _FIELD.findall(text)
+    plain = [word for word in words if "=" not in word]
+    keyed = dict(re.split(r"\s*=\s*", word, maxsplit=1) for word in words if "=" in word)
+    if len(plain) < least:
+        raise ValueError(f"{len(plain)} fields, at least {least} are needed")
+    return plain, keyed
+
+
+def _value(letter: str, text: str) -> tuple[str, str, float, dict[str, str]]:
+    """Return both nodes, the value and further keys of R, C or L."""
+    plain, keyed = _fields(text, 2)
+    given = keyed.pop(letter, None) or (plain[2] if len(plain) > 2 else "")
+    if len(plain) > 3 or not given:
+        raise ValueError("expected two nodes and one number")
+    value, many = number(given), number(keyed.pop("m", "1"))
+    if value == 0.0 or not many > 0.0:
+        raise ValueError("a value of 0 is not accepted; leave the part out, or join its nodes")
+    value = value / many if letter in "rl" else value * many
+    if unknown := keyed.keys() - IDLE - {"ic"}:
+        raise ValueError(f"the field {min(unknown)!r} is not known; expected a number, m= or ic=")
+    return plain[0], plain[1], value, keyed
+
+
+def _resistor(flat: Flat, name: str, text: str) -> None:
+    a, b, value, _ = _value("r", text)
+    flat.resistors.append(Resistor(name[1:], a, b, value))
+    flat.knobs[shown(name)] = (flat.resistors[-1].card, value)
+
+
+def _capacitor(flat: Flat, name: str, text: str) -> None:
+    a, b, value, keyed = _value("c", text)
+    flat.capacitors.append(Capacitor(name[1:], a, b, value))
+    flat.knobs[shown(name)] = (flat.capacitors[-1].card, value)
+    if number(keyed.get("ic", "0")):
+        flat.charged.append(shown(name))
+
+
+def _coil(flat: Flat, name: str, text: str) -> None:
+    a, b, value, keyed = _value("l", text)
+    if not value > 0.0:
+        raise ValueError("an inductance above 0 is expected")
+    flat.branches.append(Coil(name[1:], a, b, value))
+    flat.knobs[shown(name)] = (flat.branches[-1].card, value)
+    if number(keyed.get("ic", "0")):
+        flat.charged.append(shown(name))
+
+
+def _coupling(flat: Flat, name: str, text: str) -> None:
+    *coils, last = _fields(text, 3)[0]
+    value = number(last)
+    if not abs(value) < 1.0:
+        raise ValueError("a coupling between -1 and 1 is expected; an ideal one has no coils")
+    if len(coils) != 2:
+        raise ValueError("expected two coils and one number")
+    one, other = (f"L{coil[1:]}" for coil in coils)
+    flat.branches.append(Coupling(name[1:], one, other, value))
+    flat.knobs[shown(name)] = (flat.branches[-1].card, value)
+
+
+def _by_voltage(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
+    def read(flat: Flat, name: str, text: str) -> None:
+        plain, keyed = _fields(text, 5)
+        if PINS in name:
+            flat.opamps.append(_opamp(name, plain))
+            return
+        if RAILS in name:
+            flat.rails.append((plain[0], plain[2]))
+            return
+        if len(plain) > 5 or keyed.keys() - {"m"}:
+            raise ValueError("expected four nodes and one number; polynomials are not linear")
+        value = number(plain[4]) * number(keyed.get("m", "1"))
+        _gain(flat, name, kind(name[1:], plain[0], plain[1], value, (plain[2], plain[3])))
+
+    return read
+
+
+def _opamp(name: str, plain: Sequence[str]) -> OpAmpCell:
+    """Return the op-amp of the card that stands for it: output, ground, both inputs."""
+    path = name.partition(".")[2].rpartition(".")[0]
+    model = MODEL.format(name.rpartition(PINS)[2])
+    return OpAmpCell(path[1:], model, plain[2], plain[3], plain[0])
+
+
+def _by_current(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
+    def read(flat: Flat, name: str, text: str) -> None:
+        plain, keyed = _fields(text, 4)
+        if len(plain) > 4 or keyed.keys() - {"m"}:
+            raise ValueError("expected two nodes, a voltage source and one number")
+        if plain[2][0] != "v":
+            raise ValueError(f"{plain[2]!r} is no voltage source")
+        value = number(plain[3]) * number(keyed.get("m", "1"))
+        _gain(flat, name, kind(name[1:], plain[0], plain[1], value, f"V{plain[2][1:]}"))
+
+    return read
+
+
+def _gain(flat: Flat, name: str, part: Branch) -> None:
+    flat.branches.append(part)
+    if part.value:
+        flat.knobs[shown(name)] = (part.card, part.value)
+
+
+def _source(kind: Callable[..., Source]) -> Callable[[Flat, str, str], None]:
+    def read(flat: Flat, name: str, text: str) -> None:
+        a, b, *rest = text.split(None, 2)
+        stimulus = stimulus_of(rest[0] if rest else "")
+        part = kind(name[1:], a, b, stimulus.after, stimulus.before)
+        flat.branches.append(part)
+        flat.stimuli[part.card] = stimulus
+
+    return read
+
+
+def stimulus_of(text: str) -> Stimulus:
+    """Return what a source does, from its card without name and nodes.
+
+    Raises
+    ------
+    ValueError
+        A word or a function of time that is not known.
+
+    Examples
+    --------
+    >>> stimulus_of("dc 0 ac 1 pulse(0 2.5 1u 1n 1n 1 2)")
+    Stimulus(before=0.0, after=2.5, at=1e-06, kind='pulse', ac=True)
+    >>> stimulus_of("5").after
+    5.0
+    """
+    match = _WAVE.search(text)
+    plain = (text[: match.start()] + " " + text[match.end() :]) if match else text
+    words, dc, ac = plain.replace("=", " ").split(), 0.0, False
+    while words:
+        word = words.pop(0)
+        if word == "ac":
+            ac = True
+            while words and words[0] not in ("dc", "distof1", "distof2"):
+                number(words.pop(0))
+        elif word == "dc":
+            dc = number(words.pop(0)) if words else 0.0
+        else:
+            dc = number(word)
+    if match is None:
+        return Stimulus(dc, dc, ac=ac)
+    given = [number(word) for word in re.split(r"[\s,]+", match[2].strip()) if word]
+    return _WAVES[match[1]](given, ac)
+
+
+def _pulse(given: list[float], ac: bool) -> Stimulus:
+    return Stimulus(given[0], given[1], given[2] if len(given) > 2 else 0.0, "pulse", ac)
+
+
+def _piecewise(given: list[float], ac: bool) -> Stimulus:
+    times, values = given[::2], given[1::2]
+    changes = [t for t, a, b in zip(times, values, values[1:], strict=False) if a != b]
+    return Stimulus(values[0], values[-1], changes[0] if changes else 0.0, "pwl", ac)
+
+
+def _sine(given: list[float], ac: bool) -> Stimulus:
+    return Stimulus(given[0], given[0], 0.0, "sin", ac)
+
+
+def _exponential(given: list[float], ac: bool) -> Stimulus:
+    return Stimulus(given[0], given[1], given[2] if len(given) > 2 else 0.0, "exp", ac)
+
+
+_WAVES = {
+    "pulse": _pulse, "step": _pulse, "pwl": _piecewise, "sin": _sine, "exp": _exponential,
+}  # fmt: skip
+_READERS: Mapping[str, Callable[[Flat, str, str], None]] = {
+    "r": _resistor,
+    "c": _capacitor,
+    "l": _coil,
+    "k": _coupling,
+    "v": _source(VoltageBetween),
+    "i": _source(CurrentBetween),
+    "e": _by_voltage(VoltageByVoltage),
+    "g": _by_voltage(CurrentByVoltage),
+    "f": _by_current(CurrentByCurrent),
+    "h": _by_current(VoltageByCurrent),
+}
+
+
+def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) -> tuple[str, ...]:
+    """Return the nodes of the outputs: `wanted`, or those that the deck shows, or the usual ones.
+
+    Raises
+    ------
+    CardError
+        The deck has no such node.
+    """
+    nodes = flat.nodes
+    if wanted:
+        names = [re.sub(r"^v\((.*)\)$", r"\1", name.strip().lower()) for name in wanted]
+        for name in names:
+            if name not in nodes:
+                listed = ", ".join(list(nodes)[:20])
+                raise CardError(f"the deck has no node {name!r}; it has {listed}")
+        return tuple(dict.fromkeys(names))
+    held = {n for part in flat.branches if isinstance(part, VoltageBetween) for n in part.nodes}
+    seen = [name for card in shown_cards for name in _OUTPUT.findall(card)]
+    known = tuple(dict.fromkeys(n for n in seen if n in nodes and n not in held))
+    if known:
+        return known
+    usual = [name for name in USUAL if name in nodes]
+    free = [name for name in nodes if name not in held and "." not in name]
+    return tuple(usual[:1] or free or list(nodes)[:1])
+
+
+def circuit_of(
+    flat: Flat, name: str, outputs: Iterable[str], models: Mapping[str, OpAmp], supply: float
+) -> Circuit:
+    """Return the circuit of flat cards: its parts are its knobs, its facts are their values."""
+    largest = max((abs(part.farads) for part in flat.capacitors), default=LEAST_FARADS)
+    facts = common_facts(U0=1.0, C=largest)  # the scales of voltages and charges
+    knobs, roles = list[Knob](), dict[str, frozenset[str]]()
+    for part, (card, value) in flat.knobs.items():
+        title, unit = KINDS[card[0].lower()]
+        facts[part] = Fact(part, value, unit, part, title, part, role=part)
+        knobs.append(Knob(part, part, part, words=part))
+        roles[part] = frozenset((card,))
+    return Circuit(
+        name=name,
+        amplifier="linear",
+        topology="deck",
+        facts=facts,
+        models=dict(models),
+        opamps=tuple(flat.opamps),
+        amplifiers=(),
+        resistors=tuple(flat.resistors),
+        matrices=(),
+        capacitors=tuple(flat.capacitors),
+        currents=(),
+        voltages=(),
+        signal_nodes=(),
+        constraint_nodes=(),
+        outputs=tuple(Output(node, 1.0) for node in outputs),
+        omissions=(),
+        supply=supply,
+        branches=tuple(flat.branches),
+        knobs=tuple(knobs),
+        roles=roles,
+    )
+
+
+def stepped(flat: Flat) -> tuple[Flat, str]:
+    """Return the parts with a step to show: where no source changes, one that is switched on.
+
+    The sources with an ``ac`` value are switched on at t = 0, and without one of them all sources.
+    """
+    moving = [card for card, found in flat.stimuli.items() if found.moves]
+    if moving:
+        return flat, f"{', '.join(map(shown, _lower(moving)))} steps at t = 0"
+    chosen = [card for card, found in flat.stimuli.items() if found.ac] or list(flat.stimuli)
+    unit = {card for card in chosen if flat.stimuli[card].after == 0.0}
+    if len(unit) == len(chosen):  # sources of an AC analysis have no value: they step to 1
+        branches = [_on(p, 1.0) if p.card in unit else p for p in flat.branches]
+        text = "no source changes over time: {} steps from 0 to 1 at t = 0"
+    else:
+        branches = [_on(p, p.value) if p.card in chosen else p for p in flat.branches]
+        text = "no source changes over time: {} is switched on at t = 0"
+    names = ", ".join(map(shown, _lower(chosen)))
+    return replace_branches(flat, branches), text.format(names) if names else ""
+
+
+def _lower(cards: Iterable[str]) -> Iterator[str]:
+    return (card[0].lower() + card[1:] for card in cards)
+
+
+def _on(part: Part, value: float) -> Branch:
+    assert isinstance(part, Source)  # noqa: S101 - of `Flat.stimuli`
+    return replace(part, before=0.0, value=value)
+
+
+def replace_branches(flat: Flat, branches: Iterable[Branch]) -> Flat:
+    """Return the parts with other branches."""
+    return replace(flat, branches=list(branches))

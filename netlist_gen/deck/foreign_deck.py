@@ -1,0 +1,259 @@
+"""A deck of another hand: its text, checked card by card, and written anew for one listing.
+
+No line of the file reaches ngspice as it is. Cards of parts and of values stay, one line each;
+analyses, outputs and options are left out, and so is everything between ``.control`` and ``.endc``.
+``.include`` and ``.lib`` are followed inside the deck's folder only. Any other card is refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from taction.spice_models.foreign_devices import Line, RefusedError, logical_lines
+from taction.system.errors import Complaint, InputError
+from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+
+KEPT = (".subckt", ".ends", ".model", ".param", ".func", ".global")
+FILES = (".include", ".inc", ".lib")
+_LEFT = """
+    .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .disto .four .fourier
+    .print .plot .probe .save .meas .measure .width .step .backanno .ic .nodeset
+"""
+LEFT = tuple(_LEFT.split())
+"""Cards that say what to simulate and to show, and nothing about the parts."""
+LETTERS = "rclkviefghxbdqjms"
+"""Devices that may stand in the text; `flat_cards` refuses those that are not linear."""
+LARGEST = 8 * MEGABYTE  # of a file
+MOST = 20_000  # cards of a deck with its files
+DEEPEST = 10  # files within one another
+_FILE = re.compile(r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))\s*(\S*)\s*", re.I)
+_QUOTED = re.compile(r"'([^'{}]*)'")
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """A card of a deck: the file and the line where it begins, and its text in lower case."""
+
+    file: Path
+    line: Line
+
+    @property
+    def text(self) -> str:
+        """The card."""
+        return self.line.text
+
+    @property
+    def word(self) -> str:
+        """Its first word."""
+        return self.text.split(maxsplit=1)[0]
+
+    def refused(self, accepted: str) -> InputError:
+        """Return the error for this card, with what is accepted instead."""
+        complaint = Complaint(f"line {self.line.number}", repr(self.text[:80]), accepted)
+        return InputError(self.file, complaint)
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignDeck:
+    """A checked deck.
+
+    Attributes
+    ----------
+    file : Path
+        Where it stands.
+    cards : tuple of Card
+        Cards of parts and values, in their order.
+    left : tuple of Card
+        Cards that are left out: analyses, outputs, options.
+    remarks : tuple of str
+        What a reader of the deck should know: commands that do not run.
+    """
+
+    file: Path
+    cards: tuple[Card, ...]
+    left: tuple[Card, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The text of the cards."""
+        return tuple(card.text for card in self.cards)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the ``.param`` cards outside of subcircuits."""
+        found, depth = list[str](), 0
+        for card in self.cards:
+            depth += (card.word == ".subckt") - (card.word == ".ends")
+            if card.word == ".param" and depth == 0:
+                found += re.findall(r"([a-z_][a-z0-9_]*) ?=(?!=)", card.text)
+        return tuple(dict.fromkeys(found))
+
+
+def read_deck(file: str | Path) -> ForeignDeck:
+    r"""Read a deck and check every card; nothing in it runs.
+
+    Raises
+    ------
+    InputError
+        The file, or one that it includes, cannot be read; a card is not accepted, with its line.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     place = pathlib.Path(folder, "rc.cir")
+    ...     _ = place.write_text("low pass\nV1 in 0 1\nR1 in out 1K\n.tran 1u 1m\n.end\n")
+    ...     deck = read_deck(place)
+    >>> deck.lines, [card.word for card in deck.left]
+    (('v1 in 0 1', 'r1 in out 1k'), ['.tran'])
+    """
+    path = Path(file)
+    if path.suffix.lower() == ".asc":
+        text = "a schematic of LTspice is no deck; expected its netlist: View, SPICE Netlist"
+        raise InputError(path, Complaint("file", repr(path.name), text))
+    reading = _Reading(path)
+    reading.file(path, title=True)
+    if not any(not card.word.startswith(".") for card in reading.cards):
+        text = "the deck has no parts; expected cards such as 'R1 in out 10k'"
+        raise InputError(path, Complaint("file", repr(path.name), text))
+    return ForeignDeck(path, tuple(reading.cards), tuple(reading.left), tuple(reading.remarks))
+
+
+@dataclass(slots=True)
+class _Reading:
+    """A deck and its files, read in place."""
+
+    deck: Path
+    cards: list[Card] = field(default_factory=list)
+    left: list[Card] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    open: list[Path] = field(default_factory=list)
+
+    def file(self, path: Path, *, title: bool = False, section: str = "") -> None:
+        """Read one file, or one section of a library."""
+        real = path.resolve()
+        if real in self.open or len(self.open) >= DEEPEST:
+            text = f"files within one another, or more than {DEEPEST} deep"
+            raise InputError(self.deck, Complaint(".include", repr(path.name), text))
+        self.open.append(real)
+        for card in _cards(path, title, section, self.remarks):
+            if isinstance(card, _Include):
+                self._include(card, path)
+            else:
+                self._take(card)
+            if len(self.cards) > MOST:
+                raise card.refused(f"at most {MOST} cards are read")
+        self.open.pop()
+
+    def _include(self, card: _Include, origin: Path) -> None:
+        """Read the file that a card names, if it is inside the deck's folder."""
+        folder = self.deck.resolve().parent
+        target = (origin.resolve().parent / card.name).resolve()
+        if not target.is_relative_to(folder):
+            text = "a file outside the deck's folder is not read; put it into the folder"
+            raise card.refused(text)
+        if not target.is_file():
+            raise card.refused(f"the deck's folder has no such file ({folder.name}/)")
+        self.file(target, section=card.section)
+
+    def _take(self, card: Card) -> None:
+        word = card.word
+        if word in KEPT:
+            self.cards.append(card)
+        elif word in LEFT:
+            self.left.append(card)
+        elif word.startswith("."):
+            accepted = " ".join((*KEPT, *FILES, *LEFT))
+            raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
+        elif word[0] not in LETTERS:
+            raise card.refused(f"a device {word[0].upper()!r} is not accepted; {LINEAR}")
+        else:
+            self.cards.append(card)
+
+
+LINEAR = (
+    "accepted: linear parts R C L K V I E F G H, subcircuits X of them, and op-amps of vendors"
+    " (subcircuits with transistors, diodes or expressions and five ports)"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Include(Card):
+    """A card that names a file, and the section of a library."""
+
+    name: str = ""
+    section: str = ""
+
+
+def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterator[Card]:
+    """Yield the cards of one file up to ``.end``, without what ``.control`` holds."""
+    raw = _text(path).split("\n")
+    if section:
+        raw = _section(path, raw, section)
+    if title and raw and not raw[0].lstrip().startswith((".", "*")):
+        raw[0] = ""  # whatever it says
+    files: dict[int, re.Match[str]] = {}
+    commands = 0
+    inside = False
+    for k, line in enumerate(raw):
+        word = line.strip().lower().split(maxsplit=1)[:1]
+        if inside or word == [".control"]:
+            inside = word != [".endc"]
+            commands += 1
+            raw[k] = ""
+        elif word and word[0] in FILES and (match := _FILE.fullmatch(line.strip())):
+            files[k + 1] = match
+            raw[k] = ".include"
+        else:
+            raw[k] = _QUOTED.sub(r"{\1}", line)
+    if commands:
+        remarks.append(f"{path.name}: {commands} lines of commands (.control) do not run")
+    try:
+        lines = logical_lines("\n".join(raw).encode("latin-1", "xmlcharrefreplace"))
+    except RefusedError as error:
+        raise InputError(path, Complaint("deck", "", str(error))) from None
+    for each in lines:
+        card = Card(path, each)
+        if card.word == ".end":
+            return
+        if match := files.get(each.number):
+            name = next(filter(None, match.groups()[:3]), "")
+            yield _Include(path, each, name.replace("\\", "/"), match[4].lower())
+        else:
+            yield card
+
+
+def _section(path: Path, raw: list[str], section: str) -> list[str]:
+    """Return the lines of one section of a library, the others empty."""
+    kept, inside, found = list[str](), False, False
+    for line in raw:
+        words = line.lower().split()
+        if words[:1] == [".endl"]:
+            inside = False
+        kept.append(line if inside else "")
+        if words == [".lib", section]:
+            inside = found = True
+    if not found:
+        text = "the library has no such section ('.lib NAME' to '.endl')"
+        raise InputError(path, Complaint(".lib", repr(section), text))
+    return kept
+
+
+def _text(path: Path) -> str:
+    """Return the text of a file: UTF-8, UTF-16 as LTspice writes, or Latin-1; u for micro."""
+    try:
+        content = read_bounded(path, LARGEST)
+    except UnusableFileError as error:
+        raise InputError(path, Complaint("file", repr(path.name), str(error))) from None
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        text = content.decode("utf-16", "replace")
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")
+    return text.replace("\N{MICRO SIGN}", "u").replace("\N{GREEK SMALL LETTER MU}", "u")

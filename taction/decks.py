@@ -1,0 +1,101 @@
+"""Jobs on a deck of another hand: check."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from taction.verification.studies.board_check import BoardCheck
+    from taction.verification.verdict.progress import Progress
+
+
+def check(
+    deck: str | Path,
+    *,
+    outputs: str | Iterable[str] = (),
+    checks: str | Iterable[str] = (),
+    expect: str | Iterable[str] = (),
+    over: str | Iterable[str] = (),
+    ngspice: bool = True,
+    output: str | Path | None = None,
+    progress: Progress = lambda stage: None,
+) -> BoardCheck:
+    r"""Find poles, oscillation onset, settling and noise of the linear op-amp circuit in DECK.
+
+    DECK is a SPICE deck (ngspice, LTspice, HSPICE), which nothing runs: ngspice expands it, and the
+    state-space engine reads the linear parts R C L K V I E F G H. Op-amps of vendors, subcircuits
+    with transistors and five ports, are replaced by linear models that ngspice measures.
+
+    Parameters
+    ----------
+    deck : path
+        The deck.
+    outputs : str or iterable of str
+        Node of interest, such as out or v(out); may be given several times. By default those that
+        the deck prints, plots or saves, else the node called out, else every node.
+    checks : str or iterable of str
+        Limit of a reading: settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV,
+        margin=2 (factor by which any part may change), stable, agree=1e-3.
+    expect : str or iterable of str
+        Expected voltage at rest: v(out)=1.25@0.1%.
+    over : str or iterable of str
+        Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
+        stability is found, and the readings at every value.
+    ngspice : bool
+        Compare with ngspice's own transient.
+    output : path, optional
+        Write the flat deck of ngspice's transient into this file.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    BoardCheck
+        Poles with bounds, the parts that move them, readings of the outputs, noise, checks;
+        `plot` draws the step response and the poles.
+
+    Raises
+    ------
+    InputError
+        The deck, a node, a check or a value cannot be used.
+    NoVerdictError
+        ngspice is missing, or the circuit has no equilibrium or no state space.
+
+    Examples
+    --------
+    >>> import pathlib, taction, tempfile
+    >>> text = "RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n.end\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     place = pathlib.Path(folder, "rc.cir")
+    ...     _ = place.write_text(text)
+    ...     found = taction.check(place, checks="settling=5us@1%", ngspice=False)
+    >>> found.outcome.value, round(found.poles.rightmost.real)
+    ('pass', -1000000)
+    """
+    from taction.verification.studies.board_check import check_board
+    from taction.verification.studies.foreign_board import read_board
+    from taction.verification.studies.wanted_checks import wanted
+
+    asked = wanted(_listed(checks), _listed(expect), _listed(over))
+    progress("deck")
+    board = read_board(deck, _listed(outputs))
+    found = check_board(
+        board.circuit,
+        asked,
+        initial=board.initial,
+        witness=board.witness if ngspice else None,
+        build=board.moved,
+        notes=board.notes,
+        progress=progress,
+    )
+    if output is not None:
+        from taction.system.atomic_files import write_atomically
+
+        write_atomically(output, board.flat_text)
+    return found
+
+
+def _listed(given: str | Iterable[str]) -> tuple[str, ...]:
+    return (given,) if isinstance(given, str) else tuple(given)

@@ -1,0 +1,313 @@
+"""Decks of a designer's hand against nodal analysis with 100 digits, and against closed forms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.errors import InputError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.families import Family
+from taction.verification.stability.poles import poles
+from taction.verification.studies.board_check import BoardCheck, check_board
+from taction.verification.studies.foreign_board import ForeignBoard, read_board
+from taction.verification.studies.wanted_checks import wanted
+from tests.support.designer_decks import DECKS, deck
+from tests.support.nodal_analysis import exact_poles
+
+pytestmark = pytest.mark.usefixtures("ngspice")
+SEPARATED = 1e-2  # relative distance of a pole from all others from which it is well separated
+IDEAL = ("wien-resistors",)  # gains of 1e9: rounding of the stamped values alone is 1e-7
+
+Read = Callable[[str], ForeignBoard]
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Read:
+    def board(text: str) -> ForeignBoard:
+        place = tmp_path / "deck.cir"
+        place.write_text(text)
+        return read_board(place)
+
+    return board
+
+
+def checked(board: ForeignBoard, *over: str, checks: tuple[str, ...] = ()) -> BoardCheck:
+    return check_board(
+        board.circuit, wanted(checks, (), over), initial=board.initial, build=board.moved
+    )
+
+
+@pytest.mark.parametrize("name", DECKS)
+def test_poles_are_those_of_nodal_analysis(name: str, read: Read) -> None:
+    """Every pole within its bound, and within 1e-9 where it is well separated."""
+    board = read(DECKS[name])
+    found, left = poles(board.circuit), exact_poles(board.lines)
+    assert len(found.poles) == len(left)
+    for pole, bound in zip(found.poles.tolist(), found.errors.tolist(), strict=True):
+        true = min(left, key=lambda each: abs(each - pole))
+        left.remove(true)
+        assert abs(true - pole) <= bound
+        others = [abs(each - true) for each in [*found.poles.tolist()] if each != pole]
+        if name not in IDEAL and min(others, default=math.inf) > SEPARATED * abs(true):
+            assert abs(true - pole) <= 1e-9 * abs(true)
+
+
+AGREEING = [name for name in DECKS if name not in ("gyrator",)]
+
+
+@pytest.mark.parametrize("name", AGREEING)
+def test_ngspice_has_the_same_transient(name: str, read: Read) -> None:
+    board = read(DECKS[name])
+    found = check_board(board.circuit, wanted(), initial=board.initial, witness=board.witness)
+    (check,) = found.checks
+    assert check.name == "engines_agree"
+    assert check.outcome.value == "pass", check.reason
+    assert check.value is not None
+    assert check.value < 3e-4
+
+
+def crossing(board: ForeignBoard, name: str, low: float, high: float) -> tuple[float, float]:
+    """Return the only crossing over a value, and its frequency."""
+    (sweep,) = checked(board, f"{name}={low!r}:{high!r}:9").sweeps
+    (edge,) = sweep.crossings
+    return edge.value, edge.frequency
+
+
+@pytest.mark.parametrize("name", ["gain", "E1"])
+def test_a_wien_bridge_oscillates_from_gain_3(name: str, read: Read) -> None:
+    """At f = 1 / (2 pi R C), by the parameter and by the gain of its source."""
+    gain, frequency = crossing(read(DECKS["wien"]), name, 2.0, 4.0)
+    assert gain == pytest.approx(3.0, rel=1e-7)
+    assert frequency == pytest.approx(1.0 / (2.0 * math.pi * 1e4 * 1e-8), rel=1e-7)
+
+
+def test_a_wien_bridge_oscillates_from_a_ratio_of_2(read: Read) -> None:
+    """1 + Rf / Rg = 3; the gain of 1e9 of its op-amp moves the edge by some 1e-8."""
+    ohms, _ = crossing(read(DECKS["wien-resistors"]), "Rf", 1e4, 4e4)
+    assert ohms == pytest.approx(2e4, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor"), [("phase-shift", 1.0 / math.sqrt(6.0)), ("phase-shift-low", math.sqrt(6.0))]
+)
+def test_a_phase_shift_oscillator_oscillates_from_29(name: str, factor: float, read: Read) -> None:
+    gain, frequency = crossing(read(DECKS[name]), "gain", 20.0, 40.0)
+    assert gain == pytest.approx(29.0, rel=1e-7)
+    assert frequency == pytest.approx(factor / (2.0 * math.pi * 1e4 * 1e-8), rel=1e-7)
+
+
+def test_a_ring_of_three_oscillates_from_gain_2(read: Read) -> None:
+    """1 / (1 + j w R C)^3 has the phase 180 degrees at w R C = sqrt(3), and the size 1/8."""
+    gain, frequency = crossing(read(DECKS["ring"]), "gain", 1.5, 2.5)
+    assert gain == pytest.approx(2.0, rel=1e-7)
+    assert frequency == pytest.approx(math.sqrt(3.0) / (2.0 * math.pi * 1e4 * 1e-10), rel=1e-7)
+
+
+def test_a_colpitts_oscillator(read: Read) -> None:
+    """Without Rl and Re: gm = (C1 + C2) / C2 / (L ...) has no loss; with Rl the characteristic
+    polynomial of third order tells the edge by Routh's criterion."""
+    board = read(DECKS["colpitts"])
+    gm, _ = crossing(board, "gm", 1e-5, 1e-3)
+    L, C1, C2, Re, Rl = 10e-6, 1e-9, 1e-9, 1e4, 1e4
+
+    def routh(gm: float) -> float:
+        # c: (sC1 + 1/sL + 1/Rl) c - (s C1 + gm) e = 0; e: -s C1 c + (s (C1 + C2) + 1/Re + gm) e = 0
+        g, h = 1.0 / Rl, 1.0 / Re + gm
+        a3 = L * (C1 * (C1 + C2) - C1 * C1)
+        a2 = L * (C1 * h + g * (C1 + C2) - C1 * gm)
+        a1 = L * g * h + (C1 + C2)
+        return a2 * a1 - a3 * h
+
+    low, high = 1e-6, 1e-2
+    for _ in range(200):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if routh(middle) > 0.0 else (low, middle)
+    assert gm == pytest.approx(low, rel=1e-7)
+
+
+def test_a_follower_with_a_capacitor_at_its_output(read: Read) -> None:
+    """s^2 Ro C / w + s (1 / w + Ro C / A / w ...) + 1 = 0, w the gain-bandwidth product.
+
+    The op-amp has one pole at w/A, and its resistance Ro with the load C another one.
+    """
+    A, w, Ro, C = 1e5, 2.0 * math.pi * 1e7, 100.0, 10e-9
+    text = deck(
+        "follower", f"G1 0 x in out {A / 1e6!r}", "R1 x 0 1meg", f"C1 x 0 {A / 1e6 / w!r}",
+        "E1 o 0 x 0 1", "Ro o out 100", "CL out 0 10n",
+    )  # fmt: skip
+    found = poles(read(text).circuit).poles
+    # (1 + s A/w) (1 + s Ro C) + A = 0
+    true = np.roots([A / w * Ro * C, A / w + Ro * C, 1.0 + A])
+    assert sorted(found.tolist(), key=lambda p: p.imag) == pytest.approx(
+        sorted(true.tolist(), key=lambda p: p.imag), rel=1e-9
+    )
+
+
+def test_a_follower_of_two_poles_oscillates_at_its_closed_form(read: Read) -> None:
+    """A op-amp of A, p1, p2 behind Ro with a load C: Routh's criterion of the third order."""
+    A, p1, p2, Ro = 1e5, 2.0 * math.pi * 100.0, 2.0 * math.pi * 3e6, 100.0
+    text = deck(
+        "follower", f"G1 0 x in out {A / 1e6!r}", "R1 x 0 1meg", f"C1 x 0 {1e-6 / p1!r}",
+        "G2 0 y x 0 1m", "R2 y 0 1k", f"C2 y 0 {1e-3 / p2!r}", "E1 o 0 y 0 1", "Ro o out 100",
+        "CL out 0 10p",
+    )  # fmt: skip
+    (sweep,) = checked(read(text), "CL=10p:100n:21").sweeps
+    # a3 s^3 + a2 s^2 + a1 s + 1 + A with times a = 1/p1, b = 1/p2, c = Ro C: a2 a1 = a3 (1 + A)
+    a, b = 1.0 / p1, 1.0 / p2
+
+    def routh(c: float) -> float:
+        return (a * b + (a + b) * c) * (a + b + c) - a * b * c * (1.0 + A)
+
+    (edge,) = sweep.crossings
+    low, high = 1e-9, 1e-5
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if routh(middle) > 0.0 else (low, middle)
+    assert edge.value == pytest.approx(low / Ro, rel=1e-7)
+
+
+def test_settling_of_two_poles_in_closed_form(read: Read) -> None:
+    """A Sallen-Key filter with equal real poles: y = 1 - (1 + t/T) exp(-t/T)."""
+    text = deck("critical", "R1 in a 10k", "R2 a b 10k", "C1 a out 1n", "C2 b 0 1n",
+                "E1 out 0 b 0 1")  # fmt: skip
+    found = checked(read(text))
+    T = 1e-5
+    low, high = 0.0, 100.0
+    for _ in range(200):
+        x = 0.5 * (low + high)
+        low, high = (x, high) if (1.0 + x) * math.exp(-x) > 0.01 else (low, x)
+    (row,) = found.outputs
+    assert row.settling_time is not None
+    assert row.settling_bound is not None
+    assert abs(row.settling_time - low * T) <= row.settling_bound + 1e-12 * T
+    assert row.overshoot == pytest.approx(0.0, abs=1e-9)
+
+
+def test_noise_of_an_rc_is_kt_over_c(read: Read) -> None:
+    found = checked(read(deck("RC", "R1 in out 12345", "C1 out 0 3.3p")))
+    (row,) = found.outputs
+    assert row.noise == pytest.approx(math.sqrt(1.380649e-23 * 300.15 / 3.3e-12), rel=1e-5)
+
+
+def test_sensitivities_are_differences_of_poles(read: Read) -> None:
+    board = read(DECKS["sallen-key-fast"])
+    rows = {row.name: row for row in checked(board).parts}
+    circuit: Circuit = board.circuit
+    for name, row in rows.items():
+        own = circuit.value(name)
+        ends = []
+        for factor in (1.0 + 1e-4, 1.0 - 1e-4):
+            found = exact_poles(_with(board, name, factor))
+            ends.append(max(found, key=lambda p: (p.real, p.imag)))
+        rate = (ends[0] - ends[1]) / 2e-4
+        assert row.value == own
+        scale = abs(poles(circuit).rightmost)
+        assert row.real == pytest.approx(rate.real, rel=1e-4, abs=1e-6 * scale)
+        assert row.frequency == pytest.approx(
+            rate.imag / math.tau, rel=1e-4, abs=1e-6 * scale / math.tau
+        )
+
+
+def _with(board: ForeignBoard, name: str, factor: float) -> list[str]:
+    """Return the flat cards with one value changed."""
+    path, dot, last = name.lower().rpartition(".")
+    card = f"{last[0]}.{path}.{last}" if dot else last
+    lines = []
+    for line in board.lines:
+        words = line.split()
+        if words[0] == card:
+            place = 5 if card[0] in "eg" else 3
+            value = board.circuit.value(name) * factor
+            words[place] = repr(value)
+        lines.append(" ".join(words))
+    return lines
+
+
+def test_margins_are_edges_of_the_poles(read: Read) -> None:
+    """The bridge of gain 2.9 oscillates as R2 or C1 grows by 1/9: 1 + R1/R2 + C2/C1 = 2.9."""
+    rows = {row.name: row for row in checked(read(DECKS["wien"])).parts}
+    # Barkhausen: gain = 1 + R1/R2 + C2/C1
+    assert rows["R2"].above == pytest.approx(1e4 / 0.9, rel=1e-6)
+    assert rows["R2"].below is None
+    assert rows["R1"].below == pytest.approx(9e3, rel=1e-6)
+    assert rows["C1"].above == pytest.approx(1e-8 / 0.9, rel=1e-6)
+    assert rows["C2"].below == pytest.approx(9e-9, rel=1e-6)
+    assert rows["E1"].above == pytest.approx(3.0, rel=1e-6)
+
+
+def test_a_margin_counts_every_part(read: Read) -> None:
+    found = checked(read(DECKS["wien"]), checks=("margin=1.01",))
+    assert found.outcome.value == "pass"
+    (check,) = found.checks
+    assert check.value == pytest.approx(3.0 / 2.9, rel=1e-6)
+    assert checked(read(DECKS["wien"]), checks=("margin=1.1",)).outcome.value == "fail"
+
+
+def test_a_coil_between_two_coils_is_refused_by_name(read: Read) -> None:
+    """Its current is that of the other one: an index above 1 that is not reduced."""
+    from taction.system.errors import EngineError
+
+    board = read(deck("series", "L1 in m 1m", "L2 m out 1m", "R1 out 0 1k"))
+    with pytest.raises(EngineError, match=r": m$"):
+        poles(board.circuit)
+
+
+def test_a_loop_of_sources_is_refused_by_name(read: Read) -> None:
+    from taction.system.errors import EngineError
+
+    board = read(deck("loop", "V2 a in 1", "E1 a 0 in 0 2", "R1 a out 1k", "C1 out 0 1n"))
+    with pytest.raises(EngineError, match="closes a loop of ideal voltage sources"):
+        poles(board.circuit)
+
+
+def test_a_step_through_a_sensed_capacitor_jumps(read: Read) -> None:
+    """F copies the impulse of C2 = 10 pF into C1 = 1 nF: 2 x 10 pF x 1 V / 1 nF = 20 mV."""
+    from taction.verification.engines.statespace.transients.exact import exact_solution
+
+    board = read(DECKS["cccs-mirror"])
+    solution = exact_solution(LinearBoard(board.circuit), initial="rest")
+    assert solution.start[0] == pytest.approx(0.02, rel=1e-12)
+    assert solution.final[0] == pytest.approx(10.0, rel=1e-12)
+
+
+def test_a_gain_has_edges_without_a_scan(read: Read) -> None:
+    board = LinearBoard(read(DECKS["wien"]).circuit)
+    family = Family.of(board, board.circuit.knob("E1"))
+    assert family.ports is not None
+    (edge,) = family.edges(1.0, 10.0).edges
+    assert edge.value == pytest.approx(3.0, rel=1e-12)
+
+
+def test_an_opamp_of_a_vendor_is_replaced(tmp_path: Path) -> None:
+    """An inverter with transistors: poles of its linear model, and ngspice's own transient of the
+    macromodel beside them."""
+    model = Path("tests/data/fet100.cir")
+    (tmp_path / "fet100.lib").write_bytes(model.read_bytes())
+    place = tmp_path / "inverter.cir"
+    place.write_text(
+        "inverter\n.include fet100.lib\nVp vp 0 15\nVm vm 0 -15\nV1 in 0 PULSE(0 10m 1u)\n"
+        "R1 in x 10k\nR2 x out 10k\nC2 x out 10p\nX1 0 x vp vm out FET100\n.tran 1n 10u\n.end\n"
+    )
+    board = read_board(place)
+    assert any("x1: the macromodel fet100 is replaced" in note for note in board.notes)
+    found = check_board(board.circuit, wanted(), initial=board.initial, witness=board.witness)
+    (check,) = found.checks
+    assert check.outcome.value == "pass", check.reason
+    assert found.outputs[0].rest - found.outputs[0].before == pytest.approx(-0.01, rel=1e-3)
+
+
+def test_a_single_supply_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "fet100.lib").write_bytes(Path("tests/data/fet100.cir").read_bytes())
+    place = tmp_path / "single.cir"
+    place.write_text(
+        "t\n.include fet100.lib\nVp vp 0 5\nR1 in x 1k\nX1 in x vp 0 out FET100\nR2 out x 1k\n"
+        "V1 in 0 1\n.end\n"
+    )
+    with pytest.raises(InputError, match="supplies of ±V about ground"):
+        read_board(place)

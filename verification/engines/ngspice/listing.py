@@ -1,0 +1,100 @@
+"""A deck as ngspice expands it: subcircuits flattened, every expression a number.
+
+The text comes from `taction.netlist_gen.deck.foreign_deck`, which accepts no card that runs
+anything; the only commands of the run are those that list it. There is no simulation.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from taction.netlist_gen.analysis import Analysis, OperatingPoint
+from taction.system.errors import DidNotLoad
+from taction.system.foreign_files import UnusableFileError, read_bounded
+from taction.verification.engines.ngspice.evidence import Ending, check_end, longest
+from taction.verification.engines.ngspice.executable import Simulator
+from taction.verification.engines.ngspice.process import (
+    PHYSICAL_BOUND,
+    Run,
+    command_line,
+    make_folder,
+)
+
+SECONDS = 20.0  # of an expansion, which takes some milliseconds
+_CARD = re.compile(r"^ *\d+ : (\S.*)$")
+_HEAD = re.compile(r"^\t\S", re.M)  # of a listing: the title
+_WRONG = re.compile(r"^(?:Error|Cannot|Undefined|Too few|Unknown|.*[Ee]rror).*$", re.M)
+SHOWN = 5  # lines of an error
+
+
+@dataclass(frozen=True, slots=True)
+class _Listing:
+    """A text that is only listed."""
+
+    text: str
+    files: Mapping[str, str] = field(default_factory=dict)
+    saved: tuple[str, ...] = ()
+    analysis: Analysis = field(default_factory=OperatingPoint)
+
+
+def expand(
+    lines: Iterable[str],
+    simulator: Simulator,
+    values: Sequence[Mapping[str, float]] = ({},),
+) -> tuple[tuple[str, ...], ...]:
+    """Return the flat cards of a deck, for each of some values of its parameters.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        Cards, one a line, checked before.
+    values : sequence of mapping
+        Numbers for ``.param`` names, in the place of the deck's own.
+
+    Raises
+    ------
+    DidNotLoad
+        ngspice does not expand the deck; the text has what it said.
+    """
+    commands = []
+    for changed in values:
+        commands += [f"alterparam {name}={value!r}" for name, value in changed.items()]
+        commands += ["reset"] if changed else []
+        commands.append("listing expand")
+    text = "\n".join(["* deck", *lines, ".control", *commands, ".endc", ".end", ""])
+    deck = _Listing(text)
+    place = make_folder(deck, command_line(simulator), None)
+    with Run(deck, simulator, place, timeout=SECONDS, keep=False, bound=PHYSICAL_BOUND) as run:
+        found = run.accept(_listings)
+    if len(found) != len(values):
+        raise DidNotLoad(f"ngspice listed {len(found)} of {len(values)} decks")
+    return found
+
+
+def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...]:
+    """Return the cards of every listing; the exit status says only that nothing was simulated."""
+    check_end(ending)
+    try:
+        out = read_bounded(ending.folder / "stdout.txt", longest("stdout.txt")).decode("latin-1")
+    except UnusableFileError as error:
+        raise DidNotLoad(f"the listing cannot be read: {error}") from None
+    found = [_cards(part) for part in _HEAD.split(out)[1:]]
+    text = re.split(r"incomplete or empty netlist", ending.errors)[0]
+    wrong = _WRONG.findall(re.sub(r"Error: $", "", text.strip()))
+    if wrong or not all(found):
+        said = "; ".join(line.strip() for line in wrong[:SHOWN]) or "it lists no card"
+        raise DidNotLoad(f"ngspice does not expand the deck: {said}")
+    return tuple(found)
+
+
+def _cards(part: str) -> tuple[str, ...]:
+    cards = [match[1] for line in part.split("\n") if (match := _CARD.match(line))]
+    return tuple(" ".join(card.split()) for card in cards if not card.startswith((".end", "*")))
+
+
+def finite(value: float) -> bool:
+    """Whether a value can be written into a command."""
+    return math.isfinite(value)

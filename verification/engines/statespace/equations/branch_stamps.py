@@ -1,0 +1,237 @@
+"""Stamp coils and sources between any two nodes: modified nodal analysis without needless unknowns.
+
+A source of voltage (V, E, H) determines the voltage of one of its nodes, whose row states its law,
+and its current balance is added to that of the other node: both are one node to all currents. So
+its own current is no unknown, and a capacitor at an ideal source raises no index. Only a current
+that controls another source is an unknown, ``i(card)``; its row is the balance of the node that its
+source determines. A coil has its current as state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from taction.netlist_gen.board.branches import (
+    ByCurrent,
+    ByVoltage,
+    Coil,
+    Coupling,
+    CurrentBetween,
+    CurrentByCurrent,
+    CurrentByVoltage,
+    VoltageBetween,
+    VoltageByCurrent,
+    VoltageByVoltage,
+)
+from taction.netlist_gen.board.circuit import Branch
+from taction.system.array_types import Floats, Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import GROUND, Stamper
+
+VOLTAGES = (VoltageBetween, VoltageByVoltage, VoltageByCurrent)
+
+
+def current_of(card: str) -> str:
+    """Return the name of the unknown that is the current of a card, from its node `a` to `b`."""
+    return f"i({card})"
+
+
+def stamp_branches(stamper: Stamper) -> None:
+    """Stamp every branch of the circuit; call it after all other parts.
+
+    Raises
+    ------
+    EngineError
+        Sources of voltage that form a loop, or a card that controls another one and is not there.
+    """
+    parts = stamper.circuit.branches
+    if not parts:
+        return
+    _Branches(stamper, parts).stamp()
+
+
+class _Branches:
+    """Stamps of all branches; `rows` is the row that takes the current into each place."""
+
+    def __init__(self, stamper: Stamper, parts: tuple[Branch, ...]) -> None:
+        self.stamper, self.parts = stamper, parts
+        self.cards = {part.card: part for part in parts}
+        self.sensed = dict.fromkeys(part.control for part in parts if isinstance(part, ByCurrent))
+        for part in parts:
+            if isinstance(part, ByCurrent) and part.control not in self.cards:
+                raise EngineError(
+                    f"{part.card} is controlled by {part.control}, which is no source"
+                )
+        coils = [part.card for part in parts if isinstance(part, Coil)]
+        names = [current_of(card) for card in dict.fromkeys([*self.sensed, *coils])]
+        places: list[int] = stamper.nodes(names).tolist()
+        self.currents = dict(zip(names, places, strict=True))
+        self.rows = list(range(len(stamper.places)))
+
+    def stamp(self) -> None:
+        """Stamp everything, then move what flows into determined nodes to their rows."""
+        for part, child, other in self._forest():
+            self._law(part, child, other)
+        for part in self.parts:
+            if kind := _OTHERS.get(type(part)):
+                kind(self, part)
+        self._move()
+
+    def _place(self, node: str) -> int:
+        return int(self.stamper.nodes([node])[0])
+
+    def _ends(self, part: Branch) -> tuple[int, int]:
+        return self._place(part.a), self._place(part.b)
+
+    def _current(self, card: str) -> int:
+        return self.currents[current_of(card)]
+
+    def _forest(self) -> Iterator[tuple[Branch, int, int]]:
+        """Yield each source of voltage with the node that it determines, and its other node.
+
+        The sources are the edges of trees that begin at ground and at nodes that are determined
+        already; the law of a source belongs to the node that is farther from there.
+        """
+        at: dict[int, list[Branch]] = {}
+        for part in self.parts:
+            if isinstance(part, VOLTAGES):
+                for end in self._ends(part):
+                    at.setdefault(end, []).append(part)
+        reached, used = set[int](), set[str]()
+        roots = [GROUND, *sorted(self.stamper.fixed), *at]
+        fixed = set(self.stamper.fixed)
+        for root in roots:
+            if root in reached:
+                continue
+            reached.add(root)
+            ahead = [root]
+            while ahead:
+                here = ahead.pop(0)
+                for part in at.get(here, ()):
+                    if part.card in used:
+                        continue
+                    used.add(part.card)
+                    a, b = self._ends(part)
+                    child = b if a == here else a
+                    if child in reached or child in fixed or child == GROUND:
+                        raise EngineError(
+                            f"{part.card} closes a loop of ideal voltage sources; put a resistor"
+                            " into the loop"
+                        )
+                    reached.add(child)
+                    ahead.append(child)
+                    self._join(part, child, here)
+                    yield part, child, here
+
+    def _join(self, part: Branch, child: int, other: int) -> None:
+        """Add the current balance of a determined node to that of the other one."""
+        if part.card in self.sensed:
+            current = self.rows[child] = self._current(part.card)
+            out = -1.0 if child == self._ends(part)[0] else 1.0  # of the node `child`
+            self._add(current, current, out)
+            self._add(other, current, -out)
+        else:
+            self.rows[child] = GROUND if other == GROUND else self.rows[other]
+            if other in self.stamper.fixed and self.rows[other] == other:
+                self.rows[child] = GROUND  # an ideal source takes up the current
+
+    def _law(self, part: Branch, child: int, other: int) -> None:
+        """State the voltage of a node in its row: ``0 = -v + v_other + drive``."""
+        stamper, sign = self.stamper, 1.0 if child == self._ends(part)[0] else -1.0
+        stamper.fixed.add(child)
+        self._state(child, child, -1.0)
+        self._state(child, other, 1.0)
+        if isinstance(part, VoltageBetween):
+            row = np.array([child])
+            stamper.constant_laws.append((row, np.array([sign * part.before])))
+            stamper.switched.append((row, np.array([sign * part.step])))
+        elif isinstance(part, VoltageByVoltage):
+            for place, gain in self._controls(part):
+                self._state(child, place, sign * gain)
+        elif isinstance(part, VoltageByCurrent):
+            self._state(child, self._current(part.control), sign * part.value)
+
+    def _controls(self, part: ByVoltage) -> Iterator[tuple[int, float]]:
+        for node, gain in zip(part.control, (part.value, -part.value), strict=True):
+            yield self._place(node), gain
+
+    def _state(self, row: int, column: int, value: float) -> None:
+        self.stamper.laws.add(np.array([row]), np.array([column]), np.array([value]))
+
+    def _add(self, row: int, column: int, value: float) -> None:
+        """Add a current into the node `row`, or to the balance of a current `row`."""
+        self.stamper.currents.add(np.array([row]), np.array([column]), np.array([value]))
+
+    def _through(self, part: Branch, column: int, value: float) -> None:
+        """Add a current from `part.a` through the part to `part.b`."""
+        a, b = self._ends(part)
+        self._add(a, column, -value)
+        self._add(b, column, value)
+
+    def _coil(self, part: Branch) -> None:
+        current, (a, b) = self._current(part.card), self._ends(part)
+        one = np.array([current])
+        self.stamper.mass.add(one, one, np.array([part.value]))
+        self._state(current, a, 1.0)
+        self._state(current, b, -1.0)
+        self._through(part, current, 1.0)
+
+    def _coupling(self, part: Branch) -> None:
+        henries = part.value * math.sqrt(self.cards[part.a].value * self.cards[part.b].value)
+        one, other = (np.array([self._current(card)]) for card in (part.a, part.b))
+        self.stamper.mass.add(one, other, np.array([henries]))
+        self.stamper.mass.add(other, one, np.array([henries]))
+
+    def _source(self, part: CurrentBetween) -> None:
+        a, b = self._ends(part)
+        for place, sign in ((a, -1.0), (b, 1.0)):
+            row = np.array([place])
+            self.stamper.constant_currents.append((row, np.array([sign * part.before])))
+            self.stamper.switched.append((self._moved(row), np.array([sign * part.step])))
+
+    def _by_voltage(self, part: CurrentByVoltage) -> None:
+        for place, gain in self._controls(part):
+            self._through(part, place, gain)
+
+    def _by_current(self, part: CurrentByCurrent) -> None:
+        self._through(part, self._current(part.control), part.value)
+
+    def _moved(self, rows: Ints) -> Ints:
+        """Return the rows that take the currents into places; ground stays ground."""
+        return np.asarray(np.append(np.array(self.rows, dtype=np.int64), GROUND)[rows])
+
+    def _move(self) -> None:
+        stamper = self.stamper
+        for entries in (stamper.currents, stamper.mass):
+            entries.parts = self._joined(entries.parts)
+        moved: list[tuple[Ints, Floats]] = [
+            (self._moved(i), values) for i, values in stamper.constant_currents
+        ]
+        stamper.constant_currents[:] = moved
+
+    def _joined(self, parts: list[tuple[Ints, Ints, Floats]]) -> list[tuple[Ints, Ints, Floats]]:
+        """Return entries in the rows that take them; those at one place are one sum.
+
+        A part between two nodes that have one row adds exactly nothing to it.
+        """
+        sums: dict[tuple[int, int], list[float]] = {}
+        for rows, columns, values in parts:
+            triples = zip(self._moved(rows), columns.tolist(), values.tolist(), strict=True)
+            for row, column, value in triples:
+                sums.setdefault((int(row), column), []).append(value)
+        if not sums:
+            return []
+        places = np.array(list(sums), dtype=np.int64)
+        return [(places[:, 0], places[:, 1], np.array([math.fsum(x) for x in sums.values()]))]
+
+
+_OTHERS: dict[type[Branch], Callable[..., None]] = {
+    Coil: _Branches._coil,
+    Coupling: _Branches._coupling,
+    CurrentBetween: _Branches._source,
+    CurrentByVoltage: _Branches._by_voltage,
+    CurrentByCurrent: _Branches._by_current,
+}

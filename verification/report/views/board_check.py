@@ -1,0 +1,222 @@
+"""A board that `taction check` examined: checks, outputs, poles, parts, and sweeps of values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.blocks import (
+    BOTH,
+    Bars,
+    Block,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Sheet,
+    Table,
+)
+from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit
+from taction.verification.report.texts import (
+    LEAST_ERROR,
+    figure,
+    number_cell,
+    outcome_cell,
+    quantity,
+    with_error,
+)
+from taction.verification.report.views.stability import pole_map, ranges_text
+from taction.verification.report.views.verdict import MARGINS, check_bar, decisive_text
+from taction.verification.studies.board_check import BoardCheck, Sweep
+from taction.verification.studies.part_influence import PartRow
+
+POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
+INSTANTS = 600  # of the drawn response
+PART_WORDS = (
+    "Moves the pole by: the change of the rightmost pole, 1/s and Hz, for 1 % more of the value."
+    " Unstable below and above: the nearest values with a pole on the imaginary axis, within a"
+    " factor of 100."
+)
+
+
+def view(found: BoardCheck) -> Page:
+    """Return the page of a check."""
+    return Page(
+        title=found.name,
+        command="taction check",
+        outcome=found.outcome.value if found.asked else "",
+        summary=_summary(found),
+        lines=found.notes,
+        sections=(
+            Section("Checks", lambda: _checks(found), media=BOTH),
+            Section("Outputs", lambda: _outputs(found), media=BOTH),
+            Section("Poles", lambda: (_poles(found),), media=BOTH),
+            Section("Pole map", lambda: (pole_map(found.poles),)),
+            Section("Step response", lambda: (_response(found),)),
+            Section("Parts", lambda: _parts(found), media=BOTH),
+            *(_swept(each) for each in found.sweeps),
+        ),
+        foot=(_witness(found),),
+        sheet=lambda: _sheet(found),
+    )
+
+
+def _summary(found: BoardCheck) -> str:
+    lead = found.poles.rightmost
+    if not found.poles.certain:
+        return "A pole is on the imaginary axis to within rounding."
+    at = f" at {quantity(abs(lead.imag) / math.tau, 'Hz')}" if lead.imag else ""
+    rate = figure(abs(lead.real), "1/s")
+    if not len(found.poles.poles):
+        return "The board has no poles: it follows its sources at once."
+    if found.poles.stable:
+        text = f"Stable: the slowest mode decays with {rate}{at}."
+    else:
+        text = f"Not stable: the fastest mode grows with {rate}{at}."
+    return f"{text} {decisive_text(found.checks, found.outcome.value)}" if found.asked else text
+
+
+def _checks(found: BoardCheck) -> Iterator[Block]:
+    if found.checks:
+        yield Bars("", tuple(map(check_bar, found.checks)), MARGINS)
+
+
+def _outputs(found: BoardCheck) -> Iterator[Block]:
+    columns = {
+        "output": lambda each: each.name,
+        "before": lambda each: number_cell(each.before, "V", 6),
+        "at rest": lambda each: _with(each.rest, each.rest_bound, "V"),
+        f"settles to {100 * found.measurements.band:g} %": lambda each: _with(
+            each.settling_time, each.settling_bound, "s"
+        ),
+        "rises": lambda each: _with(each.rise_time, each.rise_bound, "s"),
+        "overshoot": lambda each: number_cell(each.overshoot, "step"),
+        "undershoot": lambda each: number_cell(each.undershoot, "step"),
+        "noise": lambda each: _with(each.noise, each.noise_bound, "V"),
+    }
+    step = quantity(found.amplitude, "V")
+    note = f"Shares of the largest step, {step}. A value without ± is known to 10 ppm or better."
+    yield Table.of("", found.outputs, columns, note)
+    if found.noise_unknown:
+        yield Notes("", (f"noise: {found.noise_unknown}",))
+
+
+def _with(value: float | None, error: float | None, unit: str) -> Cell:
+    small = value is not None and error is not None and error < LEAST_ERROR * abs(value)
+    return Cell(figure(value, unit, 5) if small else with_error(value, error, unit), value)
+
+
+def _poles(found: BoardCheck) -> Table:
+    columns = {
+        "real part": lambda each: _with(each.real, each.bound, "1/s"),
+        "frequency": lambda each: (
+            number_cell(each.frequency, "Hz", 6) if each.frequency else "real pole"
+        ),
+        "damping ratio": lambda each: f"{each.damping:.4g}",
+    }
+    return Table.of("", found.pole_rows, columns, most={"terminal": POLES}, more="--json has all")
+
+
+def _parts(found: BoardCheck) -> Iterator[Block]:
+    columns = {
+        "part": lambda each: each.name,
+        "value": lambda each: _amount(each.value, each.unit),
+        "moves the pole by": lambda each: number_cell(_per(each.real), "1/s", 3),
+        "and": lambda each: number_cell(_per(each.frequency), "Hz", 3),
+        "unstable below": lambda each: _edge(each, each.below),
+        "unstable above": lambda each: _edge(each, each.above),
+    }
+    yield Table.of(
+        "", found.parts, columns, PART_WORDS, most={"terminal": PARTS}, more="--json has all"
+    )
+
+
+def _per(rate: float | None) -> float | None:
+    return None if rate is None else 0.01 * rate
+
+
+def _amount(value: float | None, unit: str) -> Cell:
+    return number_cell(value, unit, 6)
+
+
+def _edge(part: PartRow, value: float | None) -> Cell:
+    if part.doubt:
+        return outcome_cell("not decided", "inconclusive")
+    return _amount(value, part.unit)
+
+
+def _swept(found: Sweep) -> Section:
+    return Section(f"Over {found.name}", lambda: _sweep(found), media=BOTH)
+
+
+def _sweep(found: Sweep) -> Iterator[Block]:
+    low, high = found.scan.low, found.scan.high
+    unit = found.unit
+    stable = ranges_text(found.scan, low, high, unit)
+    crossings = {
+        "crossing": lambda edge: number_cell(edge.value, unit, 8),
+        "frequency": lambda edge: (
+            number_cell(edge.frequency, "Hz", 6) if edge.frequency else "real pole"
+        ),
+        "unstable poles": lambda edge: f"{edge.below} → {edge.above}",
+    }
+    yield Notes("", (f"Stable: {stable}.",))
+    yield Table.of("Crossings", found.crossings, crossings)
+    points = {
+        found.name: lambda each: number_cell(each.value, unit, 6),
+        "rightmost pole": lambda each: number_cell(each.real, "1/s"),
+        "at": lambda each: number_cell(each.frequency, "Hz"),
+        "settles": lambda each: number_cell(each.settling_time, "s"),
+        "rises": lambda each: number_cell(each.rise_time, "s"),
+        "overshoot": lambda each: number_cell(each.overshoot, "step"),
+        "undershoot": lambda each: number_cell(each.undershoot, "step"),
+    }
+    yield Table.of("Values", found.points, points, most={"terminal": POINTS}, more="--json has all")
+
+
+def _response(found: BoardCheck) -> Chart | None:
+    """Return the step response of the outputs, from the exact solution."""
+    from taction.verification.engines.statespace.transients.exact import exact_solution
+
+    stop = min(found.scales.stop, found.scales.growth_time)
+    if not (math.isfinite(stop) and stop > 0.0 and found.amplitude):
+        return None
+    try:
+        solution = exact_solution(LinearBoard(found.circuit), initial=found.initial)
+    except EngineError:
+        return None
+    time = np.linspace(0.0, stop, INSTANTS)
+    values = solution.at(time)
+    curves = tuple(
+        Curve(time, values[:, k], out.node, SERIES[k % len(SERIES)])
+        for k, out in enumerate(found.circuit.outputs)
+    )
+    rests = tuple(
+        Limit(row.rest, "y", colour="muted", line="dot")
+        for row in found.outputs
+        if row.rest is not None and found.poles.stable
+    )
+    summary = "Outputs over time after the step at t = 0; dotted: where they come to rest."
+    return Chart(
+        "Step response", Axis("time", "s"), Axis("output", "V"), (*curves, *rests), "", summary
+    )
+
+
+def _witness(found: BoardCheck) -> str:
+    if found.record is None or found.agreement is None:
+        return "one witness: the state-space engine"
+    return (
+        "ngspice's own transient differs by at most"
+        f" {figure(found.agreement, 'step')} of the step from the state-space engine"
+    )
+
+
+def _sheet(found: BoardCheck) -> Sheet:
+    charts = tuple(
+        chart for chart in (_response(found), pole_map(found.poles)) if chart is not None
+    )
+    return Sheet.of(f"{found.name}: {_summary(found)}", charts, 2, (6.0, 4.2), (0.0, 0.6))

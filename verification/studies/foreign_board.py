@@ -1,0 +1,401 @@
+"""A deck of another hand as a `Circuit`: expanded by ngspice, with op-amps of vendors replaced.
+
+A vendor's macromodel is a subcircuit with transistors, diodes or expressions and five ports. Each
+is imported as `taction parts import` does it: checked, written anew, measured by ngspice, and
+replaced by its linear model; the transient of ngspice keeps the macromodel itself.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.branches import Source, VoltageBetween
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.opamp_choice import as_opamp
+from taction.netlist_gen.deck.deck import Deck
+from taction.netlist_gen.deck.flat_cards import (
+    MODEL,
+    PINS,
+    RAILS,
+    CardError,
+    Flat,
+    circuit_of,
+    outputs_of,
+    read_cards,
+    stepped,
+)
+from taction.netlist_gen.deck.foreign_deck import LINEAR, Card, ForeignDeck, read_deck
+from taction.spice_models.imported import ROLES, ImportedOpAmp
+from taction.system.errors import Complaint, DidNotLoad, InputError
+from taction.verification.characterise.characterise import import_opamp
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.listing import expand
+
+MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
+NOT_LINEAR = re.compile(
+    r"^(?:[dqjmsb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
+)
+RELATIVE = 1e-6  # reltol of the witness
+EDGE = 0.01  # of the first step: the edge of a step in ngspice
+Start = Literal["zero", "rest"]
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignBoard:
+    """A deck that has been read.
+
+    Attributes
+    ----------
+    deck : ForeignDeck
+        Its text.
+    flat : Flat
+        Its flat cards.
+    circuit : Circuit
+        The board: every part is a knob.
+    initial : str
+        ``"zero"`` for a transient with ``uic``, else ``"rest"``.
+    notes : tuple of str
+        What was done with the deck: the step, op-amps that were replaced, what was left out.
+    opamps : mapping of str to ImportedOpAmp
+        The macromodels that linear models replace.
+    """
+
+    deck: ForeignDeck
+    flat: Flat
+    circuit: Circuit
+    initial: Start
+    notes: tuple[str, ...]
+    opamps: Mapping[str, ImportedOpAmp] = field(default_factory=dict)
+    lines: tuple[str, ...] = ()  # as ngspice expands them: the cards, with stubs for op-amps
+
+    def witness(self, transient: Transient, solver: str) -> Deck:
+        """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
+        cards = [line for line in self._cards if line.partition(" ")[0][0] not in "vi"]
+        cards += [_stepping(part, transient) for part in self.flat.branches if _is_source(part)]
+        cards += [
+            f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}"
+            for c in self.flat.opamps
+        ]
+        nodes = tuple(out.node for out in self.circuit.outputs)
+        models = [model.text(name) for name, model in self.opamps.items()]
+        amps = 1e-3 * RELATIVE * 1e-3 if not self.opamps else 1e-12
+        charge = transient.charge or 1e-18
+        closing = [
+            f".options {solver} reltol={RELATIVE!r} abstol={amps!r} vntol={1e-3 * RELATIVE!r}",
+            f".options chgtol={charge!r} gmin=1e-15 pivtol=1e-18",
+            f".options method=trap trtol={transient.truncation / RELATIVE!r}",
+            ".save " + " ".join(f"v({node})" for node in nodes),
+            f".tran {10.0 * transient.begin!r} {transient.stop!r} 0.0 {transient.max_step!r}"
+            + (" uic" if self.initial == "zero" else ""),
+            ".end",
+            "",
+        ]
+        text = "\n".join(["* flat cards of a deck", *models, *cards, *closing])
+        return Deck(text, nodes, transient)
+
+    @property
+    def flat_text(self) -> str:
+        """The deck of ngspice's transient with its own steps, of 1/1000 of the record."""
+        from taction.verification.engines.statespace.linearised.time_scales import time_scales
+
+        stop = time_scales(self.circuit, initial=self.initial).stop or 1.0
+        plan = Transient(stop, 1e-3 * stop, initial=self.initial)
+        return self.witness(plan, "noopiter").text
+
+    @property
+    def _cards(self) -> Iterator[str]:
+        for line in self.lines:
+            if PINS not in line and RAILS not in line:
+                yield line
+
+    @cached_property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the ``.param`` cards that can be moved."""
+        return self.deck.parameters
+
+    def moved(self, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
+        """Return the circuit as a function of a ``.param``; `values` are expanded at once."""
+        known: dict[float, Circuit] = {}
+
+        def take(wanted: Sequence[float]) -> None:
+            changes = [{name: value} for value in wanted]
+            found = expand(self._stubbed, find_simulator(), changes)
+            for value, cards in zip(wanted, found, strict=True):
+                known[value] = self._circuit(cards)
+
+        take(values)
+
+        def build(value: float) -> Circuit:
+            if value not in known:
+                take([value])
+            return known[value]
+
+        return build
+
+    @cached_property
+    def _stubbed(self) -> tuple[str, ...]:
+        return tuple(_with_stubs(self.deck, _vendors(self.deck)))
+
+    def _circuit(self, cards: Iterable[str]) -> Circuit:
+        try:
+            flat, _ = stepped(read_cards(cards))
+        except CardError as error:
+            raise InputError(self.deck.file, Complaint("deck", "", str(error))) from None
+        outputs = [out.node for out in self.circuit.outputs]
+        c = self.circuit
+        return circuit_of(flat, c.name, outputs, c.models, c.supply)
+
+
+def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
+    """Read a deck as a board.
+
+    Parameters
+    ----------
+    outputs : sequence of str
+        Nodes of interest; by default those that the deck shows, else the usual names of outputs.
+
+    Raises
+    ------
+    InputError
+        A card that is not accepted, with its line and what is; a node that is not there.
+    SimulationError
+        ngspice is missing, or does not expand the deck.
+    """
+    deck = read_deck(file)
+    vendors = _vendors(deck)
+    try:
+        (cards,) = expand(tuple(_with_stubs(deck, vendors)), find_simulator())
+    except DidNotLoad as error:
+        raise InputError(deck.file, Complaint("deck", "", str(error).splitlines()[0])) from None
+    try:
+        flat = read_cards(cards)
+        flat, stimulus = stepped(flat)
+        nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
+    except CardError as error:
+        raise InputError(deck.file, Complaint("deck", "", f"{error}; {LINEAR}")) from None
+    if len(flat.nodes) > MOST_UNKNOWNS:
+        text = f"the deck has {len(flat.nodes)} nodes; up to {MOST_UNKNOWNS} are read"
+        raise InputError(deck.file, Complaint("deck", "", text))
+    supply = _supply(deck, flat) if vendors else 15.0
+    imported = {
+        MODEL.format(k): _imported(deck, name, supply)
+        for k, name in enumerate(vendors)
+        if any(cell.model == MODEL.format(k) for cell in flat.opamps)
+    }
+    models = {name: as_opamp(name, model) for name, model in imported.items()}
+    circuit = circuit_of(flat, deck.file.stem, nodes, models, supply)
+    immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
+    return ForeignBoard(
+        deck,
+        flat,
+        circuit,
+        "zero" if immediate else "rest",
+        (stimulus, *_notes(deck, flat, vendors, imported, immediate)),
+        imported,
+        cards,
+    )
+
+
+def _notes(
+    deck: ForeignDeck,
+    flat: Flat,
+    vendors: Sequence[str],
+    imported: Mapping[str, ImportedOpAmp],
+    immediate: bool,
+) -> Iterator[str]:
+    if immediate:
+        yield "uic: the board starts with no charge"
+    yield from deck.remarks
+    for k, name in enumerate(vendors):
+        model = imported.get(MODEL.format(k))
+        cells = [c for c in flat.opamps if c.model == MODEL.format(k)]
+        if model is not None and model.linear is not None:
+            yield (
+                f"{', '.join('x' + c.name for c in cells)}: the macromodel {name} is replaced by"
+                f" its linear model, measured at ±{model.supply:g} V, within"
+                f" {100 * model.linear.error:.2g} %"
+            )
+    times = {found.at for found in flat.stimuli.values() if found.moves}
+    if len(times) > 1:
+        yield "the sources change at different times; all steps are taken at t = 0"
+    if any(
+        found.kind in ("pulse", "pwl", "exp") and found.moves for found in flat.stimuli.values()
+    ):
+        yield "edges are steps: rise times and later edges of the sources do not count"
+    if any(found.kind == "sin" for found in flat.stimuli.values()):
+        yield "a sine counts with its offset"
+    if flat.charged or any(card.word == ".ic" for card in deck.left):
+        yield "initial charges (ic=, .ic) do not count"
+
+
+def _is_source(part: object) -> bool:
+    return isinstance(part, Source)
+
+
+def _stepping(part: object, transient: Transient) -> str:
+    """Return a source that steps at t = 0."""
+    assert isinstance(part, Source)  # noqa: S101 - see `_is_source`
+    before, after = part.before, part.value
+    if before == after or transient.initial == "zero":
+        wave = f"dc {after!r}"
+    else:
+        wave = f"dc {before!r} PWL(0 {before!r} {EDGE * transient.begin!r} {after!r})"
+    return f"{part.card} {part.a} {part.b} {wave}"
+
+
+@dataclass(slots=True)
+class _Block:
+    """A subcircuit of the text."""
+
+    head: Card
+    cards: list[Card] = field(default_factory=list)
+
+    @property
+    def ports(self) -> list[str]:
+        """Its ports."""
+        words = self.head.text.replace("params:", " ").split()[2:]
+        return [word for word in words if "=" not in word]
+
+
+def _blocks(deck: ForeignDeck) -> tuple[dict[str, _Block], list[Card]]:
+    """Return the subcircuits by name, and the cards of the top level."""
+    blocks, top, inside = dict[str, _Block](), list[Card](), list[_Block]()
+    for card in deck.cards:
+        if card.word == ".subckt":
+            words = card.text.split()
+            if len(words) < 2:
+                raise card.refused("a subcircuit without a name; expected '.subckt NAME ports'")
+            inside.append(blocks.setdefault(words[1], _Block(card)))
+        elif card.word == ".ends":
+            if not inside:
+                raise card.refused("no subcircuit is open")
+            inside.pop()
+        elif inside:
+            inside[-1].cards.append(card)
+        else:
+            top.append(card)
+    return blocks, top
+
+
+def _called(card: Card) -> str:
+    """Return the subcircuit that a card X calls."""
+    words = [w for w in re.sub(r"\s*=\s*", "=", card.text).split() if "=" not in w]
+    return [w for w in words if w != "params:"][-1]
+
+
+def _vendors(deck: ForeignDeck) -> tuple[str, ...]:
+    """Return the subcircuits to replace; InputError for a card that is not linear elsewhere."""
+    blocks, top = _blocks(deck)
+    kinds: dict[str, bool] = {}
+
+    def device(cards: Iterable[Card], path: tuple[str, ...]) -> Card | None:
+        """Return the first card that is not linear, beside op-amps that are replaced."""
+        for card in cards:
+            if NOT_LINEAR.match(card.text):
+                return card
+            if card.text[0] == "x" and (name := _called(card)) in blocks:
+                if name in path:
+                    raise card.refused("a subcircuit that calls itself")
+                found = None if replaced(name, (*path, name)) else inner.get(name)
+                if found is not None:
+                    return found
+        return None
+
+    inner: dict[str, Card | None] = {}
+
+    def replaced(name: str, path: tuple[str, ...]) -> bool:
+        if name not in kinds:
+            inner[name] = device(blocks[name].cards, path)
+            kinds[name] = inner[name] is not None and len(blocks[name].ports) == len(ROLES)
+        return kinds[name]
+
+    if card := device(top, ()):
+        raise card.refused(f"this card is not linear; {LINEAR}")
+    return tuple(name for name, yes in kinds.items() if yes)
+
+
+def _with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
+    """Yield the text with a stub in the place of each op-amp, which shows its nodes."""
+    skipping = 0
+    for card in deck.cards:
+        word, name = card.word, card.text.split()[1:2]
+        if skipping:
+            skipping += (word == ".subckt") - (word == ".ends")
+            if skipping:
+                continue
+        elif word == ".subckt" and name[0] in vendors:
+            inp, inn, vcc, vee, out = _Block(card).ports
+            yield f".subckt {name[0]} {inp} {inn} {vcc} {vee} {out}"
+            yield f"{PINS}{vendors.index(name[0])} {out} 0 {inp} {inn} 1"
+            yield f"{RAILS} {vcc} 0 {vee} 0 1"
+            skipping = 1
+            continue
+        yield card.text
+
+
+def _supply(deck: ForeignDeck, flat: Flat) -> float:
+    """Return the supply of all op-amps, ±V."""
+    held = {GROUND: 0.0}
+    for part in flat.branches:
+        if isinstance(part, VoltageBetween) and GROUND in (part.a, part.b):
+            node, sign = (part.a, 1.0) if part.b == GROUND else (part.b, -1.0)
+            held[node] = sign * flat.stimuli[part.card].after
+    for high, low in flat.rails:
+        text = "op-amps need supplies of ±V about ground, each node held by a voltage source"
+        if high not in held or low not in held:
+            node = low if high in held else high
+            raise InputError(deck.file, Complaint("supply", repr(node), text))
+        if not held[high] > 0.0 or abs(held[high] + held[low]) > 1e-9 * held[high]:
+            value = f"{held[high]:g} V and {held[low]:g} V"
+            raise InputError(deck.file, Complaint("supply", value, text))
+    found = [held[high] for high, _ in flat.rails]
+    for one, other in pairwise(found):
+        if one != other:
+            value = f"{one:g} V and {other:g} V"
+            text = "all op-amps of vendors need one supply"
+            raise InputError(deck.file, Complaint("supply", value, text))
+    return found[0] if found else 15.0
+
+
+def _imported(deck: ForeignDeck, name: str, supply: float) -> ImportedOpAmp:
+    """Import one macromodel of the deck, in the usual order of the pins or with inputs exchanged.
+
+    The order + - V+ V- out is that of nearly all vendors; the sign of the measured gain tells
+    the other one.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder, "macromodel.lib")
+        place.write_text("\n".join(_cards_of_models(deck.lines)) + "\n")
+        try:
+            try:
+                found = import_opamp(str(place), name, ROLES, supply)
+            except InputError as error:
+                if "exchange the roles" not in str(error):
+                    raise
+                turned = (ROLES[1], ROLES[0], *ROLES[2:])
+                found = import_opamp(str(place), name, turned, supply)
+        except InputError as error:
+            text = str(error).replace(str(place), deck.file.name)
+            raise InputError(deck.file, Complaint(f".subckt {name}", "", text)) from None
+    if found.linear is None:
+        raise InputError(deck.file, Complaint(f".subckt {name}", "", found.missing))
+    return found
+
+
+def _cards_of_models(lines: Sequence[str]) -> Iterator[str]:
+    """Yield the cards that the import reads: subcircuits, models and parameters."""
+    depth = 0
+    for line in lines:
+        word = line.split()[0]
+        depth += word == ".subckt"
+        if depth or word in (".model", ".param"):
+            yield line
+        depth -= word == ".ends"

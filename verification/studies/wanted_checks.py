@@ -1,0 +1,114 @@
+"""What a user asks of a board without a scene: limits, expected values, and values to sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from taction.netlist_gen.scene.checks import Checks
+from taction.system.errors import Complaint, InputError
+from taction.system.quantities import parse
+
+SHARE = 1e-3  # default tolerance of an expected value
+NAMES = {
+    "settling": "settling_time", "rise": "rise_time", "margin": "stability",
+    "stable": "stability", "agree": "engines_agree",
+}  # fmt: skip
+"""Short names of checks."""
+LIMITED = ("settling_time", "rise_time", "overshoot", "undershoot", "noise", "stability")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is to be checked: limits, expected values of outputs, and values to sweep."""
+
+    limits: Checks
+    names: tuple[str, ...] = ()
+    expected: tuple[tuple[str, float, float], ...] = ()  # node, V, and accepted deviation, V
+    over: tuple[str, ...] = ()
+
+
+def wanted(
+    checks: Iterable[str] = (), expect: Iterable[str] = (), over: Iterable[str] = ()
+) -> Wanted:
+    """Read the texts of checks, expected values and sweeps.
+
+    Raises
+    ------
+    InputError
+        A text that is no check; it says what is accepted.
+
+    Examples
+    --------
+    >>> found = wanted(["settling=1ms@1%", "margin=2"], ["v(out)=1.25@0.1%"])
+    >>> found.limits.settling_time.max, found.limits.stability.margin, found.expected
+    (0.001, 2.0, (('out', 1.25, 0.00125),))
+    """
+    tables: dict[str, dict[str, Any]] = {}
+    for text in checks:
+        name, keys = _check_of(text)
+        tables.setdefault(name, {}).update(keys)
+    try:
+        limits = Checks.model_validate(tables)
+    except ValueError as error:
+        text = "; ".join(str(error).splitlines()[1:3]).strip()
+        raise InputError("--check", Complaint("check", ", ".join(checks), text)) from None
+    return Wanted(limits, tuple(tables), tuple(map(_expected, expect)), tuple(over))
+
+
+def _check_of(text: str) -> tuple[str, dict[str, Any]]:
+    word, _, value = (part.strip() for part in text.partition("="))
+    value, _, extra = (part.strip() for part in value.partition("@"))
+    name = NAMES.get(word, word)
+    if name not in (*LIMITED, "engines_agree"):
+        known = "settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV, margin=2"
+        text = f"expected a check such as {known}, stable, agree=1e-3"
+        raise InputError("--check", Complaint("check", repr(word), text))
+    if name == "stability":
+        return name, {"margin": _number(word, value) if value else 1.0}
+    if name == "engines_agree":
+        return name, {"tolerance": _share(value)}
+    if not value:
+        raise InputError("--check", Complaint(word, "", f"expected a limit, such as {word}=1"))
+    keys: dict[str, Any] = {"max": _share(value) if name in ("overshoot", "undershoot") else value}
+    if extra and name == "settling_time":
+        keys["band"] = _share(extra)
+    elif extra and name == "noise":
+        keys["lowest"] = extra
+    elif extra:
+        text = "only settling=LIMIT@BAND and noise=LIMIT@LOWEST have a second value"
+        raise InputError("--check", Complaint(word, repr(extra), text))
+    return name, keys
+
+
+def _number(word: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        accepted = f"expected a factor, such as {word}=2"
+        raise InputError("--check", Complaint(word, repr(text), accepted)) from None
+
+
+def _share(text: str) -> float:
+    """Return a fraction from ``5%`` or ``0.05``."""
+    try:
+        return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
+    except ValueError:
+        accepted = "expected a share such as 5% or 0.05"
+        raise InputError("--check", Complaint("share", repr(text), accepted)) from None
+
+
+def _expected(text: str) -> tuple[str, float, float]:
+    name, _, value = (part.strip() for part in text.partition("="))
+    value, _, tolerance = (part.strip() for part in value.partition("@"))
+    node = name.lower().removeprefix("v(").removesuffix(")")
+    try:
+        volts = parse(value, "V")
+        if not tolerance or tolerance.endswith("%"):
+            share = _share(tolerance) if tolerance else SHARE
+            return node, volts, share * abs(volts)
+        return node, volts, parse(tolerance, "V")
+    except ValueError as error:
+        accepted = f"{error}; expected v(NODE)=VALUE@TOLERANCE, such as v(out)=1.25@0.1%"
+        raise InputError("--expect", Complaint("value", repr(text), accepted)) from None
