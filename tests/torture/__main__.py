@@ -21,6 +21,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="make torture", description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--disasters", type=int, default=10, help="of each kind")
+    parser.add_argument("--commands", type=int, default=200, help="on a bad machine")
     parser.add_argument("--points", type=int, default=12, help="points of a sweep")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2, help="disturbances at a time")
@@ -37,6 +38,7 @@ def main() -> int:
             folder,
             kills=options.kills,
             disasters=options.disasters,
+            commands=options.commands,
             points=options.points,
             seed=options.seed,
             jobs=options.jobs,

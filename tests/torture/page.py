@@ -21,7 +21,7 @@ nobody disturbed, except for times.
 {table}
 | column | meaning |
 |---|---|
-| victim | `parent`: the command; `worker`: a process that computes points; `pool`: the fork server, which starts them; `ngspice`; `tree`: all of them at once |
+| victim | `parent`: the command; `worker`: a process that computes points; `pool`: the fork server, which starts them; `ngspice`; `tree`: all of them at once; `command`: none, the machine is bad |
 | hit | how often the victim was there: a command may have ended before |
 | ends | exit status of the disturbed command and how often; negative: the number of the signal that ended it |
 | equal | after the same command was given again: results equal to those of an undisturbed run, row by row |
@@ -37,7 +37,9 @@ bytes (`ulimit -f`). A full memory disk: `/dev/shm`, where temporary files are, 
 ngspice is removed at a random instant. `another version`: the only worker of a Dask cluster has another version of
 taction, in some runs without a module that the study needs; its message must have both versions. `jumps`: each look at
 the wall clock of each process is three years early, right, or three years late. After these, no point without a verdict
-may be stored, since the next run would take it as computed.
+may be stored, since the next run would take it as computed. A command on a bad machine: its messages, its result, its files,
+its temporary folder or its programs have no place, or its scene is damaged. It must end with the status that it has elsewhere,
+with 3, or, for a reader that has gone, with 141; 1 is left to checks that fail.
 A killed command leaves its database, which is complete up to the last stored point, and, after SIGKILL, a folder
 `taction-run-*`, which the next run removes. The test `tests/torture/test_torture.py` does the same with few kills.
 {list}"""

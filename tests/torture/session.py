@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from tests.torture.commands import COMMANDS, plan_commands, run_command
 from tests.torture.disasters import DISASTERS
 from tests.torture.killing import Kill, Report, plan_kills, run_kill
 from tests.torture.studies import Place, Study, all_studies
@@ -42,13 +43,15 @@ def session(
     *,
     kills: int,
     disasters: int,
+    commands: int,
     points: int,
     seed: int,
     jobs: int = 1,
 ) -> Iterator[Report]:
     """Yield the report of every disturbance, `jobs` at a time.
 
-    `disasters` is the number of each kind of disaster.
+    `disasters` is the number of each kind of disaster, `commands` that of commands on a bad
+    machine.
     """
     studies = all_studies(points)
     normal = {name: undisturbed(s, folder / f"normal-{name}") for name, s in studies.items()}
@@ -62,10 +65,21 @@ def session(
         chance = random.Random(f"{seed} {name} {number}")  # noqa: S311 - not a secret
         return DISASTERS[name](study, place, run.seconds, run.result, chance)
 
+    usual = {
+        name: run_command(name, "nothing", folder / f"usual-{k}", None, "").status
+        for k, name in enumerate(COMMANDS if commands else ())
+    }
+
+    def command(number: int, pair: tuple[str, str]) -> Report:
+        name, what = pair
+        place = folder / f"command-{number}"
+        return run_command(name, what, place, usual[name], f"{seed} command {number}")
+
     storing = [study for study in studies.values() if study.stores]
     tasks = [partial(kill, *each) for each in enumerate(plan_kills(studies, kills, seed))]
     for name in DISASTERS:
         tasks += [partial(destroy, name, k, storing[k % len(storing)]) for k in range(disasters)]
+    tasks += [partial(command, *each) for each in enumerate(plan_commands(commands, seed))]
     random.Random(seed).shuffle(tasks)  # noqa: S311 - a session that is stopped has some of each
     with ThreadPoolExecutor(jobs) as pool:
         running = [pool.submit(task) for task in tasks]

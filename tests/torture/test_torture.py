@@ -18,8 +18,10 @@ from tests.torture.studies import all_studies
 @pytest.mark.skipif(sys.platform != "linux", reason="finds processes in /proc")
 def test_nothing_is_lost_and_nothing_stays(tmp_path: Path, ngspice: str) -> None:
     assert ngspice
-    reports = list(session(tmp_path, kills=6, disasters=1, points=5, seed=10643, jobs=2))
-    assert len(reports) == 13
+    reports = list(
+        session(tmp_path, kills=6, disasters=1, commands=14, points=5, seed=10643, jobs=2)
+    )
+    assert len(reports) == 27
     assert [summary(report) for report in reports if is_fault(report)] == []
     assert sum(report.hit for report in reports) > 4
 
