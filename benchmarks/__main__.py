@@ -24,6 +24,7 @@ from benchmarks import (
     reference,
     startup,
     sweeps,
+    verdicts,
 )
 from benchmarks.measuring import ROOT, Extent, Result, machine
 from taction.system.processes import THREADS
@@ -33,6 +34,7 @@ SECTIONS = {
     "package": package,
     "grid": grid,
     "boards": boards,
+    "verdicts": verdicts,
     "sweeps": sweeps,
     "engines": engines,
     "polemap": polemap,

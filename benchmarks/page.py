@@ -21,8 +21,8 @@ largest, or has a unit. A value that misses its limit is in bold.
 ENGINE = """\
 ## What left the state-space engine, and what stays
 
-Processor time of a warm `verify --engine statespace`. `taction stress` is right without each trick
-that is gone, with no more numbers outside their stated error.
+Processor time of a warm `verify --engine statespace`. `taction self stress` is right without each
+trick that is gone, with no more numbers outside their stated error.
 
 - Modes polished by exact products are gone. Without them paper-breadboard takes 64 ms in place of
   72, eleven-channel 62 in place of 73: they cost more than the modes, and no check read their
@@ -32,6 +32,9 @@ that is gone, with no more numbers outside their stated error.
 - The second eigenproblem for slow poles is gone: Newton's steps give slow poles as precisely.
 - The even and odd halves of mirrored boards stay. Without them paper-breadboard takes 74 ms in
   place of 66, and eleven-channel 89 in place of 63: 29 % of a point of its studies.
+- Steps of large linear boards are left to boards that grow. By patterns over the channels the three
+  transients of a verdict of 500 channels take 2 s in place of 43. Its sensitivities at rest by
+  structured adjoint solves take 1 s in place of 17, and 0.5 GB in place of 3.2.
 """
 SIZE = (11.0, 4.5)  # of a plot, in inches
 

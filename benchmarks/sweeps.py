@@ -39,7 +39,7 @@ from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.record import FIGURES, Record
 
 SIZES = {Extent.TINY: (2, 2, 20), Extent.QUICK: (31, 21, 1000), Extent.FULL: (31, 21, 10_000)}
-ENGINES = {"ngspice": 180.0, "hybrid": 30.0, "statespace": 12.0}  # wanted seconds on two cores
+ENGINES = {"ngspice": 180.0, "hybrid": 30.0, "statespace": 4.0}  # wanted seconds on two cores
 TWO, ONE = "ngspice", "ngspice, one process"
 OTHERS = {"xargs": (TWO, 0.9), "spicelib": (TWO, 7.0), "PySpice": (ONE, 1.0)}
 """Who is compared with which sweep, and the wanted ratio of their time to that of the sweep."""

@@ -90,7 +90,8 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
     """
     board = LinearBoard.of(circuit)
     if board.descriptor.is_large:
-        return summarise(rightmost_poles(board), complete=False)
+        found = rightmost_poles(board)
+        return summarise(found.poles, complete=False, errors=found.errors)
     return _of_modes(board)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit, OpAmpCell
-from taction.system.array_types import Floats, Ints
+from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
@@ -155,29 +155,38 @@ def _behind_the_output(circuit: Circuit, cell: OpAmpCell) -> tuple[tuple[str, ..
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Loads:
-    """Rows (K,) of a board as weights (K, n) of node voltages and of their slopes."""
+    """Rows (K,) of a board as weights of node voltages and of their slopes, one for each place."""
 
     board: LinearBoard
     rows: tuple[_Row, ...]
     nodes: tuple[str, ...]
-    volts: Floats
-    rates: Floats
+    places: tuple[Ints, Ints]  # rows, and columns among `nodes`
+    weights: Floats
+    slopes: Bools  # whether a weight is that of a slope
 
     @classmethod
     def of(cls, board: LinearBoard, rows: tuple[_Row, ...]) -> _Loads:
         nodes = tuple(dict.fromkeys(node for row in rows for node in row.nodes))
         place = {node: k for k, node in enumerate(nodes)}
-        volts, rates = np.zeros((2, len(rows), len(nodes)))
-        for k, row in enumerate(rows):
-            weights = rates if row.quantity == "slope" else volts
-            weights[k, [place[node] for node in row.nodes]] = row.weights
-        return cls(board, rows, nodes, volts, rates)
+        counts = [len(row.nodes) for row in rows]
+        places = (
+            np.repeat(np.arange(len(rows)), counts),
+            np.array([place[node] for row in rows for node in row.nodes], dtype=np.int64),
+        )
+        weights = np.array([weight for row in rows for weight in row.weights])
+        slopes = np.repeat([row.quantity == "slope" for row in rows], counts)
+        return cls(board, rows, nodes, places, weights, slopes)
 
     def solution(self, initial: Initial) -> Exact:
-        return combinations(self.board, self.nodes, self.volts, self.rates, initial=initial)
+        volts, rates = np.zeros((2, len(self.rows), len(self.nodes)))
+        volts[self.places] = np.where(self.slopes, 0.0, self.weights)
+        rates[self.places] = np.where(self.slopes, self.weights, 0.0)
+        return combinations(self.board, self.nodes, volts, rates, initial=initial)
 
     def loads(self, peaks: Floats, instants: Floats, errors: Floats) -> Iterator[Load]:
-        rest = np.abs(self.volts @ [self.board.equilibrium[node] for node in self.nodes])
+        at_rest = np.array([self.board.equilibrium[node] for node in self.nodes])
+        parts = np.where(self.slopes, 0.0, self.weights) * at_rest[self.places[1]]
+        rest = np.abs(np.bincount(self.places[0], parts, minlength=len(self.rows)))
         limits = np.array([row.limit for row in self.rows])
         columns = (peaks * limits, limits, instants, rest * limits, errors * limits)
         for row, *numbers in zip(self.rows, *(x.tolist() for x in columns), strict=True):
@@ -221,7 +230,11 @@ def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:
     stop = transient.stop
     time = np.concatenate([[0.0], np.geomspace(EARLIEST * stop, stop, INSTANTS)])
     wave = simulate(loads.board, transient, nodes=loads.nodes, times=time, tolerance=TOLERANCE)
-    heights, slopes = csr_array(loads.volts), csr_array(loads.rates)
+    shape = (len(loads.rows), len(loads.nodes))
+    heights, slopes = (
+        csr_array((np.where(loads.slopes == kind, loads.weights, 0.0), loads.places), shape=shape)
+        for kind in (False, True)
+    )
 
     def sizes(step: int) -> Floats:
         t, V = wave.time[::step], np.ascontiguousarray(wave.values[::step].T)

@@ -14,6 +14,9 @@ from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.equations.coarse_board import coarsen
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.equations.structured_solve import Structure
+from taction.verification.engines.statespace.linearised import (
+    rightmost_poles as rightmost_poles_module,
+)
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.count_unstable import (
     cell_poles,
@@ -30,6 +33,7 @@ from taction.verification.engines.statespace.transients.exact import exact_solut
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.stability.poles import count_unstable, poles
 from tests.support.boards import board, kernel, paper_board, single_mode, strain, two_pole
+from tests.support.drawn_boards import drawn_board
 
 
 def wide_board(channels: int, C: float = 10e-12) -> Circuit:
@@ -158,9 +162,27 @@ def test_nearest_poles_come_in_pairs() -> None:
     board = LinearBoard(wide_board(10))
     dense = np.linalg.eigvals(board.state_space.A)
     found = nearest_poles(board.structure, 1e4 + 2.5e5j, 3, 1e-10)
-    assert len(found) == 6
-    for pole in found:
-        assert np.abs(dense - pole).min() < 1e-8 * abs(pole)
+    assert len(found.poles) == 6
+    for pole, error in zip(found.poles, found.errors, strict=True):
+        assert np.abs(dense - pole).min() <= error < 1e-8 * abs(pole)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_errors_of_the_rightmost_poles_hold(seed: int) -> None:
+    circuit = drawn_board(seed, 20)
+    found, modes = rightmost_poles(LinearBoard(circuit)), LinearBoard(circuit).state_space.modes
+    nearest = np.abs(modes.poles[:, None] - found.poles).argmin(axis=0)
+    off = np.abs(modes.poles[nearest] - found.poles)
+    assert np.all(off <= found.errors + modes.pole_errors[nearest])
+    missed = modes.poles.real > found.poles[0].real + found.errors[0] + modes.pole_errors
+    assert not missed.any()
+    assert found.errors[0] <= 1e-3 * abs(found.poles[0])
+
+
+def test_a_search_that_goes_on_to_the_right_gives_no_pole(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rightmost_poles_module, "ROUNDS", 1)
+    with pytest.raises(EngineError, match="farther right"):
+        rightmost_poles(LinearBoard(drawn_board(0, 20)))
 
 
 def test_a_coarse_board_is_a_guide_to_the_whole() -> None:
@@ -174,7 +196,7 @@ def test_a_coarse_board_is_a_guide_to_the_whole() -> None:
     assert abs(lead.imag) == pytest.approx(guide.rightmost.imag, rel=1e-3)
     assert coarsen(stamp(paper_board())).names == stamp(paper_board()).names
     assert "ve" in coarsen(stamp(exponential_board(30))).names
-    assert rightmost_poles(LinearBoard(paper_board()))[0] == pytest.approx(
+    assert rightmost_poles(LinearBoard(paper_board())).poles[0] == pytest.approx(
         complex(poles(paper_board()).rightmost), rel=1e-8
     )
 
@@ -186,7 +208,7 @@ def test_slow_poles_that_no_coarse_board_has_are_found() -> None:
         T[k : k + 2, k : k + 2] = [[1.0, 0.999 - 0.01 * k], [0.9, 1.0 + 0.01 * k]]
     whole = LinearBoard(board(T, np.ones(30), two_pole(1e7, 5e-12), G0=1e-5, R=1e6, s=1e5, C=1e-9))
     exact = np.linalg.eigvals(whole.state_space.A)
-    assert rightmost_poles(whole)[0] == pytest.approx(exact[np.argmax(exact.real)], rel=1e-6)
+    assert rightmost_poles(whole).poles[0] == pytest.approx(exact[np.argmax(exact.real)], rel=1e-6)
 
 
 def test_time_scales_of_a_wide_board_come_from_its_coarse_image() -> None:
