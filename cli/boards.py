@@ -385,7 +385,7 @@ NEW = Command(
         option("share", type=click.FloatRange(0, 0.9, min_open=True), of="scale"),
         option("matrix", metavar="T", reads=True),
         option("strain", metavar="EPS", reads=True),
-        option("noise", type=click.FloatRange(0, min_open=True)),
+        option("noise", metavar="SIGMA"),
         option("lam", "--lambda", type=click.FloatRange(0, min_open=True)),
         option("opamp", metavar="NAME"),
         option("supply", metavar="VOLTS"),

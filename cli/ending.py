@@ -74,6 +74,27 @@ def run_command(function: Callable[[], object], *, as_json: bool, words: Sequenc
     return 128 + received[0] if ended else status
 
 
+def _instead(error: click.ClickException) -> str:
+    """Return a line that says what to write instead, where click does not."""
+    if isinstance(error, click.MissingParameter) and error.param is not None:
+        place = (error.param.name or "").removesuffix("s")
+        about = ARGUMENTS.get(place, getattr(error.param, "help", None) or "")
+        kind = "" if error.ctx is None else f" {error.param.make_metavar(error.ctx)}"
+        return f"Expected{kind}: {about}\n" if about else ""
+    if "unexpected extra argument" in error.format_message():
+        return "Expected one word after each option: --over C=1pF:1nF:3, with '=' and no blank.\n"
+    return ""
+
+
+ARGUMENTS = {
+    "scene": "a scene file, such as board.toml; `taction new board.toml` writes one",
+    "folder": "a folder with scene files",
+    "first": "two scene files, or stored verdicts (.json)",
+    "second": "two scene files, or stored verdicts (.json)",
+}
+"""What the arguments of the commands are, by name."""
+
+
 def _status(
     function: Callable[[], object], as_json: bool, received: list[int], words: Sequence[str]
 ) -> int:
@@ -93,7 +114,7 @@ def _status(
             _print_plain("bad input", error, _told(error.format_message(), odd))
         shown = io.StringIO()
         error.show(shown)
-        click.echo(_told(shown.getvalue(), odd), err=True, nl=False)
+        click.echo(_told(shown.getvalue() + _instead(error), odd), err=True, nl=False)
         return error.exit_code
     except (KeyboardInterrupt, click.Abort) as end:
         kept = str(end) if isinstance(end, Interrupted) else "no verdict was reached"

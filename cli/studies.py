@@ -247,7 +247,7 @@ def _check_sweep(call: Call) -> None:
         say(f"question: {question}")
     if call.options["plot"] is not None:
         check_sweep_plot(plan, call.options["plot"])
-    given["output"] = given["output"] or f"{plan.scene.name}.sqlite"
+    given["output"] = given["output"] or f"{plan.scene.file.stem}.sqlite"
 
 
 def _sweep_table(found: SweepResult, path: str) -> None:
@@ -278,13 +278,14 @@ SWEEP = Command(
         option("fix", multiple=True, metavar="KEY[=VALUE]"),
         OUTPUT,
         option("engine", type=EngineChoice([*ENGINES, *GRID_ENGINES])),
+        option("strict", is_flag=True),
         option("retry_failed", "--retry", type=click.Choice(["failed"]), default=None),
         option("keep_waveforms", is_flag=True),
         JOBS,
         CLUSTER,
     ),
     ends="Exit status: 0 if every point is stored, whatever its outcome; 1 if two engines disagree"
-    " at a point; 3 if no point has a verdict.",
+    " at a point, or with --strict if a point fails; 3 if no point has a verdict.",
 )
 
 

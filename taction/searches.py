@@ -292,7 +292,7 @@ def new(
     *,
     matrix: str | Path | None = None,
     strain: str | Path | None = None,
-    noise: float | None = None,
+    noise: str | float | None = None,
     lam: float | None = None,
     opamp: str = "opa2134",
     supply: str | None = None,
@@ -314,8 +314,9 @@ def new(
         Matrix T, .csv or .npy: a scene for it, with --strain.
     strain : path, optional
         Strain of the matrix, .csv or .npy.
-    noise : float, optional
-        Standard deviation of the noise of one strain: lambda by the discrepancy rule.
+    noise : str or float, optional
+        Standard deviation of the noise of one strain, or 1% of the largest strain: lambda by the
+        discrepancy rule.
     lam : float, optional
         Lambda; by default 0.01 times the squared norm of T, or by --noise.
     opamp : str

@@ -86,6 +86,7 @@ def sweep(
     engine: str | None = None,
     fix: Fixed = (),
     keep_waveforms: bool = False,
+    strict: bool = False,
     retry_failed: bool = False,
     output: str | Path | None = None,
     jobs: int | None = None,
@@ -121,10 +122,12 @@ def sweep(
         In Python ``"lambda"``, or ``{"lambda": 0.5}`` or ``"lambda=0.5"`` for another value.
     keep_waveforms : bool
         Store also the outputs over time.
+    strict : bool
+        A point that fails makes the outcome of the sweep fail.
     retry_failed : bool
         Compute points without a verdict again.
     output : path, optional
-        Database of the results; by default the scene's name with the ending .sqlite.
+        Database of the results; by default the name of the scene's file with the ending .sqlite.
 
         Points that it holds are not computed again. In Python the points stay in memory by
         default.
@@ -178,7 +181,7 @@ def sweep(
     count = computed(
         plan, store, retry_failed=retry_failed, jobs=jobs, cluster=cluster, progress=progress
     )
-    return SweepResult.of(plan, store, count, time.perf_counter() - start)
+    return SweepResult.of(plan, store, count, time.perf_counter() - start, strict=strict)
 
 
 def montecarlo(

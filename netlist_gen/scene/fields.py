@@ -31,6 +31,11 @@ class Unit:
     both: bool = False
     signed: bool = False
 
+    @property
+    def example(self) -> str:
+        """A quantity as a scene has it."""
+        return "±15V" if self.both else EXAMPLES[self.unit]
+
     def check(self, value: object) -> float | str:
         """Return the quantity in base units, or the word; ValueError has the accepted values."""
         if self.word and value == self.word:
@@ -40,7 +45,8 @@ class Unit:
         try:
             number = parse(value, self.unit)
         except ValueError as error:
-            raise ValueError(f"{error}, or {self.word!r}" if self.word else str(error)) from None
+            text = str(error).replace(repr(EXAMPLES[self.unit]), repr(self.example))
+            raise ValueError(f"{text}, or {self.word!r}" if self.word else text) from None
         if number and not LEAST <= abs(number) <= MOST:
             raise ValueError(f"out of range; expected between {LEAST:g} and {MOST:g} {self.unit}")
         if not self.signed and (number < 0 or (number == 0 and not self.zero)):
@@ -51,8 +57,7 @@ class Unit:
         return core_schema.no_info_plain_validator_function(self.check)
 
     def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
-        quantity = "±15V" if self.both else EXAMPLES[self.unit]
-        example = f"a number in {self.unit}, or a quantity such as {quantity!r}"
+        example = f"a number in {self.unit}, or a quantity such as {self.example!r}"
         if self.word:
             example += f", or {self.word!r}"
         return {"anyOf": [{"type": "number"}, {"type": "string"}], "description": example}

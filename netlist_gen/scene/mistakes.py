@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ from pydantic.fields import FieldInfo
 
 from taction.system.errors import Complaint, InputError, listed, nearest_question
 from taction.system.plugins import names
+from taction.system.quantities import parse, show
 
 TEXTS = {  # in the place of pydantic's texts, which name types of Python
     "model_type": "expected a table",
@@ -118,7 +120,27 @@ def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:
     if isinstance(design, Mapping):
         for key, reason in contradictions(design):
             yield Complaint(f"design.{key}", _value(design[key]), reason)
+    yield from _impossible(data)
     yield from _no_such_channel(data)
+
+
+IMPOSSIBLE = (  # key, unit, least and largest value; no board has others
+    ("capacitance", "F", 0.0, 1.0, "'10pF' is 10 picofarad; a number without a unit is in F"),
+    ("gain", "ohm", 1.0, math.inf, "'m' is milli, 'M' is mega: '6.25Mohm'"),
+)
+
+
+def _impossible(data: Mapping[str, Any]) -> Iterator[Complaint]:
+    """Yield the values of a design that are a slip beyond doubt."""
+    design = _table(data.get("design"))
+    for key, unit, least, most, instead in IMPOSSIBLE:
+        try:
+            value = parse(design.get(key), unit)
+        except (TypeError, ValueError):
+            continue  # the key's own check has it
+        if 0.0 < value < least or value > most:
+            text = f"{show(value, unit)} is what no board has; is the prefix right? {instead}"
+            yield Complaint(f"design.{key}", _value(design[key]), text)
 
 
 def _no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:

@@ -29,8 +29,9 @@ from taction.netlist_gen.scene.problem import fitted
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.planes import pruned
-from taction.system.array_types import Floats
-from taction.system.errors import Complaint, InputError, SolverError
+from taction.system.array_types import EPS, Floats
+from taction.system.errors import Complaint, InputError
+from taction.system.quantities import number
 from taction.system.results import Result
 from taction.verification.design.scaling import SHARE, Scaled, Scaling, scale
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -56,6 +57,7 @@ UNSEEN = 2e-4  # of the largest output: a fifth of the least limit of a fresh sc
 WIDTH = 98  # of a comment
 LOOSE = {"steady_state": {"tolerance": WANTED}, "settling_time": {"band": BAND * WANTED}}
 """Checks while the scalings are searched; the limits of the scene follow from the scaled board."""
+MISSED = 0.01  # relative: how far the residual may be from that of the noise
 DEFAULT = 0.01  # lambda without a noise level, in squared spectral norms of T
 
 
@@ -263,7 +265,7 @@ def fresh_scene(
     strain: Path,
     output: Path,
     *,
-    noise: float | None = None,
+    noise: str | float | None = None,
     lam: float | None = None,
     design: Mapping[str, Any] | None = None,
     share: float = SHARE,
@@ -277,9 +279,9 @@ def fresh_scene(
     ----------
     output : Path
         The new scene file; names of files are relative to its folder.
-    noise : float, optional
-        Standard deviation of the noise in one entry of the strain: lambda follows from the
-        discrepancy rule.
+    noise : str or float, optional
+        Standard deviation of the noise in one entry of the strain, or ``"1%"`` of the largest
+        entry: lambda follows from the discrepancy rule.
     lam : float, optional
         Lambda in the place of a rule. Without both it is `DEFAULT` times the squared norm of T.
     design : mapping, optional
@@ -293,9 +295,8 @@ def fresh_scene(
     Raises
     ------
     InputError
-        A file cannot be read, the shapes do not fit, or no design has these numbers.
-    SolverError
-        The discrepancy rule finds no lambda for this noise.
+        A file cannot be read, the shapes do not fit, no design has these numbers, or the noise
+        does not explain the strain: the message proposes one that does.
     """
     first, second = _tables(matrix, strain)
     chosen, rule = _lambda(first.values, second.values, noise, lam)
@@ -371,7 +372,53 @@ def _shape(T: Floats) -> str:
     return f"{T.shape[0]} rows and {T.shape[1]} columns"
 
 
-def _lambda(T: Floats, eps: Floats, noise: float | None, lam: float | None) -> tuple[float, str]:
+def noise_of(noise: str | float, eps: Floats) -> float:
+    """Return the standard deviation that `noise` states: a number, or a share as ``"1%"``.
+
+    Raises
+    ------
+    InputError
+        It is not a positive number.
+
+    Examples
+    --------
+    >>> noise_of("1%", np.array([0.5, -2.0])), noise_of("0.03", np.ones(2))
+    (0.02, 0.03)
+    """
+    text = str(noise)
+    try:
+        value = number(text.removesuffix("%"))
+    except ValueError:
+        value = math.nan
+    if text.endswith("%"):
+        value *= float(np.abs(eps).max(initial=0.0)) / 100.0
+    if not 0.0 < value < math.inf:
+        accepted = "expected a positive number such as 0.01, or 1% of the largest strain"
+        raise InputError("--noise", Complaint("SIGMA", repr(noise), accepted))
+    return value
+
+
+def _unexplained(T: Floats, eps: Floats, noise: float) -> Complaint:
+    """Return why a noise does not explain the strain, and the noise that does."""
+    rest = eps - T @ np.linalg.lstsq(T, eps, rcond=None)[0]
+    least, largest = (float(np.sqrt(np.mean(part**2))) for part in (rest, eps))
+    free = len(eps) - int(np.linalg.matrix_rank(T))
+    # What no answer explains has `free` degrees of freedom; without any, GCV separates the noise.
+    if free and least > math.sqrt(EPS) * largest:
+        shown = math.sqrt(float(rest @ rest) / free)
+    else:
+        solution = choose(Problem(T, eps, 1.0), "gcv").solution
+        shown = float(np.sqrt(np.mean((T @ solution.u - eps) ** 2)))
+    if noise < largest:
+        text = f"every answer leaves at least {least:.2g} rms of the strain unexplained"
+    else:
+        text = f"the whole strain is {largest:.2g} rms, which this noise hides"
+    return Complaint("SIGMA", f"{noise:g}", f"{text}; the strain shows --noise {shown:.2g}")
+
+
+def _lambda(
+    T: Floats, eps: Floats, noise: str | float | None, lam: float | None
+) -> tuple[float, str]:
     """Return lambda with three digits, and how it was chosen."""
     square = float(np.linalg.norm(T, 2)) ** 2
     if not square:
@@ -380,14 +427,13 @@ def _lambda(T: Floats, eps: Floats, noise: float | None, lam: float | None) -> t
         return lam, "as given"
     if noise is None:
         return float(f"{DEFAULT * square:.2e}"), f"the default, {DEFAULT:g} |T|²"
-    choice = choose(Problem(T, eps, 1.0), "discrepancy", RuleInputs(variance=noise**2))
-    if choice.at_edge:
-        raise SolverError(
-            f"no lambda leaves a residual of a noise of {noise:g}: the largest strain is"
-            f" {np.abs(eps).max():.3g}. Give the standard deviation of one entry, or a lambda"
-        )
+    sigma = noise_of(noise, eps)
+    choice = choose(Problem(T, eps, 1.0), "discrepancy", RuleInputs(variance=sigma**2))
+    if choice.at_edge or choice.score > MISSED:
+        raise InputError("--noise", _unexplained(T, eps, sigma))
     value = float(f"{choice.solution.lam:.2e}")
-    return value, f"by the discrepancy rule, noise {noise:g}"
+    share = f", {noise} of the largest strain" if str(noise).endswith("%") else ""
+    return value, f"by the discrepancy rule, noise {sigma:.3g}{share}"
 
 
 def _csv(values: Floats) -> str:

@@ -275,12 +275,18 @@ class Section:
         A sentence above the blocks.
     media : tuple of str
         `TERMINAL`, `PAGE`, `NOTEBOOK`: who shows the section.
+    across : int
+        Charts side by side on a wide page, where there are several.
+    folded : bool
+        Whether a page shows only the title until it is opened.
     """
 
     title: str
     blocks: Sequence[Block | None] | Callable[[], Iterable[Block | None]]
     lead: str = ""
     media: tuple[str, ...] = (PAGE,)
+    across: int = 1
+    folded: bool = False
 
     def made(self, medium: str) -> tuple[Block, ...]:
         """Return the blocks for a medium; none if it does not show this section."""

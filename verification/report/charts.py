@@ -6,9 +6,10 @@ themes. An outcome has one look in every medium, see `OUTCOMES`.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from typing import Any, ClassVar, Literal
@@ -297,6 +298,8 @@ class Grid:
         A text in each cell.
     warm : str
         Which sign of a ``"signed"`` scale is orange: ``"negative"`` or ``"positive"``.
+    bar : bool
+        Whether a bar of colours stands beside the chart.
     """
 
     x: ArrayLike
@@ -309,6 +312,7 @@ class Grid:
     texts: tuple[tuple[str, ...], ...] = ()
     written: tuple[tuple[str, ...], ...] = ()
     warm: Literal["negative", "positive"] = "negative"
+    bar: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -446,3 +450,23 @@ def segments(
     gap = (math.nan, math.nan)
     points = np.array([[a, b, gap] for a, b in ends], dtype=np.float64).reshape(-1, 2)
     return points[:, 0], points[:, 1]
+
+
+def zero_lines(x: Floats, y: Floats, values: Floats) -> Iterator[tuple[Any, Any]]:
+    """Yield straight lines where values (m, n) over x (n,) and y (m,) pass through 0.
+
+    Examples
+    --------
+    >>> list(zero_lines(np.array([0.0, 2.0]), np.array([0.0, 1.0]), np.array([[-1, 1], [-1, 1]])))
+    [((1.0, 0.0), (1.0, 1.0))]
+    """
+    for k, n in itertools.product(range(len(y) - 1), range(len(x) - 1)):
+        corners = [(k, n), (k, n + 1), (k + 1, n + 1), (k + 1, n)]
+        found = []
+        for (a, b), (c, d) in zip(corners, corners[1:] + corners[:1], strict=True):
+            first, second = values[a, b], values[c, d]
+            if first * second < 0.0:  # never for NaN
+                share = first / (first - second)
+                place = (x[b] + share * (x[d] - x[b]), y[a] + share * (y[c] - y[a]))
+                found.append((float(place[0]), float(place[1])))
+        yield from zip(found[::2], found[1::2], strict=False)  # an end at a gap has no other

@@ -19,12 +19,13 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene, load_scene
-from taction.system.errors import InputError, SolverError
+from taction.system.errors import InputError
 from taction.verification.design.fresh_scene import (
     BAND,
     GRADES,
     exceeded,
     fresh_scene,
+    noise_of,
     rounded_up,
     with_limits,
 )
@@ -217,8 +218,31 @@ def test_a_strain_of_zeros_has_no_loads(tmp_path: Path) -> None:
 
 def test_a_noise_above_the_strain(tmp_path: Path, problem: tuple[Matrix, Matrix]) -> None:
     write(tmp_path, *problem)
-    with pytest.raises(SolverError, match="no lambda leaves a residual of a noise of 100"):
+    with pytest.raises(InputError, match=r"SIGMA = 100: the whole strain is .* --noise"):
         fresh_scene(tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml", noise=100.0)
+
+
+def test_a_noise_that_explains_nothing_and_the_noise_that_does(tmp_path: Path) -> None:
+    """The residual has M - N degrees of freedom: of 400 rows it shows the noise within 10 %."""
+    rng = np.random.default_rng(3)
+    T = rng.normal(size=(400, 2))
+    eps = T @ np.array([1.0, -0.5]) + rng.normal(0.0, 0.03, 400)
+    write(tmp_path, T, eps)
+    files = tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml"
+    with pytest.raises(InputError, match=r"at least 0\.029 rms") as caught:
+        fresh_scene(*files, noise=1e-3)
+    proposed = float(str(caught.value).rpartition("--noise ")[2])
+    assert proposed == pytest.approx(0.03, rel=0.1)
+    assert "noise 0.03" in fresh_scene(*files, noise=proposed, any_part=True).rule
+
+
+def test_a_noise_in_percent_is_of_the_largest_strain() -> None:
+    strain = np.array([0.2, -0.5])
+    assert noise_of("2%", strain) == pytest.approx(0.01, rel=1e-15)
+    assert noise_of("0.01", strain) == noise_of(0.01, strain) == 0.01
+    for wrong in ("-1%", "0", "much", "1e999", "%", "nan"):
+        with pytest.raises(InputError, match="expected a positive number such as"):
+            noise_of(wrong, strain)
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 WIDTH, HEIGHT = 5.2, 3.6  # of a chart, inches, where the sheet has no size
 LETTERS = 13.0  # of a title per inch of the chart's width
+SMALL = 12.0  # letters of a small text per inch
 MARKS = {
     "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v",
     "triangle-left": "<", "triangle-right": ">", "x": "x", "cross": "P", "star": "*",
@@ -72,7 +73,7 @@ def draw_sheet(sheet: Sheet, path: str | Path | None = None) -> Figure:
             for cell, block in zip(cells, column, strict=False):
                 draw_block(figure.add_subplot(cell), block)
         if sheet.foot:
-            figure.supxlabel(sheet.foot, fontsize="small")
+            figure.supxlabel(wrapped(sheet.foot, SMALL * width), fontsize="small")
     return figure
 
 
@@ -380,7 +381,8 @@ def _grid(axes: Axes, mark: Grid, chart: Chart) -> None:
     else:
         norm, cmap = Normalize(low, max(high, low + 1e-12)), "viridis"
     mesh = axes.pcolormesh(across, down, shown, norm=norm, cmap=cmap)
-    _colour_bar(axes, mark, mesh, (low, high))
+    if mark.bar:
+        _colour_bar(axes, mark, mesh, (low, high))
     if mark.written:
         for y, row in zip(_values(mark.y, chart.y), mark.written, strict=True):
             for x, text in zip(_values(mark.x, chart.x), row, strict=True):

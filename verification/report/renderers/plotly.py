@@ -368,6 +368,7 @@ def _grid(mark: Grid, chart: Chart) -> dict[str, Any]:
         "z": [numbers(row) for row in levels],
         "customdata": [[words(text) for text in row] for row in texts],
         "colorscale": COLORSCALES["positive" if scale == "share" else scale],
+        "showscale": mark.bar,
         "colorbar": _colour_bar(ticks, unit, mark.title),
         "hovertemplate": f"{words(chart.x.title)} %{{x}}, {words(chart.y.title)} %{{y}}:"
                          " %{customdata}<extra></extra>",

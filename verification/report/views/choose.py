@@ -32,7 +32,7 @@ from taction.verification.report.blocks import (
     Shown,
     Table,
 )
-from taction.verification.report.charts import Axis, Chart, Curve, Grid
+from taction.verification.report.charts import Axis, Chart, Curve, Grid, segments, zero_lines
 from taction.verification.report.texts import (
     counted,
     figure,
@@ -40,6 +40,7 @@ from taction.verification.report.texts import (
     outcome_cell,
     quantity,
     readable,
+    spaced,
 )
 from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.verdict.record import finite
@@ -49,6 +50,11 @@ SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
 MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
 LOW, HIGH = 0.1, 10.0  # ends of the colours: shares of a limit
+MAP = (
+    "Blue: within every limit; orange: beyond one; the line is where the worst value reaches its"
+    " limit; empty: unstable, or without a verdict. Circle: passes, with parts that can be bought;"
+    " star: among the best."
+)
 WORST = "Worst: the largest value over its limit; below 1 every check passes."
 COMMAND = "taction design choose"
 
@@ -74,8 +80,8 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
     own = (
         Section("Best designs", tuple(_best(best, confirmations)), WORST, BOTH),
         Section("Op-amps", (_opamps(designs),), media=BOTH),
-        Section("Maps", lambda: _maps(designs, best)),
-        Section("All designs", lambda: (_table(designs),)),
+        Section("Maps", lambda: _maps(designs, best), MAP, across=ACROSS),
+        Section("All designs", lambda: (_table(designs),), folded=True),
     )
     title = f"{scene.name}: worst value over its limit, for {len(designs)} designs"
     lines = tuple(_moved(scene, designs))
@@ -99,7 +105,7 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
         outcome=full.outcome,
         summary=f"{_words(best[proposed(confirmations)])}. {full.summary} {summary}",
         lines=(f"In full below: {verdict.scene.name}, {verdict.waveforms.simulator}.", *full.lines),
-        sections=(*own, *full.sections),
+        sections=(*own, *(replace(each, folded=True) for each in full.sections)),
     )
 
 
@@ -155,20 +161,22 @@ def _best(best: Sequence[Design], confirmations: Sequence[Confirmation]) -> Iter
 def _opamps(designs: Sequence[Design]) -> Table:
     """Return the best design of each op-amp, and why it does not pass."""
     passing = Counter(design.opamp for design in designs if design.good)
-    columns = {**_columns(designs), "passing": lambda each: passing[each.opamp], "why": _why}
+    columns = {**_columns(designs), "passing": lambda each: passing[each.opamp]}
     title, most = "The best design of each op-amp", {TERMINAL: SHOWN}
     return Table.of(title, _first_of_each(designs), columns, "", most, "{} more: --json.")
 
 
 def _table(designs: Sequence[Design]) -> Table:
     more = f"The first {LISTED} of {len(designs)}; --json has all."
-    columns = {**_columns(designs), "why": _why}
-    return Table.of("Designs, the best first", designs, columns, "", {PAGE: LISTED}, more)
+    return Table.of("Designs, the best first", designs, _columns(designs), "", {PAGE: LISTED}, more)
 
 
-def _why(design: Design) -> str:
-    reason = design.reason.split("\n")[0]
-    return readable(reason or (design.refused and f"cannot be bought: {design.refused}"))
+def _outcome(design: Design) -> Cell:
+    """Return the outcome with the check that decides it, or what cannot be bought."""
+    if design.refused:
+        return Cell(f"no parts: {readable(design.refused)}", None, "fail")
+    check = spaced(design.reason.split("\n")[0].partition(": ")[0])
+    return outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
 
 
 def _columns(designs: Sequence[Design]) -> dict[str, Callable[[Design], Shown]]:
@@ -178,9 +186,7 @@ def _columns(designs: Sequence[Design]) -> dict[str, Callable[[Design], Shown]]:
         "gain": lambda each: number_cell(_values(each)[1], "ohm", 3),
         "G0": lambda each: number_cell(float(each.values[G0]), "S", 3),
         "U0": lambda each: number_cell(float(each.values[U0]), "V", 3),
-        "outcome": lambda each: (
-            Cell("no parts", None, "fail") if each.refused else outcome_cell(each.outcome)
-        ),
+        "outcome": _outcome,
         "settling": lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
         "headroom": lambda each: number_cell(each.headroom, "step", 3),
@@ -218,11 +224,7 @@ def _maps(designs: Sequence[Design], best: Sequence[Design]) -> Iterator[Block]:
 def sheet(title: str, designs: Sequence[Design], best: Sequence[Design]) -> Sheet:
     """Return what the picture of a choice shows: a map for each of the best op-amps."""
     blocks = [block for block in _maps(designs, best) if isinstance(block, Chart)]
-    foot = (
-        "circle: passes all checks, with parts that can be bought; star: among the best;"
-        " empty: unstable or without a verdict"
-    )
-    return Sheet.of(title, blocks, ACROSS, (3.6, 3.0), (2.0, 1.4), foot)
+    return Sheet.of(title, blocks, ACROSS, (3.6, 3.0), (0.6, 1.4), MAP)
 
 
 def _map(name: str, own: Sequence[Design], best: Sequence[Design]) -> Chart:
@@ -238,6 +240,7 @@ def _map(name: str, own: Sequence[Design], best: Sequence[Design]) -> Chart:
         scale="share",
         limits=(LOW, HIGH),
         title="worst value over its limit",
+        bar=False,
         texts=tuple(tuple(map(_hover, row)) for row in cells),
     )
     others = [design for design in own if design.good and design.place not in chosen]
@@ -248,16 +251,25 @@ def _map(name: str, own: Sequence[Design], best: Sequence[Design]) -> Chart:
         Axis("gain", "ohm", "log"),
         (
             grid,
+            *_limit_line(grid),
             *_points(others, "passes", "circle-open", 6.0),
             *_points(stars, "among the best", "star", 13.0),
         ),
         message=f"{passing} of {len(own)} pass",
-        summary=(
-            f"{name}: {passing} of {counted(len(own), 'design')} pass. Colour: the worst value over"
-            " its limit; empty: unstable, or without a verdict."
-        ),
-        legend="below",
+        summary=f"{name}: {passing} of {counted(len(own), 'design')} pass.",
+        legend="",
+        height=230,
+        zoom=False,
     )
+
+
+def _limit_line(grid: Grid) -> Iterator[Curve]:
+    """Yield the line on which the worst value reaches its limit, where there is one."""
+    x, y = np.log(grid.x), np.log(grid.y)
+    lines = list(zero_lines(x, y, np.log(np.asarray(grid.values))))
+    if lines:
+        across, down = segments(lines)
+        yield Curve(np.exp(across), np.exp(down), "the limit", "ink", width=2.0)
 
 
 def _points(designs: Sequence[Design], name: str, mark: str, size: float) -> Iterator[Curve]:

@@ -48,6 +48,7 @@ from taction.verification.report.charts import (
     Mark,
     looks_of,
     segments,
+    zero_lines,
 )
 from taction.verification.report.texts import (
     LEAST_SHARE,
@@ -356,26 +357,6 @@ class Plane:
         marks = (heat,) if self.edge is None else (heat, self.edge)
         message = f"{extent(values, unit)}{self.where}"
         return Chart(titled(name), self.x, self.y, marks, message, summary, (), "", 400)
-
-
-def zero_lines(x: Floats, y: Floats, values: Floats) -> Iterator[tuple[Any, Any]]:
-    """Yield straight lines where values (m, n) over x (n,) and y (m,) pass through 0.
-
-    Examples
-    --------
-    >>> list(zero_lines(np.array([0.0, 2.0]), np.array([0.0, 1.0]), np.array([[-1, 1], [-1, 1]])))
-    [((1.0, 0.0), (1.0, 1.0))]
-    """
-    for k, n in itertools.product(range(len(y) - 1), range(len(x) - 1)):
-        corners = [(k, n), (k, n + 1), (k + 1, n + 1), (k + 1, n)]
-        found = []
-        for (a, b), (c, d) in zip(corners, corners[1:] + corners[:1], strict=True):
-            first, second = values[a, b], values[c, d]
-            if first * second < 0.0:  # never for NaN
-                share = first / (first - second)
-                place = (x[b] + share * (x[d] - x[b]), y[a] + share * (y[c] - y[a]))
-                found.append((float(place[0]), float(place[1])))
-        yield from zip(found[::2], found[1::2], strict=True)
 
 
 def extent(values: Floats, unit: str) -> str:

@@ -24,10 +24,12 @@ from taction.verification.report.blocks import (
     Sheet,
     Table,
 )
-from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark
+from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark, Text
 from taction.verification.report.texts import figure, number_cell, percent, quantity
 from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.verdict.verify import Verdict
+
+LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the points of the picture
 
 
 def view(result: Tuned) -> Page:
@@ -35,9 +37,7 @@ def view(result: Tuned) -> Page:
     tuning, verdict = result.tuning, result.verdict
     verified = verdict_report(verdict, "taction design tune")
     before, after = tuning.before.settling_time, tuning.after.settling_time
-    summary = (
-        f"Settling time {quantity(after, 's')}, before {quantity(before, 's')}. {verified.summary}"
-    )
+    summary = f"Settles in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
     own = (
         Section("Tuning", tuple(_blocks(tuning, verdict)), media=BOTH),
         Section("Trade-off", lambda: (_tradeoff(tuning),)),
@@ -96,7 +96,7 @@ def _key_name(path: str) -> str:
 
 def sheet(tuning: Tuning) -> Sheet:
     """Return what the picture of a tuning shows: settling time against overshoot."""
-    after = quantity(tuning.after.settling_time, "s")
+    after = figure(tuning.after.settling_time, "s")
     overshoot = figure(tuning.after.overshoot, "step")
     title = f"{tuning.scene.name}: settled in {after}, overshoot {overshoot}"
     return Sheet(title, ((_tradeoff(tuning),),), size=(8.5, 5.5))
@@ -126,7 +126,12 @@ def _tradeoff(tuning: Tuning) -> Chart:
         written=tuple(text(each) if each in near else "" for each in frontier),
     )
     limit = f"overshoot limit, {figure(tuning.overshoot_limit, 'step', 3)}"
-    marks: list[Mark] = [curve, Limit(tuning.overshoot_limit, "x", limit, "ink", "dot")]
+    marks: list[Mark] = [curve]
+    ends = _ends([*frontier, tuning.before, tuning.after], tuning.overshoot_limit)
+    if ends is None or ends[0] <= tuning.overshoot_limit <= ends[1]:
+        marks.append(Limit(tuning.overshoot_limit, "x", limit, "ink", "dot"))
+    else:
+        marks.append(Text(f"{limit} →", None, None, ("left", "below")))
     for name, candidate, mark, outcome in (
         ("before", tuning.before, "square-open", "fail"),
         ("after", tuning.after, "star", "pass"),
@@ -142,7 +147,7 @@ def _tradeoff(tuning: Tuning) -> Chart:
             )  # fmt: skip
     return Chart(
         "Trade-off",
-        Axis("overshoot", "step"),
+        Axis("overshoot", "step", limits=ends),
         Axis("settling time", "s", "log"),
         tuple(marks),
         message=_gain(tuning),
@@ -152,6 +157,18 @@ def _tradeoff(tuning: Tuning) -> Chart:
         ),
         legend="below",
     )
+
+
+def _ends(shown: list[Trial], limit: float) -> tuple[float, float] | None:
+    """Return the overshoots that the chart shows: those of its points, and a limit near them."""
+    known = [each.overshoot for each in shown if math.isfinite(each.settling_time + each.overshoot)]
+    if not known:
+        return None
+    low, high = min(known), max(known)
+    reach = max(high - low, 0.1 * high, LEAST_REACH)
+    if low <= limit <= high + reach:
+        high = max(high, limit)
+    return max(0.0, low - EDGE * reach), high + 2.0 * EDGE * reach  # texts stand on the right
 
 
 def _places(*candidates: Trial) -> tuple[np.ndarray, np.ndarray]:
@@ -171,5 +188,5 @@ def _gain(tuning: Tuning) -> str:
     """Return how much faster the design settles."""
     before, after = tuning.before.settling_time, tuning.after.settling_time
     if not (math.isfinite(before) and after > 0.0):
-        return f"it settles in {quantity(after, 's')}"
+        return f"it settles in {figure(after, 's')}"
     return f"it settles {before / after:.3g} times as fast"

@@ -170,6 +170,8 @@ class SweepResult(Result):
         How far two engines agree; None for a sweep by one engine.
     seconds : float
         Wall time, s.
+    strict : bool
+        Whether a point that fails makes the outcome fail.
     """
 
     VIEW = "taction.verification.report.views.sweep:view"
@@ -180,17 +182,29 @@ class SweepResult(Result):
     count: SweepCounts
     agreement: AgreementSummary | None
     seconds: float = 0.0
+    strict: bool = False
 
     @classmethod
-    def of(cls, plan: Plan, store: Store, count: SweepCounts, seconds: float = 0.0) -> SweepResult:
+    def of(
+        cls,
+        plan: Plan,
+        store: Store,
+        count: SweepCounts,
+        seconds: float = 0.0,
+        *,
+        strict: bool = False,
+    ) -> SweepResult:
         """Return the result of a sweep that has ended."""
-        several = len(plan.engines) > 1
-        return cls(plan, store, count, summarise(plan, store) if several else None, seconds)
+        agreement = summarise(plan, store) if len(plan.engines) > 1 else None
+        return cls(plan, store, count, agreement, seconds, strict)
 
     @property
     def outcome(self) -> str:
-        """``fail`` if the engines disagree, ``inconclusive`` if no point has a verdict."""
-        if self._disagree:
+        """``fail`` if the engines disagree, or, if `strict`, a point fails.
+
+        ``inconclusive`` if no point has a verdict.
+        """
+        if self._disagree or (self.strict and self.count.outcomes["fail"]):
             return "fail"
         outcomes = self.count.outcomes
         return "pass" if outcomes["pass"] + outcomes["fail"] else "inconclusive"

@@ -86,6 +86,23 @@ def test_the_table_and_the_default_database(folder: Path) -> None:
     assert "200 pF" in done.stdout
 
 
+def test_a_strict_sweep_ends_with_1_if_a_point_fails(folder: Path) -> None:
+    failing = ("--over", "checks.steady_state.tolerance=1e-15,0.5", "-o", "a.sqlite")
+    assert taction(*failing).exit_code == 0
+    done = taction(*failing, "--strict")
+    assert done.exit_code == 1, done.output
+    assert "1 pass, 1 fail" in done.stdout
+    assert taction("--over", "checks.steady_state.tolerance=0.4,0.5", "--strict").exit_code == 0
+
+
+def test_the_database_has_the_name_of_the_scenes_file(folder: Path) -> None:
+    text = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(f'name = "another"\n{text}')
+    assert taction("--over", "C=50pF,60pF").exit_code in {0, 1}
+    assert (folder / "scene.sqlite").exists()
+    assert not (folder / "another.sqlite").exists()
+
+
 def test_no_verdict_at_any_point_ends_with_3(folder: Path) -> None:
     done = taction("--over", "R=100M,200M", "--fix", "topology=passive")
     assert done.exit_code == 3, done.output
