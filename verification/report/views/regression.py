@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from taction.verification.report.blocks import (
     BOTH,
@@ -17,14 +19,17 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.charts import Outcome
+from taction.verification.report.charts import Axis, Chart, Curve, Outcome
 from taction.verification.report.texts import outcome_cell, readable, spaced
 from taction.verification.report.texts import value_text as written_value
 from taction.verification.report.views.origin import origin_section
 from taction.verification.report.views.verdict import check_bar
+from taction.verification.studies.regression.baseline import Entry
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.verdict.compare import Difference
 
+Row = tuple[Cell, ...]
+CHANNEL = re.compile(r"((?:state |waveform )?u_?\d+)(.*)")  # of a quantity of one output
 SHOWN = 12  # changed quantities of a scene in a terminal; the page and JSON have them all
 LEAST_OFF = 1e-3  # tolerances: a smaller difference has no number
 OUTCOMES: dict[Status, Outcome] = {
@@ -90,14 +95,57 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
         "what": lambda each: each.label,
         "value": lambda each: readable(value_text(each.second, each.unit)),
         "baseline": lambda each: readable(value_text(each.first, each.unit)),
+        "difference": lambda each: readable(value_text(each.difference, each.unit)),
         "tolerance": lambda each: readable(value_text(each.allowed, each.unit)),
         "tolerances off": lambda each: _off(each.off),
         "note": lambda each: each.note,
     }
     title, most = "" if name else "Changes", {TERMINAL: SHOWN}
-    yield Table.of(title, result.changes, columns, "", most, "and {} more (--json has all)")
+    table = Table.of(title, result.changes, columns, "", most, "and {} more (--json has all)")
+    yield replace(table, rows=_joined(table.rows))
+    if medium == PAGE:
+        yield from _waveforms(result)
     if result.checks and medium == PAGE:
         yield Bars("Checks", tuple(check_bar(check) for check in result.checks))
+
+
+def _joined(rows: tuple[Row, ...]) -> tuple[Row, ...]:
+    """Return the rows of a table, those of channels that read the same in one: mirrored ones."""
+    same: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        channel = CHANNEL.fullmatch(row[0].text)
+        kind = channel[2] if channel else row[0].text
+        same.setdefault((kind, *(each.text for each in row[1:])), []).append(row)
+    return tuple(
+        (Cell(", ".join(row[0].text for row in found)), *found[0][1:]) for found in same.values()
+    )
+
+
+def _waveforms(result: SceneResult) -> Iterator[Chart]:
+    """Yield the output that changed most, now and in the baseline."""
+    now, then = result.entry, result.baseline
+    moved = [each for each in result.changes if each.group == "waveforms"]
+    known = [each.name for each in moved if now and then and _has_both(each.name, now, then)]
+    if now is None or then is None or not known:
+        return
+    name = known[0]
+    yield Chart(
+        f"Output {name}",
+        Axis("time", "s"),
+        Axis("output", "V"),
+        (
+            Curve(then.time, then.outputs[name], "baseline", "muted", "dash", width=2.5),
+            Curve(now.time, now.outputs[name], "now"),
+        ),
+        message="now and in the baseline",
+        summary=f"The output that changed most, {name}; dashed: the baseline.",
+        legend="inside",
+        height=300,
+    )
+
+
+def _has_both(name: str, now: Entry, then: Entry) -> bool:
+    return name in now.outputs and name in then.outputs
 
 
 def _off(off: float) -> Cell:
@@ -115,10 +163,10 @@ def change_line(change: Difference) -> str:
 
 
 def remarks(result: SceneResult) -> list[str]:
-    """Return the failed checks, the reason and the notes of a scene, one line each."""
+    """Return what explains the changes of a scene, its failed checks and the reason, in lines."""
     failed = [check for check in result.checks if check.outcome.value == "fail"]
     lines = [f"check {spaced(check.name)} fails: {check.reason}" for check in failed]
-    return [*lines, *([result.reason] if result.reason else []), *result.notes]
+    return [*result.notes, *lines, *([result.reason] if result.reason else [])]
 
 
 def headline(report: RegressionReport) -> str:

@@ -18,11 +18,13 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from taction.netlist_gen.scene.keys import all_keys
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import INLINE, plain, read, unknown_keys
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.system.quantities import written
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.versions import files_of
 from taction.verification.verdict.checks import Check
@@ -63,6 +65,9 @@ class Entry:
         Length of the record, s; None of an unstable board.
     time, outputs : samples
         Instants, s, and every output there, V.
+    keys : dict of str to str
+        The keys that the scene gives, with their values as it could write them; empty in a
+        baseline of an older taction.
     """
 
     name: str
@@ -75,6 +80,7 @@ class Entry:
     stop: Annotated[float | None, "s"] = None
     time: Annotated[tuple[float, ...], "s"] = ()
     outputs: Annotated[dict[str, tuple[float, ...]], "V"] = field(default_factory=dict)
+    keys: dict[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.record.value("growth_rate") is None:
@@ -125,6 +131,7 @@ def observe(verdict: Verdict, revision: str) -> Observation:
         stop=verdict.transient.stop if stable else None,
         time=tuple(time[sampled].tolist()),
         outputs=_samples(u[sampled]) if sampled.size else {},
+        keys=written_keys(verdict.scene),
     )
     return Observation(entry, time, u)
 
@@ -154,14 +161,41 @@ def _kept(record: Record, stable: bool) -> Record:
 
 def fingerprint(scene: Scene) -> str:
     """Return the SHA-256 of a scene as written, without its tolerances, and of its files."""
-    written = scene.model_dump(
-        mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True
-    )
-    digest = hashlib.sha256(json.dumps(written, sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps(_written(scene), sort_keys=True).encode())
     for name in files_of(scene).values():
         if isinstance(name, str):  # an array is in what was written
             digest.update(read_bounded(scene.folder / name, LARGEST))
     return digest.hexdigest()
+
+
+def _written(scene: Scene) -> dict[str, Any]:
+    return scene.model_dump(mode="json", exclude_unset=True, exclude={"regression"}, by_alias=True)
+
+
+def written_keys(scene: Scene) -> dict[str, str]:
+    """Return the keys that a scene gives, by their paths; a list has only its length.
+
+    Examples
+    --------
+    >>> from taction.netlist_gen.scene.scene import load_scene
+    >>> written_keys(load_scene("scenes/paper-breadboard.toml"))["design.capacitance"]
+    '10pF'
+    """
+    units = {key.path: key.unit for key in all_keys(scene)}
+
+    def texts(table: dict[str, Any], above: str) -> Iterator[tuple[str, str]]:
+        for name, value in table.items():
+            path = above + name
+            if isinstance(value, dict):
+                yield from texts(value, f"{path}.")
+            elif isinstance(value, list):
+                yield path, f"{len(value)} values"
+            elif isinstance(value, float) and units.get(path):
+                yield path, written(value, units[path]).strip('"')
+            else:
+                yield path, str(value)
+
+    return dict(texts(_written(scene), ""))
 
 
 def _instants(time: Floats, u: Floats) -> NDArray[np.intp]:

@@ -16,6 +16,7 @@ from taction.netlist_gen.scene.scene import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import INTERRUPTED, InputError, NoVerdictError
 from taction.system.output_files import printable
+from taction.system.quantities import NONE
 from taction.system.results import Result
 from taction.verification.readings.signals import lagrange
 from taction.verification.studies.regression.baseline import (
@@ -391,7 +392,15 @@ def _undecided(checks: Iterable[Check]) -> str:
 
 
 def _notes(now: Entry, then: Entry) -> Iterable[str]:
-    if now.fingerprint != then.fingerprint:
+    names = {**then.keys, **now.keys} if then.keys else {}
+    edited = [
+        f"{name.removeprefix('design.')} {then.keys.get(name, NONE)} → {now.keys.get(name, NONE)}"
+        for name in names
+        if then.keys.get(name) != now.keys.get(name)
+    ]
+    if edited:
+        yield f"edited: {', '.join(edited)}"
+    elif now.fingerprint != then.fingerprint:
         yield "the scene, or a file that it names, was edited since the baseline"
     versions = ("simulator", then.solved_by, now.solved_by), ("taction", then.taction, now.taction)
     for name, old, new in versions:

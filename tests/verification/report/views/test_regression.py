@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
+from itertools import groupby
 
 import pytest
 from lxml import etree
 
 from taction.system.documents import plain
 from taction.verification.report.blocks import PAGE, TERMINAL, Table
+from taction.verification.report.charts import Chart
 from taction.verification.report.junit import regression_junit
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.terminal import page_text
@@ -152,10 +155,14 @@ def test_an_accepted_change_is_no_failure() -> None:
 
 def test_markdown_tables_have_their_columns_whatever_a_reason_holds() -> None:
     text = markdown(view(report()))
-    rows = [line for line in text.splitlines() if line.startswith("|")]
-    assert rows
-    for row in rows:
-        assert len(re.findall(r"(?<!\\)\|", row)) == 7  # six cells
+    lines = groupby(text.splitlines(), key=lambda line: line.startswith("|"))
+    tables = [
+        [len(re.findall(r"(?<!\\)\|", row)) for row in rows] for table, rows in lines if table
+    ]
+    assert {count for table in tables for count in table} == {7, 8}  # six and seven cells
+    for table in tables:
+        assert len(table) > 2
+        assert len(set(table)) == 1
     assert "<b>" not in text
     assert "and 3 more" in text
     assert "| changed | changed | 1 of 1 pass | 64 | ngspice-46 | aaaaaaaaaaaa |" in text
@@ -202,3 +209,29 @@ def test_the_document_for_machines_has_every_difference() -> None:
 )  # fmt: skip
 def test_the_worst_scene_decides_the_exit_status(places: tuple[int, ...], status: int) -> None:
     assert report(*(RESULTS[place] for place in places)).exit_status == status
+
+
+def test_mirrored_channels_are_one_row() -> None:
+    def final(channel: int, value: float) -> Difference:
+        off = abs(value - 1.0) / 0.01
+        return Difference("channels", "final", channel, 1.0, value, "V", value - 1.0, 0.01, off)
+
+    moved = (final(1, 1.5), final(2, 1.25), final(7, 1.5))
+    result = SceneResult("a.toml", Status.CHANGED, (), moved, (), "", entry(), entry())
+    (table,) = (
+        b for b in view(report(result)).blocks(PAGE) if getattr(b, "title", "") == "Changes"
+    )
+    shown = [[cell.text for cell in row] for row in table.rows]
+    assert [row[0] for row in shown] == ["u_1.final, u_7.final", "u_2.final"]
+    assert [row[3:6] for row in shown] == [["500 mV", "10 mV", "50"], ["250 mV", "10 mV", "25"]]
+
+
+def test_the_output_that_changed_most_is_drawn_over_its_baseline() -> None:
+    then = replace(entry(), time=(0.0, 1.0), outputs={"u_1": (0.0, 1.0), "u_2": (0.0, 2.0)})
+    now = replace(then, outputs={"u_1": (0.0, 1.0), "u_2": (0.0, 3.0)})
+    moved = Difference("waveforms", "u_2", None, 2.0, 3.0, "V", 1.0, 0.01, 100.0, "max norm")
+    result = SceneResult("a.toml", Status.CHANGED, (), (moved,), (), "", now, then)
+    (chart,) = (each for each in view(report(result)).blocks(PAGE) if isinstance(each, Chart))
+    assert [(curve.name, curve.y) for curve in chart.marks] == [
+        ("baseline", (0.0, 2.0)), ("now", (0.0, 3.0))
+    ]  # fmt: skip

@@ -100,7 +100,8 @@ def test_a_regression_marks_what_changed() -> None:
     report = page("regress")
     assert report.outcome == "fail"
     changes = block(report, "Changes")
-    assert [row[4].text for row in changes.rows] == ["50"]
+    assert [row[3].text for row in changes.rows] == ["500 mV"]  # the difference
+    assert [row[5].text for row in changes.rows] == ["50"]
     assert isinstance(block(report, "Checks", Bars), Bars)
 
 

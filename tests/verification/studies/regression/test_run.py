@@ -18,7 +18,7 @@ from taction.verification.studies.regression.run import (
     regress,
     updated_baseline,
 )
-from tests.support.entries import write_fast
+from tests.support.entries import entry, write_fast
 from tests.support.paths import ROOT, SCENES
 
 
@@ -72,7 +72,7 @@ def test_a_scene_that_passes_otherwise_is_changed(
     write_fast(tmp_path / "a.toml", capacitance="10.5pF")
     report = run(tmp_path, passing)
     assert (only(report).status, report.exit_status) == (Status.CHANGED, 1)
-    assert "was edited" in only(report).notes[0]
+    assert only(report).notes[0] == "edited: capacitance 10pF → 10.5pF"
     assert {"figures", "waveforms"} <= {d.group for d in only(report).changes}
     assert [d.off for d in only(report).changes] == sorted(
         (d.off for d in only(report).changes), reverse=True
@@ -205,3 +205,14 @@ def test_another_engine_stays_within_the_tolerances(ngspice: str, tmp_path: Path
     assert result.status is Status.SAME
     assert result.notes[1].startswith("simulator was ngspice")
     assert result.worst < 0.3  # ngspice errs by a quarter of the tolerance at most
+
+
+def test_the_edited_key_comes_first_with_both_values() -> None:
+    then = entry(keys={"name": "a", "design.capacitance": "10pF"})
+    edited = {"fingerprint": "e" * 64, "taction": "0.2.0"}
+    now = entry(keys={"name": "a", "design.capacitance": "9.8pF", "design.prune": "0.1"}, **edited)
+    first, second = module._notes(now, then)
+    assert first == "edited: capacitance 10pF → 9.8pF, prune – → 0.1"
+    assert second == "taction was 0.1.0, now 0.2.0"
+    without = entry()  # of a baseline that has no keys
+    assert next(iter(module._notes(now, without))).endswith("was edited since the baseline")
