@@ -247,24 +247,27 @@ def _shown(curves: Curves, end: float, view: RestView) -> tuple[Floats, Floats, 
 
 
 def stress_chart(view: RestView) -> Chart:
-    """Return the recovered stress: the truth, the numerical solution, and the board at rest."""
-    places, truth, targets = view.problem.positions, view.problem.stress, view.targets
+    """Return the recovered stress: the truth, the numerical solution, and the board at rest.
+
+    As the problem's, it has no unit: an output of U0 is a stress of 1.
+    """
+    places, truth, unit = (
+        view.problem.positions,
+        view.problem.stress,
+        view.board.circuit.value("U0"),
+    )
+    targets, rest = view.targets / unit, view.rest / unit
     x = np.arange(1.0, len(view.rest) + 1.0) if places is None else places
     marks: list[Mark] = []
     if truth is not None:
-        truth = truth * view.board.circuit.value("U0")
         marks.append(Curve(x, truth, "true stress", "true", mark="circle", size=3.0, width=5.0))
     marks.append(Curve(x, targets, "regularised answer", "pass", "dash", width=2.0))
-    marks.append(Curve(x, view.rest, "board at rest", "fail", "", "circle-open", size=7.0))
-    note = f"Board less answer: at most {_largest(view.rest - targets)}."
+    marks.append(Curve(x, rest, "board at rest", "fail", "", "circle-open", size=7.0))
+    note = f"Board less answer: at most {float(np.abs(rest - targets).max(initial=0.0)):.3g}."
     if truth is not None:
         note += f" {true_error_text(view.answer)}"
     along = Axis("channel", whole=True) if places is None else Axis("place y")
-    return Chart("Recovered stress", along, Axis("", "V"), tuple(marks), summary=note)
-
-
-def _largest(differences: Floats) -> str:
-    return quantity(float(np.abs(differences).max(initial=0.0)), "V", 3)
+    return Chart("Recovered stress", along, Axis("stress"), tuple(marks), summary=note)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

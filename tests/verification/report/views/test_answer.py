@@ -14,6 +14,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import load_scene
 from taction.verification.design.exploration import judge, view_rest
 from taction.verification.reference import IdealNetwork, solve
+from taction.verification.report.explorer import parts
 from taction.verification.report.explorer.parts import rest_part, verdict_part
 from taction.verification.report.renderers.markdown import line, markdown
 from taction.verification.report.renderers.notebook import card
@@ -125,6 +126,17 @@ def test_the_explorer_says_the_same() -> None:
     assert verdict_part(found)["verdict"]["text"].endswith(answer_text(verdict.answer))
     note = rest_part(view_rest(scene, make_problem(scene)))["stress"]["note"]
     assert note.endswith(true_error_text(verdict.answer))
+
+
+def test_the_explorer_shows_the_stress_of_the_problem_without_a_unit() -> None:
+    scene = load_scene(SCENE)
+    problem = make_problem(scene)
+    chart = parts.stress_chart(view_rest(scene, problem))
+    assert (chart.y.title, chart.y.unit) == ("stress", "")
+    truth, answer = chart.marks[0], chart.marks[1]
+    np.testing.assert_array_equal(truth.y, problem.stress)
+    network = taction.solve(SCENE)
+    np.testing.assert_allclose(answer.y, network.u, rtol=1e-6, atol=1e-9)
 
 
 def test_the_documentation_quotes_sentences_of_shipped_scenes() -> None:
