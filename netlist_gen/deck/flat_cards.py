@@ -7,7 +7,7 @@ step: a source rests at its value before the first change, and steps at t = 0 to
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from taction.netlist_gen.board.branches import (
@@ -51,6 +51,7 @@ KINDS = {
 UNITS = {"v": "V", "i": "A"}
 MODEL = "vendor{}"  # name of an op-amp that is replaced
 IDLE = {"tc1", "tc2", "tc", "noisy", "temp", "dtemp"}  # without effect at 27 degrees C, or on poles
+NAMED = 4  # sources in a sentence
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
 PINS = "e_taction_pins_"  # name of the card that stands for an op-amp: its pins and its model
 RAILS = "g_taction_rails"  # that of its supplies
@@ -405,28 +406,25 @@ def stepped(flat: Flat) -> tuple[Flat, str]:
     """
     moving = [card for card, found in flat.stimuli.items() if found.moves]
     if moving:
-        return flat, f"{', '.join(map(shown, _lower(moving)))} steps at t = 0"
+        return flat, f"step at t = 0: {_named(moving)}"
     chosen = [card for card, found in flat.stimuli.items() if found.ac] or list(flat.stimuli)
     unit = {card for card in chosen if flat.stimuli[card].after == 0.0}
     if len(unit) == len(chosen):  # sources of an AC analysis have no value: they step to 1
         branches = [_on(p, 1.0) if p.card in unit else p for p in flat.branches]
-        text = "no source changes over time: {} steps from 0 to 1 at t = 0"
+        text = "no source changes over time, so at t = 0 from 0 to 1: {}"
     else:
         branches = [_on(p, p.value) if p.card in chosen else p for p in flat.branches]
-        text = "no source changes over time: {} is switched on at t = 0"
-    names = ", ".join(map(shown, _lower(chosen)))
-    return replace_branches(flat, branches), text.format(names) if names else ""
+        text = "no source changes over time, so switched on at t = 0: {}"
+    return replace(flat, branches=branches), text.format(_named(chosen)) if chosen else ""
 
 
-def _lower(cards: Iterable[str]) -> Iterator[str]:
-    return (card[0].lower() + card[1:] for card in cards)
+def _named(cards: Sequence[str]) -> str:
+    """Return the names of some cards; of many only the first ones."""
+    names = [shown(card[0].lower() + card[1:]) for card in cards]
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more
 
 
 def _on(part: Part, value: float) -> Branch:
     assert isinstance(part, Source)  # noqa: S101 - of `Flat.stimuli`
     return replace(part, before=0.0, value=value)
-
-
-def replace_branches(flat: Flat, branches: Iterable[Branch]) -> Flat:
-    """Return the parts with other branches."""
-    return replace(flat, branches=list(branches))

@@ -43,6 +43,7 @@ MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a t
 NOT_LINEAR = re.compile(
     r"^(?:[dqjmsb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
 )
+LISTED = 40  # names in a message
 RELATIVE = 1e-6  # reltol of the witness
 EDGE = 0.01  # of the first step: the edge of a step in ngspice
 Start = Literal["zero", "rest"]
@@ -123,6 +124,10 @@ class ForeignBoard:
 
     def moved(self, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
         """Return the circuit as a function of a ``.param``; `values` are expanded at once."""
+        if name not in self.parameters:
+            knobs = [knob.name for knob in self.circuit.knobs]
+            listed = ", ".join([*self.parameters, *knobs][:LISTED])
+            raise InputError(self.deck.file, Complaint("--over", name, f"expected one of {listed}"))
         known: dict[float, Circuit] = {}
 
         def take(wanted: Sequence[float]) -> None:

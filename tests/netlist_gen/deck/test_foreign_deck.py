@@ -1,0 +1,171 @@
+"""Hostile decks: nothing in them runs, nothing outside of their folder is read, no traceback."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from taction.netlist_gen.deck.flat_cards import CardError, read_cards, stimulus_of
+from taction.netlist_gen.deck.foreign_deck import read_deck
+from taction.system.errors import InputError, TactionError
+from taction.verification.studies.foreign_board import read_board
+
+RC = "V1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = tmp_path / "deck"
+    made.mkdir()
+    return made
+
+
+def written(folder: Path, text: str, name: str = "deck.cir") -> Path:
+    place = folder / name
+    place.write_text(text)
+    return place
+
+
+COMMANDS = (
+    ".control\nshell touch {mark}\n.endc\n",
+    ".control\nshell touch {mark}\n.endc\n.control\nsystem touch {mark}\n.endc\n",
+    "*#shell touch {mark}\n",
+    "*ng_script\n*#shell touch {mark}\n",
+    "* comment\r\n.control\r\nshell touch {mark}\r\n.endc\r\n",
+    RC.replace("1", "2") + " \t.CONTROL\nshell touch {mark}\n",
+    "R2 out 0 1k\n+\n.control\nwrite {mark}\n.endc\n",
+)
+
+
+@pytest.mark.parametrize("text", COMMANDS)
+def test_commands_do_not_run(text: str, folder: Path, ngspice: str) -> None:
+    mark = folder / "ran"
+    board = read_board(written(folder, "title\n" + text.format(mark=mark) + RC + ".end\n"))
+    assert not mark.exists()
+    assert board.circuit.resistors
+
+
+@pytest.mark.parametrize(
+    "card",
+    [
+        ".shell touch {mark}", ".exec touch {mark}", ".pre_osdi {mark}", ".csparam x=1",
+        ".if (1)", ".spiceinit", "A1 in out filesource", ".hdl x.va", ".codemodel x.cm",
+        ".verilog x.v", ".save all\x0b.control", "R9 in out `touch {mark}`",
+        "R9 in out \"1k\"", "N1 in out model", "Y1 in out model", "P1 in out 3",
+    ],
+)  # fmt: skip
+def test_other_cards_are_refused_by_name(card: str, folder: Path, ngspice: str) -> None:
+    mark = folder / "ran"
+    place = written(folder, f"t\n{RC}{card.format(mark=mark)}\n.end\n")
+    with pytest.raises(InputError) as error:
+        read_board(place)
+    assert "deck.cir" in str(error.value)
+    assert "line 5" in str(error.value)
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret.lib", "/etc/passwd", "link.lib", "sub/../../secret.lib", "..\\secret.lib"]
+)
+@pytest.mark.parametrize("card", [".include", ".lib", ".inc", ".INCLUDE"])
+def test_no_file_outside_of_the_folder_is_read(card: str, name: str, folder: Path) -> None:
+    secret = folder.parent / "secret.lib"
+    secret.write_text("Rsecret a b 4711\n")
+    (folder / "link.lib").symlink_to(secret)
+    place = written(folder, f't\n{RC}{card} "{name}"\n.end\n')
+    with pytest.raises(InputError, match=r"outside the deck's folder|no such file") as error:
+        read_deck(place)
+    assert "4711" not in str(error.value)
+
+
+def test_files_inside_the_folder_are_read(folder: Path, ngspice: str) -> None:
+    (folder / "lib").mkdir()
+    written(
+        folder / "lib", ".lib fast\nR7 out 0 7k\n.endl\n.lib slow\nR7 out 0 8k\n.endl\n", "a.lib"
+    )
+    written(folder / "lib", "R8 out 0 1\xb5\n", "b.inc")
+    place = written(folder, f"t\n{RC}.lib 'lib/a.lib' slow\n.include lib/b.inc\n.end\n")
+    board = read_board(place)
+    assert {part.card: part.ohms for part in board.circuit.resistors} == {
+        "R1": 1e3, "R7": 8e3, "R8": 1e-6
+    }  # fmt: skip
+
+
+def test_a_file_that_includes_itself_is_refused(folder: Path) -> None:
+    place = written(folder, f"t\n{RC}.include deck.cir\n")
+    with pytest.raises(InputError, match="within one another"):
+        read_deck(place)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "t\n", "t\n.end\n", "\x00\x00", "t\nR1\n", "t\nR1 a b\n", "t\nR1 a 0 1.2.3k\n",
+        "t\nR1 a 0 0\n", "t\nC1 a 0 {x}\n", "t\nX1 a b c nothing\n", "t\n.subckt a b\n",
+        "t\n.ends\nR1 a 0 1\n", "t\nE1 a 0 poly(2) b 0 c 0 0 1 1\nR1 a 0 1\n",
+        "t\nD1 a 0 dm\nR1 a 0 1k\n.model dm d\n", "t\nB1 a 0 V=v(a)*2\nR1 a 0 1\n",
+        "t\nM1 a b c d nm\nR1 a 0 1\n", "t\nF1 a 0 V9 2\nR1 a 0 1k\n",
+        "t\nK1 L1 L2 0.5\nR1 a 0 1\n",
+        "t\nG1 a 0 value={v(a)*v(a)}\nR1 a 0 1\n", "t\nV1 a 0 TRNOISE(1 1n)\nR1 a 0 1\n",
+        "t\nL1 a 0 -1m\nR1 a 0 1\n", "t\n.subckt s a\nX1 a s\n.ends\nX1 a s\nR1 a 0 1\n",
+        "t\nR1 a 0 1e999\n", "t\nR1 a 0 1k m=0\n", "t\nJ1 a b c jm\nR1 a 0 1\n", "+ x\n+ y\n",
+        "t\nV1 a 0 PULSE()\nR1 a 0 1\n", "t\nV1 a 0 PWL(0)\nR1 a 0 1\n", "t\nK1 L1\nR1 a 0 1\n",
+    ],
+)  # fmt: skip
+def test_what_is_no_linear_deck_is_refused_without_a_traceback(
+    text: str, folder: Path, ngspice: str
+) -> None:
+    from taction.verification.stability.poles import poles
+
+    place = written(folder, text)
+    with pytest.raises(TactionError) as error:
+        poles(read_board(place).circuit)
+    assert "bug" not in str(error.value)
+
+
+def test_a_bomb_of_subcircuits_ends(folder: Path, ngspice: str) -> None:
+    """30 levels of two calls each: a thousand million parts."""
+    levels = [f".subckt s{k} a\nX1 a s{k + 1}\nX2 a s{k + 1}\n.ends\n" for k in range(30)]
+    text = "t\nX1 a s0\n" + "".join(levels) + ".subckt s30 a\nR1 a 0 1k\n.ends\n.end\n"
+    place = written(folder, text)
+    with pytest.raises(TactionError):
+        read_board(place)
+
+
+def test_other_files_are_refused(folder: Path) -> None:
+    for name in ("board.asc", "missing.cir"):
+        with pytest.raises(InputError):
+            read_deck(folder / name)
+    os.mkfifo(folder / "pipe.cir")
+    with pytest.raises(InputError, match="not a regular file"):
+        read_deck(folder / "pipe.cir")
+
+
+def test_ltspice_writes_utf_16_and_micro(folder: Path) -> None:
+    place = folder / "ltspice.net"
+    place.write_bytes(
+        "* t\nR1 in out 1k\nC1 out 0 2\N{MICRO SIGN}\n.backanno\n.end\n".encode("utf-16")
+    )
+    assert read_deck(place).lines == ("r1 in out 1k", "c1 out 0 2u")
+
+
+@pytest.mark.parametrize(
+    ("text", "before", "after", "at"),
+    [
+        ("5", 5.0, 5.0, 0.0), ("dc 2 ac 1 90", 2.0, 2.0, 0.0), ("ac 1", 0.0, 0.0, 0.0),
+        ("pulse(1 2 3u)", 1.0, 2.0, 3e-6), ("dc 7 pwl(0 1 1n 1 2n 4)", 1.0, 4.0, 1e-9),
+        ("sin(0.5 1 1k)", 0.5, 0.5, 0.0), ("exp(0 3 1u)", 0.0, 3.0, 1e-6), ("", 0.0, 0.0, 0.0),
+        ("pulse 0 1meg 0", 0.0, 1e6, 0.0),
+    ],
+)  # fmt: skip
+def test_what_a_source_does(text: str, before: float, after: float, at: float) -> None:
+    found = stimulus_of(text)
+    assert (found.before, found.after, found.at) == (before, after, at)
+
+
+@pytest.mark.parametrize("card", ["q1 a b c m", "d1 a 0 m", "b1 a 0 v=1", "s1 a b c d m", "z1 a b"])
+def test_a_flat_card_that_is_not_linear_is_refused(card: str) -> None:
+    with pytest.raises(CardError, match="is not linear"):
+        read_cards([card])

@@ -1,0 +1,71 @@
+"""The decks that taction writes, read back, are the boards that it wrote."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import taction
+from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.poles import poles
+from taction.verification.studies.board_check import measure
+from taction.verification.studies.foreign_board import read_board
+
+READABLE = ("ngspice", "ltspice", "hspice")  # the dialects that ngspice can read
+LINEAR = ("integrator", "passive")
+SMALL = {
+    "base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "2.5MHz",
+    "output_resistance": "75ohm", "input_capacitance": "3pF",
+}  # fmt: skip
+
+
+def test_every_topology_of_taction_is_read_back() -> None:
+    assert set(LINEAR) <= set(TOPOLOGIES)
+
+
+@pytest.mark.parametrize("dialect", READABLE)
+@pytest.mark.parametrize("topology", LINEAR)
+@pytest.mark.parametrize("name", ["", "known-readings", "custom-matrix"])
+def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
+    name: str, topology: str, dialect: str, tmp_path: Path, ngspice: str
+) -> None:
+    if name:
+        if topology != "integrator":
+            pytest.skip("the scene is of the other topology")
+        scene = taction.load_scene(f"scenes/{name}.toml")
+    else:
+        matrix = [[1.0, 0.4, 0.1], [0.4, 1.0, -0.4], [0.1, -0.4, 1.0]]
+        scene = taction.Scene.from_arrays(
+            matrix, [0.4, 0.2, 0.1], topology=topology, unit_conductance="2uS", lam=5.0, opamp=SMALL
+        )
+    deck = taction.netlist(scene, dialect=dialect)
+    place = tmp_path / "board.cir"
+    place.write_text(deck.text)
+    board = read_board(place)
+    one, other = LinearBoard(deck.circuit), LinearBoard(board.circuit)
+    found, again = poles(one), poles(other)
+    assert board.initial == deck.analysis.initial
+    assert [out.node for out in board.circuit.outputs] == [out.node for out in deck.circuit.outputs]
+    assert len(found.poles) == len(again.poles)
+    left = found.poles.tolist()
+    for pole in again.poles.tolist():
+        nearest = min(left, key=lambda each: abs(each - pole))
+        left.remove(nearest)
+        assert abs(nearest - pole) <= 1e-9 * abs(pole)
+    assert found.known_stable
+    first, second = (
+        measure(each, each_poles, 0.01, board.initial)
+        for each, each_poles in ((one, found), (other, again))
+    )
+    signs = np.array([out.sign for out in deck.circuit.outputs])
+    for n, (a, b) in enumerate(zip(first.channels, second.channels, strict=True)):
+        assert b.final == pytest.approx(signs[n] * a.final, rel=1e-9, abs=1e-12)
+        for reading, value in a.readings.items():
+            there = b.readings[reading]
+            assert (value is None) == (there is None)
+            if value is not None and there is not None:
+                apart = value.uncertainty + there.uncertainty
+                assert abs(value.value - there.value) <= 1e-7 * abs(value.value) + apart + 1e-9
