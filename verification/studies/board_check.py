@@ -36,9 +36,9 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements, channel_measure, summary
-from taction.verification.readings.readings import Reading, Step, unread
+from taction.verification.readings.readings import Reading, unread
 from taction.verification.readings.settling import ChannelState, Settlement
-from taction.verification.stability.edges import Edge, Scan
+from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.families import Family
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.studies.part_influence import PartRow, influences
@@ -61,6 +61,7 @@ SPARSE = "noopiter"  # the matrix solver that every ngspice has
 TIMEOUT = 300.0  # of ngspice, s
 SAMPLED = 5000  # instants at which the largest excursion is looked for
 NO_RISE = "the output returns to where it was: it has no step"
+UNSTABLE = "the board is not stable"
 AROUND = 30.0  # range of a value without one
 Progress = Callable[[str], None]
 Start = Literal["zero", "rest"]
@@ -116,20 +117,20 @@ class Sweep:
     """A board over one value: every crossing of the imaginary axis, and readings at the values."""
 
     DOCUMENT = (
-        *("name", "unit", "own", "crossings", "stable_ranges = scan.stable_ranges"),
+        *("name", "unit", "own", "crossings", "stable_ranges = edges.stable_ranges"),
         "points",
     )
 
     name: str
     unit: str
     own: Number
-    scan: Scan
+    edges: Edges
     points: tuple[PointRow, ...]
 
     @property
     def crossings(self) -> tuple[Edge, ...]:
         """Values at which a pole crosses the imaginary axis."""
-        return self.scan.edges
+        return self.edges.edges
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -286,24 +287,27 @@ def check_board(
     )
 
 
-def measure(
-    board: LinearBoard, found: Poles, band: float, initial: Start, level: float = 1e-6
-) -> Measurements:
+def measure(board: LinearBoard, found: Poles, band: float, initial: Start) -> Measurements:
     """Measure the step of the outputs against their own equilibrium."""
-    before, rest, error = _ends(board, initial)
-    pulses = _pulses(board, before, rest, error, initial)
+    response, returns = _response(board, initial, band)
     if found.known_stable:
-        response = ExactResponse(board, rest, pulses, initial, band, error, level)
         (measured,) = measure_responses([response])
-        return measured if pulses is before else _settling_alone(measured)
-    step, nothing = Step(pulses, rest), unread(len(rest))
+        return _settling_alone(measured) if returns else measured
+    step, nothing = response.step, unread(len(response.target))
     state = ChannelState.OSCILLATING if found.known_unstable else ChannelState.UNDECIDED
-    still = Settlement(state, None, "the board is not stable")
+    still = Settlement(state, None, UNSTABLE)
     channels = [
-        channel_measure(n, float(rest[n]), step, nothing, still, None, "the board is not stable")
-        for n in range(len(rest))
+        channel_measure(n, end, step, nothing, still, None, UNSTABLE)
+        for n, end in enumerate(response.target.tolist())
     ]
     return summary(step.amplitude, band, (), channels)
+
+
+def _response(board: LinearBoard, initial: Start, band: float) -> tuple[ExactResponse, bool]:
+    """Return the step of the outputs, to be measured, and whether they return to their start."""
+    before, rest, error = _ends(board, initial)
+    start = _pulses(board, before, rest, error, initial)
+    return ExactResponse(board, rest, start, initial, band, error), start is not before
 
 
 def _pulses(
@@ -495,24 +499,38 @@ def _sweep(
             known = ", ".join(each.name for each in folded.values())
             raise InputError("--over", Complaint("name", repr(name), f"expected one of {known}"))
         family = Family.over(build(name.lower(), values))
-    scan = family.scan(values, logarithmic=logarithmic)
-    points = tuple(_point(family, value, initial, asked) for value in values)
-    return Sweep(knob.name if knob else name, unit, own, scan, points)
+    if family.ports is not None and logarithmic:
+        edges = family.edges(min(values), max(values))
+    else:
+        edges = family.scan(values, logarithmic=logarithmic)
+    band = asked.limits.settling_time.band
+    return Sweep(
+        knob.name if knob else name, unit, own, edges, _points(family, values, initial, band)
+    )
 
 
-def _point(family: Family, value: float, initial: Start, asked: Wanted) -> PointRow:
-    """Return poles and readings at one value."""
+def _points(
+    family: Family, values: Sequence[float], initial: Start, band: float
+) -> tuple[PointRow, ...]:
+    """Return poles and readings at each value; those of all stable boards are measured at once."""
+    rows, responses = list[PointRow](), dict[int, tuple[ExactResponse, bool]]()
+    for k, value in enumerate(values):
+        try:
+            board = LinearBoard.of(family.board(value))
+            found = poles(board)
+            lead = found.rightmost
+            rows.append(PointRow(value, lead.real, lead.imag / math.tau, found.stable))
+            if found.known_stable:
+                responses[k] = _response(board, initial, band)
+        except (EngineError, InputError) as error:
+            rows[k:] = [PointRow(value, None, None, None, failure=str(error))]
     try:
-        board = LinearBoard.of(family.board(value))
-        found = poles(board)
-        lead = found.rightmost
-        row = PointRow(value, lead.real, lead.imag / math.tau, found.stable)
-        if not found.known_stable:
-            return row
-        measured = measure(board, found, asked.limits.settling_time.band, initial)
-        return replace(row, **_values(measured))
-    except (EngineError, InputError) as error:
-        return PointRow(value, None, None, None, failure=str(error))
+        measured = measure_responses([response for response, _ in responses.values()])
+    except EngineError as error:
+        return tuple(replace(row, failure=str(error)) for row in rows)
+    for (k, (_, returns)), each in zip(responses.items(), measured, strict=True):
+        rows[k] = replace(rows[k], **_values(_settling_alone(each) if returns else each))
+    return tuple(rows)
 
 
 def _values(measured: Measurements) -> dict[str, Any]:

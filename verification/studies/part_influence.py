@@ -12,13 +12,14 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Knob
 from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
+from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 from taction.verification.stability.families import Family
 from taction.verification.stability.margin import REACH, Margin, find_margin
 from taction.verification.stability.poles import Poles
 
-MOST_MARGINS = 24  # parts whose margins are found unless a margin is checked
+MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
 MOVED = 1e-5  # relative change of a value for a sensitivity
 
 
@@ -93,45 +94,62 @@ def _vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
 def influences(
     board: LinearBoard, found: Poles, every: bool
 ) -> tuple[Margin | None, tuple[PartRow, ...]]:
-    """Return the least margin of any part, and the rows of all parts, the most important first."""
+    """Return the least margin of any part, and the rows of all parts, the most important first.
+
+    The margin is None unless `every` part was to be looked at; else the edges are those of the
+    `MOST_MARGINS` parts that move the rightmost pole most.
+    """
     c, rates = board.circuit, sensitivities(board, found)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
-    looked = order if every else order[:MOST_MARGINS]
-    found_ = {name: _both_ways(board, name, found) for name in looked} if found.known_stable else {}
+    looked = (order if every else order[:MOST_MARGINS]) if found.known_stable else []
     rows = []
     for name in order:
-        ways, own = found_.get(name, {}), c.value(name)
-        ends = {
-            side: None if margin.uncertainty == 0.0 else own * margin.factor**sign
-            for (side, sign), margin in zip(SIDES.items(), ways.values(), strict=False)
-        }
-        rate = rates[name]
-        doubt = next((m.doubt for m in ways.values() if m.doubt), "")
+        below, above, doubt = _nearest(board, name, found) if name in looked else (None, None, "")
+        rate, unit = rates[name], c.facts[name].unit
         frequency = rate.imag / math.tau
-        rows.append(
-            PartRow(name, own, c.facts[name].unit, rate.real, frequency, **ends, doubt=doubt)
-        )
-    all_ = [margin for ways in found_.values() for margin in ways.values()]
-    if not all_:
-        return (Margin(0.0, 0.0, "the board is not stable") if rates else None), tuple(rows)
-    least = min(all_, key=lambda margin: margin.factor)
-    doubts = next((margin.doubt for margin in all_ if margin.doubt), "")
-    return replace(least, doubt=least.doubt or doubts), tuple(rows)
+        rows.append(PartRow(name, c.value(name), unit, rate.real, frequency, below, above, doubt))
+    if not every:
+        return None, tuple(rows)
+    if not looked:
+        return Margin(0.0, 0.0, "the board is not stable"), tuple(rows)
+    return _least(board, rows, found), tuple(rows)
 
 
-SIDES = {"below": -1, "above": 1}
+def _nearest(board: LinearBoard, name: str, found: Poles) -> tuple[float | None, float | None, str]:
+    """Return the nearest edges below and above a value, and why they are in doubt."""
+    own, knob = board.circuit.value(name), board.circuit.knob(name)
+    family = Family.of(board, knob)
+    if not own > 0.0 or family.ports is None:
+        return None, None, ""
+    try:
+        edges = family.edges(own / REACH, own * REACH, found)
+    except EngineError as error:
+        return None, None, str(error)
+    values = [edge.value for edge in edges.edges]
+    doubt = "a pole comes close to the axis" if edges.near else ""
+    below = max((value for value in values if value < own), default=None)
+    return below, min((value for value in values if value > own), default=None), doubt
+
+
+def _least(board: LinearBoard, rows: list[PartRow], found: Poles) -> Margin:
+    """Return the least margin of all parts, confirmed by poles on both sides of its edge."""
+    factors = {}
+    for row in rows:
+        own = row.value or 1.0
+        if row.below is not None:
+            factors[row.name, "below"] = own / row.below
+        if row.above is not None:
+            factors[row.name, "above"] = row.above / own
+    name, side = min(factors, key=factors.__getitem__, default=(rows[0].name, "above"))
+    knob = replace(board.circuit.knob(name), margin=WAYS[side])
+    least = find_margin(_turning(board, knob), name, REACH, found)
+    if not factors:
+        least = replace(least, text=f"no crossing up to a factor of {REACH:g} of any part")
+    doubts = next((f"{row.name}: {row.doubt}" for row in rows if row.doubt), "")
+    return replace(least, doubt=least.doubt or doubts)
+
+
 WAYS: Mapping[str, Literal["smaller", "larger"]] = {"below": "smaller", "above": "larger"}
-
-
-def _both_ways(board: LinearBoard, name: str, found: Poles) -> dict[str, Margin]:
-    """Return the margins of a knob as its value shrinks and as it grows."""
-    knob = board.circuit.knob(name)
-    if not board.circuit.value(name) > 0.0 or Family.of(board, knob).ports is None:
-        return {}
-    return {
-        side: find_margin(_turning(board, replace(knob, margin=way)), name, REACH, found)
-        for side, way in WAYS.items()
-    }
 
 
 def _turning(board: LinearBoard, knob: Knob) -> LinearBoard:

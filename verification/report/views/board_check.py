@@ -154,9 +154,9 @@ def _swept(found: Sweep) -> Section:
 
 
 def _sweep(found: Sweep) -> Iterator[Block]:
-    low, high = found.scan.low, found.scan.high
+    low, high = found.edges.low, found.edges.high
     unit = found.unit
-    stable = ranges_text(found.scan, low, high, unit)
+    stable = ranges_text(found.edges, low, high, unit)
     crossings = {
         "crossing": lambda edge: number_cell(edge.value, unit, 8),
         "frequency": lambda edge: (
