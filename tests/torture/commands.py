@@ -6,6 +6,7 @@ import json
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from tests.support.paths import ROOT, SCENES
 from tests.support.running import NO_BYTECODE
 from tests.torture.killing import BAD_WORDS, LIMIT, ORPHAN_LIMIT, Report
 from tests.torture.studies import MARK, SCENE
-from tests.torture.victims import wait_for_end
+from tests.torture.victims import send, wait_for_end
 
 COMMANDS: dict[str, tuple[str, ...]] = {
     "verify": ("verify", SCENE, "--engine", "statespace", "--json"),
@@ -95,7 +96,9 @@ def run_command(name: str, what: str, folder: Path, usual: int | None, seed: str
         process.wait()
     if (work / "status").exists():  # of the command, whose shell waits for the reader
         report.status = int((work / "status").read_text())
-    report.orphans = [p.kind for p in wait_for_end(folder, process.pid, ORPHAN_LIMIT)]
+    for orphan in wait_for_end(folder, process.pid, ORPHAN_LIMIT):
+        report.orphans.append(orphan.kind)
+        send(orphan, signal.SIGKILL)
     report.leftovers = [p.name for p in temporary.iterdir() if "-kept-" not in p.name]
     report.faults += wrong(report, condition, usual, folder)
     return report

@@ -6,9 +6,10 @@ import os
 import random
 import shutil
 import signal
+import subprocess
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 
 from tests.support import clusters
 from tests.support.paths import ROOT
-from tests.torture.killing import Report, again, end
+from tests.torture.killing import LIMIT, Report, again, end
 from tests.torture.studies import DATABASE, Place, Study, rows
 from tests.torture.victims import wait_for_end
 
@@ -68,6 +69,8 @@ def two_at_once(
     first = place.start(study)
     time.sleep(0.5 * chance.random() * seconds)
     second = place.start(study)
+    with suppress(subprocess.TimeoutExpired):  # which `end` reports
+        second.wait(LIMIT)
     end(report, first, place)
     end(report, second, place)
     again(report, study, place, expected)

@@ -13,7 +13,7 @@ from typing import Any
 from tests.torture.studies import Place, Study
 from tests.torture.victims import handles, processes, send, wait_for_end
 
-LIMIT = 90.0  # s until a command that was disturbed has ended
+LIMIT = 300.0  # s until a command that was disturbed has ended
 ORPHAN_LIMIT = 15.0  # s until no process of the run is left
 LOOK = 0.005  # s between two looks for a victim
 BAD_WORDS = ("Traceback", "this is a bug", "Exception ignored")
