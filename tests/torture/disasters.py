@@ -53,9 +53,9 @@ def power_cut(
         if chance.random() < 0.5:
             os.truncate(log, kept)
         else:
-            with log.open("r+b") as file:
-                file.seek(kept // SECTOR * SECTOR)
-                file.write(bytes(SECTOR * chance.randint(1, 20)))
+            with log.open("r+b") as stream:
+                stream.seek(kept // SECTOR * SECTOR)
+                stream.write(bytes(SECTOR * chance.randint(1, 20)))
     again(report, study, later, expected)
     return report
 
