@@ -53,7 +53,7 @@ class Condition:
 
 def conditions(chance: random.Random) -> dict[str, Condition]:
     """Every condition by name, with sizes drawn by `chance`."""
-    files, blocks = chance.randint(6, 40), chance.randint(0, 100)
+    files, blocks = chance.randint(6, 40), chance.randint(8, 100)
     return {
         "nothing": Condition(),
         "stderr full": Condition('exec "$0" "$@" 2>/dev/full'),
