@@ -25,7 +25,8 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene, load_scene
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients.amplified import Amplified
+from taction.verification.engines.statespace.transients.stepped import TOLERANCE, Run
+from taction.verification.engines.statespace.transients.steps import DenseBoard
 from taction.verification.verdict import simulation
 from taction.verification.verdict.recording import Accuracy
 from taction.verification.verdict.verify import verify
@@ -172,19 +173,21 @@ def by_scipy(scene: Scene) -> float:
     """Return the error of `true_solution` beside SciPy's Radau method, in `ERROR` volts."""
     board = Board.of(scene)
     transient, nodes = board.plan.transient, board.linear.reported(None)
-    system = Amplified(board.linear, nodes)
+    run = Run.of(board.linear, nodes, transient, TOLERANCE, transient.stop)
+    assert isinstance(run.board, DenseBoard)
+    rate, jacobian, watch = run.board.equations(run.reported.amplifiers)
     times = np.linspace(0.0, transient.stop, INSTANTS)
     found = solve_ivp(
-        lambda _, x: system.rate(x),
+        lambda _, e: rate(e),
         (0.0, transient.stop),
-        system.start(transient),
+        run.state,
         method="Radau",
-        jac=lambda _, x: system.jacobian(x),
+        jac=lambda _, e: jacobian(e),
         t_eval=times,
         rtol=1e-8,
         atol=1e-11,
     )
-    off = system.report(system.watch(found.y).T) - true_solution(board.linear, transient)(times)
+    off = run.reported.voltages(watch(found.y)) - true_solution(board.linear, transient)(times)
     return float(np.abs(off).max()) / ERROR
 
 

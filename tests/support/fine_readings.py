@@ -12,7 +12,7 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.engines.statespace.transients import amplified
+from taction.verification.engines.statespace.transients import stepped
 from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.reference.ideal_answer import ideal_answer
 from taction.verification.verdict.companion import measure_outputs
@@ -39,7 +39,7 @@ def fine_readings(scene: Scene) -> TrueValues:
     transient = Transient(stop, stop, initial=scene.analysis.initial)
     design = replace(design, plan=replace(design.plan, transient=transient))
     times = StepModel.of(board, stop, transient.initial, stable=True).instants(SPACING)
-    wave = amplified.simulate(board, transient, times=times, tolerance=TOLERANCE)
+    wave = stepped.simulate(board, transient, times=times, tolerance=TOLERANCE)
     measured = measure_outputs(design, ideal, wave)
     finals = SteadyState.of(board, design.scales).values
     channels = []

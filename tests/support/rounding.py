@@ -12,15 +12,11 @@ import numpy as np
 
 from taction.verification.engines.statespace.equations import stamps
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.transients import (
-    amplified,
-    exact,
-    structured_radau,
-)
+from taction.verification.engines.statespace.transients import exact, stepped
 from taction.verification.verdict import companion
 
 SIZE = 4e-16  # relative; standard deviation
-TRANSIENTS = (amplified, exact, structured_radau)
+TRANSIENTS = (exact, stepped)
 
 
 @contextmanager
@@ -50,10 +46,6 @@ def rounded(seed: int) -> Iterator[None]:
     begins = [(room, "initial_unknowns") for room in TRANSIENTS]
     with ExitStack() as changed:
         changed.enter_context(patch.object(stamps, "Descriptor", stamped))
-        for owner, name in (
-            *begins,
-            (amplified.Wide, "start"),
-            (companion, "outputs"),
-        ):
+        for owner, name in (*begins, (companion, "outputs")):
             changed.enter_context(patch.object(owner, name, after(getattr(owner, name))))
         yield

@@ -102,7 +102,8 @@ def find_companion(design: PlannedBoard, record: Waveforms) -> Companion:
     SimulationError
         The state-space engine has no solution, and the second run of ngspice failed.
     """
-    tolerance, board = state_space_tolerance(design.plan.wanted), design.board
+    board = design.board
+    tolerance = state_space_tolerance(design.plan.wanted, linear=board.circuit.is_linear)
     dense = None if is_exact(board) else design.plan.instants(board)
     try:
         return state_space_companion(board, design.transient, record, tolerance, dense)
@@ -152,7 +153,7 @@ def state_space_companion(
     solution = simulate(board, transient, times=times, tolerance=tolerance)
     if len(solution.time) < len(times):
         raise EngineError("its record ends before the record of ngspice")
-    error = state_space_error(board, transient, solution, tolerance)
+    error = state_space_error(board, solution)
     if not math.isfinite(error.volts):
         raise EngineError(error.how)
     how = "difference to the state-space engine, and the error of that engine"

@@ -39,17 +39,11 @@ from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import (
-    amplified,
-    reduced_transient,
-    structured_radau,
-)
+from taction.verification.engines.statespace.transients import reduced_transient
+from taction.verification.engines.statespace.transients.stepped import halved
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
 
-TIGHTER = 16.0  # the first run's tolerance over the second's
-ADAPTED = 0.125  # of the difference of two such runs: error of the second, at most twice the 1/15
-# that follows if the error is proportional to the tolerance; the order of the method gives less
 PATTERNED = 1.0  # of the difference to a model of more patterns, which may err hardly less
 HALVED = 0.5  # of the difference to half the steps: error of the second run if it errs a third
 
@@ -86,42 +80,24 @@ def is_exact(board: LinearBoard) -> bool:
     return board.circuit.is_linear and not board.descriptor.is_large
 
 
-def state_space_error(
-    board: LinearBoard, transient: Transient, record: Waveforms, tolerance: float
-) -> StateSpaceError:
-    """Bound the error of a `record` of the state-space engine, of a relative `tolerance`."""
+def state_space_error(board: LinearBoard, record: Waveforms) -> StateSpaceError:
+    """Bound the error of a `record` of the state-space engine."""
     if is_exact(board):
         how = "bound on the rounding of the exact solution"
         return StateSpaceError(record.rounding, record.rounding, 0.0, record.method, how)
     method, rounding = record.method, record.rounding
     try:
-        other, share, smaller = _second_run(board, transient, record, tolerance)
+        if method == reduced_transient.METHOD:
+            other, share, finer = reduced_transient.refined(record), PATTERNED, "more patterns"
+        else:
+            other, share, finer = halved(record), HALVED, "half the steps"
     except EngineError as error:
         how = f"the second run failed: {error}"
         return StateSpaceError(math.nan, rounding, math.nan, method, how)
-    if len(other.time) < len(record.time):
-        how = "the second run ends before the first"
-        return StateSpaceError(math.nan, rounding, math.nan, method, how)
     apart = float(np.abs(other.values - record.values).max())
     left = share * apart + other.rounding
-    how = f"difference to a run with {smaller}, and what that run and rounding leave"
+    how = f"difference to a run with {finer}, and what that run and rounding leave"
     return StateSpaceError(apart + left + rounding, rounding, left, method, how, other)
-
-
-def _second_run(
-    board: LinearBoard, transient: Transient, record: Waveforms, tolerance: float
-) -> tuple[Waveforms, float, str]:
-    """Return a run with smaller steps at the instants of `record`.
-
-    Also return the largest error that it can have, as a share of the difference, and its name.
-    """
-    if board.circuit.is_linear:
-        if record.method == reduced_transient.METHOD:
-            return reduced_transient.refined(record), PATTERNED, "more patterns"
-        return structured_radau.halved(board, transient, record), HALVED, "half the steps"
-    second, nodes, times = tolerance / TIGHTER, record.nodes, record.time
-    run = amplified.simulate(board, transient, nodes=nodes, times=times, tolerance=second)
-    return run, ADAPTED, f"the tolerance {second:g}"
 
 
 # With KLU the tiny steps after a start from zero have more rounding than with the older solver;
@@ -134,6 +110,7 @@ SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not s
 GROWING = 20_000  # least number of points in the record of an unstable board
 STEP_SHARE = 0.2  # of a wanted error: the tolerance of the state-space engine
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # limits set by rounding and by convergence
+CURVED_TOLERANCE = 1e-6  # the most for a board with amplifiers, also where the checks need less
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,12 +190,13 @@ def choose_engine(scene: Scene) -> str:
     return "ngspice"
 
 
-def state_space_tolerance(wanted: float) -> float:
+def state_space_tolerance(wanted: float, *, linear: bool = True) -> float:
     """Return the tolerance of the state-space engine's steps for an error of `wanted`.
 
     Step errors add up over the periods of ringing, so the tolerance is well below `wanted`.
     """
-    return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), MOST_TOLERANCE)
+    most = MOST_TOLERANCE if linear else CURVED_TOLERANCE
+    return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), most)
 
 
 def begin(design: PlannedBoard) -> Pending:
@@ -340,7 +318,7 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
     from taction.verification.engines.statespace.transients.simulate import simulate
 
     board, plan = design.board, design.plan
-    tolerance = state_space_tolerance(plan.wanted)
+    tolerance = state_space_tolerance(plan.wanted, linear=board.circuit.is_linear)
     analysis = plan.transient
 
     def fill() -> Waveforms:
@@ -363,8 +341,7 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
 
 
 def _statespace_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError:
-    tolerance = state_space_tolerance(design.plan.wanted)
-    return state_space_error(design.board, design.transient, waveforms, tolerance)
+    return state_space_error(design.board, waveforms)
 
 
 OWN = {

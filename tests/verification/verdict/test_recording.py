@@ -213,6 +213,7 @@ def test_tolerances_stay_where_an_engine_can_follow() -> None:
     assert state_space_tolerance(1e-4) == pytest.approx(2e-5)
     assert state_space_tolerance(1e-15) == 1e-10
     assert state_space_tolerance(0.5) == 1e-3
+    assert state_space_tolerance(0.5, linear=False) == 1e-6  # whatever the checks need
 
 
 TRIED = Accuracy(1e-4, 4e-4, 2.0, 1000, 100.0, "ngspice-46", "trapezoidal", "")

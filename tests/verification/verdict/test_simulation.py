@@ -14,7 +14,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import simulate, structured_radau
+from taction.verification.engines.statespace.transients import simulate, stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
@@ -62,7 +62,7 @@ BETWEEN = TIMES[:-1] + 0.37 * np.diff(TIMES)
 def run(circuit: Circuit, tolerance: float) -> tuple[Waveforms, StateSpaceError]:
     made, analysis = LinearBoard(circuit), Transient(TIMES[-1], 1e-6)
     record = simulate.simulate(made, analysis, times=TIMES, tolerance=tolerance)
-    return record, state_space_error(made, analysis, record, tolerance)
+    return record, state_space_error(made, record)
 
 
 def check(record: Waveforms, stated: StateSpaceError, truth: Floats, between: Floats) -> None:
@@ -111,11 +111,11 @@ def test_an_exact_solution_errs_by_its_rounding() -> None:
 def test_half_of_every_step_is_taken() -> None:
     T, eps = kernel(7, 3.0), strain(7, 3.0)
     made, analysis = LinearBoard(board(T, eps, two_pole(790e3, 12e-12))), Transient(2e-4, 1e-6)
-    first = structured_radau.simulate(made, analysis, tolerance=1e-4)
-    second = structured_radau.halved(made, analysis, first)
+    first = stepped.simulate(made, analysis, tolerance=1e-4)
+    second = stepped.halved(first)
     assert second.cost.points == 2 * first.cost.points
     wanted = exact_solution(made).at(first.time)
     coarse, fine = (np.abs(wave.values - wanted).max() for wave in (first, second))
     assert fine <= HALVED * (coarse - fine)
-    with pytest.raises(EngineError, match="not one of the structured stepper"):
-        structured_radau.halved(made, analysis, replace(first, curve=None))
+    with pytest.raises(EngineError, match="not one of the integrator"):
+        stepped.halved(replace(first, curve=None))

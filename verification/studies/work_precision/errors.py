@@ -14,8 +14,9 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import amplified, structured_radau
+from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.engines.statespace.transients.steps import DenseBoard
 from taction.verification.readings.mode_fit import fit_modes
 from taction.verification.readings.readings import settling_times
 from taction.verification.readings.signals import FEWEST_POINTS, SampledSignal
@@ -152,15 +153,8 @@ def board_exact(task: Task, time: Floats) -> Floats:
 
 def board_implicit(task: Task, time: Floats) -> Floats:
     """Return the solution of the adaptive implicit engine."""
-    waveforms = amplified.simulate(task.circuit, task.transient, times=time, tolerance=TIGHT)
-    return outputs(task.circuit, waveforms)
-
-
-def board_structured(task: Task, time: Floats) -> Floats:
-    """Return the solution of the structured engine for linear boards."""
-    waveforms = structured_radau.simulate(
-        task.circuit, task.transient, times=time, tolerance=STRUCTURED
-    )
+    tolerance = STRUCTURED if LinearBoard(task.circuit).descriptor.is_large else TIGHT
+    waveforms = stepped.simulate(task.circuit, task.transient, times=time, tolerance=tolerance)
     return outputs(task.circuit, waveforms)
 
 
@@ -169,16 +163,18 @@ def board_lsoda(task: Task, time: Floats) -> Floats:
     from scipy.integrate import solve_ivp
 
     board = LinearBoard(task.circuit)
-    system = amplified.Amplified(board, board.reported(None))
+    run = stepped.Run.of(board, board.reported(None), task.transient, TIGHT, float(time[-1]))
+    if not isinstance(run.board, DenseBoard):
+        raise EngineError("the board is too large for LSODA")
+    rate, jacobian, watch = run.board.equations(run.reported.amplifiers)
     solution = solve_ivp(
-        lambda _, x: system.rate(x), (0.0, float(time[-1])),
-        system.start(task.transient), "LSODA", t_eval=time,
-        jac=lambda _, x: system.jacobian(x), rtol=TIGHT, atol=ABSOLUTE * TIGHT,
+        lambda _, e: rate(e), (0.0, float(time[-1])), run.state, "LSODA", t_eval=time,
+        jac=lambda _, e: jacobian(e), rtol=TIGHT, atol=ABSOLUTE * TIGHT,
     )  # fmt: skip
-    y = solution.y
-    if not solution.success or y.shape[1] != len(time) or not np.all(np.isfinite(y)):
+    e = solution.y
+    if not solution.success or e.shape[1] != len(time) or not np.all(np.isfinite(e)):
         raise EngineError(f"LSODA gave up: {solution.message}")
-    return _signs(task) * system.report(system.watch(y).T)
+    return _signs(task) * run.reported.voltages(watch(e))
 
 
 def ideal_exact(task: Task, time: Floats) -> Floats:
@@ -200,11 +196,7 @@ REFERENCES = {
     "board": (
         ReferenceMethod("state space, exact", "modes", small_linear_board, board_exact),
         ReferenceMethod(
-            f"state space, implicit at {TIGHT:g}", "Radau IIA, 5 stages", any_board, board_implicit
-        ),
-        ReferenceMethod(
-            f"state space, structured at {STRUCTURED:g}", "Radau IIA, 7 stages", linear_board,
-            board_structured,
+            f"state space, implicit at {TIGHT:g}", "Radau IIA, 9 stages", any_board, board_implicit
         ),
         ReferenceMethod(
             f"LSODA at {TIGHT:g} on the state space", "LSODA", small_board, board_lsoda

@@ -135,6 +135,14 @@ class Structure:
         """Return the voltages for charges ``M z``, at a `rate` (1/s) far above all poles."""
         return np.asarray(rate * self.factor(rate).solve(charge))
 
+    def stiffness_times(self, z: Floats) -> Floats:
+        """Return ``K z`` with the amplifiers' slopes, (size,)."""
+        product = self.local @ z
+        for part in self.descriptor.couplings:
+            product[part.sinks] += part.conductance @ z[part.drivers]
+            product[part.drivers] += (part.conductance.T @ z[part.sinks]) * part.loaded
+        return np.asarray(product)
+
     def solver(self, shift: complex) -> Callable[[Any], Any]:
         """Return ``r -> x`` at a shift; a second transient of the board finds it ready.
 

@@ -4,7 +4,7 @@
 two a decade. More of them are added until two boards of patterns in turn have the same outputs, and
 until the residual of the board's own equations, solved at each rate, leaves the outputs in place.
 A board with growing modes, or one that needs too many patterns, is integrated by steps
-(`structured_radau`), with the same bounds.
+(`stepped`), with the same bounds.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ from taction.verification.engines.statespace.transients.exact import Exact, exac
 from taction.verification.engines.statespace.transients.record_times import record_times
 
 ENGINE, METHOD = "statespace", "exact"
+LARGE_TOLERANCE = 1e-5  # of the outputs of a large linear board, in step amplitudes
 
 
 def simulate(
@@ -27,9 +28,9 @@ def simulate(
     times: Floats | None = None,
     tolerance: float | None = None,
 ) -> Waveforms:
-    """Simulate a transient: by `amplified` if the board is not linear, else by `exact`.
+    """Simulate a transient: by `exact` if the board is linear and small, else by `stepped`.
 
-    A large linear board is simulated by `reduced_transient`, or else by `structured_radau`.
+    A large linear board is simulated by `reduced_transient`, if that reaches the tolerance.
 
     Parameters
     ----------
@@ -42,8 +43,7 @@ def simulate(
     times : ndarray (P,), optional
         Requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
     tolerance : float, optional
-        Of one step in `amplified` and `structured_radau`, of the outputs in
-        `reduced_transient`; by default theirs.
+        Of one step in `stepped`, of the outputs in `reduced_transient`; by default theirs.
 
     Returns
     -------
@@ -54,24 +54,21 @@ def simulate(
     Raises
     ------
     EngineError
-        As `exact.exact_solution` and `amplified.simulate`.
+        As `exact.exact_solution` and `stepped.simulate`.
     """
     board = LinearBoard.of(circuit)
-    given = {} if tolerance is None else {"tolerance": tolerance}
-    if not board.circuit.is_linear:
-        from taction.verification.engines.statespace.transients import amplified
+    if not board.circuit.is_linear or board.descriptor.is_large:
+        from taction.verification.engines.statespace.transients import stepped
 
-        return amplified.simulate(board, analysis, nodes=nodes, times=times, **given)
-    if board.descriptor.is_large:
-        from taction.verification.engines.statespace.transients import (
-            reduced_transient,
-            structured_radau,
-        )
+        given = {} if tolerance is None else {"tolerance": tolerance}
+        if board.circuit.is_linear:
+            from taction.verification.engines.statespace.transients import reduced_transient
 
-        given = {"tolerance": structured_radau.TOLERANCE} | given
-        methods = reduced_transient.simulate, structured_radau.simulate
-        found = (each(board, analysis, nodes=nodes, times=times, **given) for each in methods)
-        return next(waveforms for waveforms in found if waveforms is not None)
+            given = {"tolerance": LARGE_TOLERANCE} | given
+            found = reduced_transient.simulate(board, analysis, nodes=nodes, times=times, **given)
+            if found is not None:
+                return found
+        return stepped.simulate(board, analysis, nodes=nodes, times=times, **given)
     began = clock.perf_counter()
     solution = exact_solution(
         board,
