@@ -55,7 +55,7 @@ def test_the_stated_error_of_a_large_board_holds(
     board = LinearBoard(circuit)
     found = simulate(board, analysis, times=times, tolerance=1e-4)
     assert found.method == reduced_transient.METHOD
-    stated = state_space_error(board, analysis, found, 1e-4)
+    stated = state_space_error(board, found)
     assert stated.how.startswith("difference to a run with more patterns")
     assert np.abs(found.values - exact).max() <= stated.volts
     assert stated.volts <= 5e-4 * np.abs(exact[0] - exact[-1]).max()
