@@ -56,6 +56,8 @@ def test_no_estimate_contradicts_a_verdict(C: float, gain: float) -> None:
             assert verdict.outcome is not Outcome.PASS
         elif check.outcome is Outcome.PASS:
             assert verdict.outcome is Outcome.PASS
+        if check.name == "rise_time" and None not in (check.value, verdict.value):
+            assert check.value == pytest.approx(verdict.value, rel=2e-3)  # a fifth of `CLOSE`
 
 
 def test_estimates_change_no_proposal(monkeypatch: pytest.MonkeyPatch) -> None:
