@@ -135,13 +135,14 @@ def display() -> Iterator[Stages]:
     if not sys.stderr.isatty():
         yield Stages(SparseLines(say).stage)
         return
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
     from rich.table import Column
 
     page = console(stderr=True)
     bar = [BarColumn()] if page.width >= WIDE else []
     words = TextColumn("{task.description}", table_column=Column(overflow="fold", no_wrap=False))
-    with Progress(SpinnerColumn(), *bar, words, console=page, transient=True) as shown:
+    columns = (SpinnerColumn(), *bar, TimeElapsedColumn(), words)
+    with Progress(*columns, console=page, transient=True) as shown:
         task = shown.add_task("starting", total=None)
 
         def show(stage: str) -> None:

@@ -92,7 +92,7 @@ def _body(found: Verified, options: dict[str, Any]) -> list[Any]:
     if options["verbose"]:
         page = view(found.verdict, notes=margins, verbose=True)
     else:
-        searched = found.outcome == "fail" and bool(options["changes"])
+        searched = found.outcome == "fail" and options["changes"] != 0
         page = screen(found.verdict, margins, searched=searched)
     return [*page_lines(page)][:-1]
 

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 import taction
@@ -87,6 +88,46 @@ def test_ctrl_c_in_the_search_shows_the_verdict(
     assert result.exit_code == 130
     assert result.stdout.rstrip().endswith("FAIL")
     assert "interrupted; the verdict stands" in result.stderr
+
+
+def test_the_verdict_is_printed_before_the_search_and_each_change_when_it_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def search(verdict: Any, *, tell: Any, **more: Any) -> None:
+        click.echo("the search begins")
+        tell("  C = 1 nF (verified)")
+        click.echo("the search goes on")
+        tell("  gain = 1 Mohm (verified)")
+
+    monkeypatch.setattr(taction, "what_to_change", search)
+    lines = run(
+        "verify", str(write_fast(tmp_path / "a.toml", limit="1ns")), *ENGINE
+    ).stdout.splitlines()
+    places = [
+        lines.index(next(line for line in lines if part in line))
+        for part in (
+            "settles in", "more: -v", "the search begins", "what to change", "C = 1 nF",
+            "the search goes on", "gain = 1 Mohm",
+        )
+    ]  # fmt: skip
+    assert places == sorted(places)
+    assert lines[-1] == "FAIL"
+
+
+def test_more_changes_than_the_screen_holds_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def search(verdict: Any, *, tell: Any, **more: Any) -> None:
+        for farads in range(9):
+            tell(f"  C = {farads} nF (verified)")
+
+    monkeypatch.setattr(taction, "what_to_change", search)
+    words = "verify", str(write_fast(tmp_path / "a.toml", limit="1ns")), *ENGINE
+    short, whole = run(*words).stdout, run(*words, "-v").stdout
+    assert short.count("(verified)") == 3
+    assert "  and 6 more: -v\nFAIL\n" in short
+    assert len(short.splitlines()) <= 14
+    assert whole.count("(verified)") == 9
 
 
 @pytest.mark.parametrize("outcome", LIMITS)

@@ -140,7 +140,8 @@ def test_every_option_has_the_sentence_of_the_docstring(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "job"), list(jobs()))
 def test_everything_that_shows_a_result_is_there(name: str, job: Job) -> None:
-    for target in (job.document, job.text, *(output.write for output in job.outputs)):
+    shown = (job.view,) if job.text is None else (job.text,)
+    for target in (job.document, *shown, *(output.write for output in job.outputs)):
         assert callable(load(target))
 
 

@@ -103,19 +103,17 @@ def _rows(verdict: Verdict, room: int) -> tuple[tuple[Bar, ...], tuple[str, ...]
     way, the farthest from its limit first.
     """
     found = cause(verdict.checks)
-    known = () if found is None else found.follows
-    bars = [bar for bar in check_bars(verdict) if bar.name not in map(spaced, known)]
+    known = () if found is None else map(spaced, found.follows)
+    bars = [bar for bar in check_bars(verdict) if bar.name not in {*known}]
     if len(bars) <= room:
         return tuple(bars), ()
     kept = sorted(bars, key=lambda bar: (bar.outcome != Outcome.PASS.value, bar.share or 0.0))
     kept = kept[len(bars) - max(room - 1, 1) :]
-    out = [bar for bar in bars if bar not in kept]
-    names = ", ".join(bar.name for bar in out)
-    if any(bar.outcome != Outcome.PASS.value for bar in out):
-        return tuple(bar for bar in bars if bar in kept), (f"more checks: {names}",)
-    most = math.ceil(100.0 * max(bar.share or 0.0 for bar in out))
+    out = [bar for bar in bars if bar not in kept and bar.outcome == Outcome.PASS.value]
+    most = math.ceil(100.0 * max((bar.share or 0.0 for bar in out), default=0.0))
     used = f", with at most {most} % of the limit" if most > 1 else ""
-    return tuple(bar for bar in bars if bar in kept), (f"{names}: pass{used}",)
+    text = f"{', '.join(bar.name for bar in out)}: pass{used}"
+    return tuple(bar for bar in bars if bar in kept), (text,) if out and room > 1 else ()
 
 
 def _used(bar: Bar) -> str:
