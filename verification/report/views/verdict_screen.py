@@ -112,8 +112,10 @@ def _rows(verdict: Verdict, room: int) -> tuple[tuple[Bar, ...], tuple[str, ...]
     out = [bar for bar in bars if bar not in kept and bar.outcome == Outcome.PASS.value]
     most = math.ceil(100.0 * max((bar.share or 0.0 for bar in out), default=0.0))
     used = f", with at most {most} % of the limit" if most > 1 else ""
-    text = f"{', '.join(bar.name for bar in out)}: pass{used}"
-    return tuple(bar for bar in bars if bar in kept), (text,) if out and room > 1 else ()
+    names = ", ".join(bar.name for bar in out)
+    texts = (f"{names}: pass{used}", f"{names}: pass") if out else ()
+    left = next((text for text in texts if height(text) <= room - len(kept)), "")
+    return tuple(bar for bar in bars if bar in kept), tuple(filter(None, [left]))
 
 
 def _used(bar: Bar) -> str:
