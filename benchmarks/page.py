@@ -73,8 +73,10 @@ def figures_table(figures: Iterable[Figure]) -> str:
 
 def section(name: str, module: ModuleType, result: Result) -> str:
     """Return one section: what it measures, its figures, its plots and its details."""
-    pictures = [f"![{name}](benchmarks-{plot})\n" for plot in result.plots]
-    parts = [f"{inspect.getdoc(module)}\n", figures_table(result.figures)]
+    text = inspect.getdoc(module) or name
+    shows = text.partition("\n")[0].rstrip(".")
+    pictures = [f"![{shows}](benchmarks-{plot})\n" for plot in result.plots]
+    parts = [f"{text}\n", figures_table(result.figures)]
     return "\n".join([f"## {name}\n", *parts, *pictures, *map(markdown, result.tables)])
 
 

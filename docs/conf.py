@@ -33,6 +33,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "generated",
+    "typed",
 ]
 source_suffix = {".md": "myst-nb"}
 exclude_patterns = ["_build", "_generated/notebooks"]
@@ -48,10 +49,11 @@ autodoc_member_order = "bysource"
 napoleon_google_docstring = False
 html_theme = "alabaster"
 html_theme_options = {
-    "description": "SPICE netlists and analog verification of regularising networks",
-    "page_width": "78rem",
+    "page_width": "68rem",
     "sidebar_width": "15rem",
 }
+templates_path = ["_templates"]
+html_sidebars = {"**": ["menu.html"]}
 html_static_path = ["_static"]
 html_css_files = ["taction.css"]
 html_title = "taction"

@@ -16,6 +16,7 @@ from typing import Any
 
 import click
 import messages
+import pictures
 
 from scripts.rooms import drawing
 
@@ -74,6 +75,7 @@ def write_pages(app: object = None) -> None:
     _write("messages.md", "\n".join(messages.page()))
     _write("gallery.md", "\n".join(_gallery_page()))
     _write("rooms.svg", drawing())
+    pictures.draw(PLACE)
     write_notebooks(PLACE / "notebooks")
 
 

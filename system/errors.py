@@ -48,7 +48,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class TactionError(Exception):
-    """Root of the tree; `exit_status` is the exit status of the command line.
+    """Any error that taction raises on purpose; `exit_status` is that of the command line.
 
     Read the message: it names what is wrong and what is expected.
 

@@ -20,11 +20,12 @@ DOCS = ROOT / "docs"
 PAGES = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md")))
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.md"))
 BLOCK = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-SHELL = ("", "sh")  # languages of blocks with commands
+SHELL = ("", "sh", "{typed}")  # languages of blocks with commands
 DOCUMENT = ["--json", "--help"]  # the document of all commands, which click does not know
 CODE = re.compile(r"```\{code-cell\} ipython3\n(.*?)^```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`taction ([^`]+)`")
 FENCE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+PICTURE = re.compile(r"!\[([^\]]*)\]|^:alt: (.*)$", re.MULTILINE)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 
@@ -63,7 +64,7 @@ def commands() -> list[tuple[str, str]]:
 
 def test_there_are_commands_in_the_pages() -> None:
     assert len(commands()) > 35
-    assert len(NOTEBOOKS) == 3
+    assert len(NOTEBOOKS) == 4
 
 
 @pytest.mark.parametrize(("page", "line"), commands())
@@ -96,6 +97,12 @@ def test_every_link_leads_to_a_file(page: Path) -> None:
     made = ("_generated/", "../.github")  # by the build of the documentation; for readers on GitHub
     files = [name for name in targets if name and not name.startswith(made)]
     assert [name for name in files if not (page.parent / name).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_picture_has_a_sentence_that_says_what_it_shows(page: Path) -> None:
+    texts = [a or b for a, b in PICTURE.findall(page.read_text("utf-8"))]
+    assert [text for text in texts if len(text.split()) < 5] == []
 
 
 @pytest.mark.parametrize("page", NOTEBOOKS, ids=lambda page: page.stem)
@@ -136,8 +143,8 @@ def test_the_tutorial_can_be_typed_in_a_fresh_folder(
     monkeypatch.chdir(tmp_path)
     Path("board.toml").write_text((DOCS / included).read_text("utf-8"), encoding="utf-8")
     lines = [shlex.join(words) for words in shown(text)]
-    assert lines[0].startswith("verify board.toml --plot")
-    first = taction(*shlex.split(lines[0]), "--engine", "statespace")
+    assert lines[0] == "verify board.toml"
+    first = taction(*shlex.split(lines[1]), "--engine", "statespace")
     assert first.exit_code == 0
     assert "2.42 ms" in first.stdout
     assert Path("board.png").exists()
