@@ -51,7 +51,7 @@ PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("montecarlo", "scenes/tuned-breadboard.toml", "-n", "60", "--jobs", "1"),
     ),
     (
-        "An op-amp on its test benches",
+        "An op-amp on its test benches: the model has the figures of the data sheet",
         "opamp",
         ("models", "show", "ua741"),
     ),
