@@ -47,6 +47,7 @@ nb_merge_streams = True
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 napoleon_google_docstring = False
+smartquotes = False  # "--" in a message is an option
 html_theme = "alabaster"
 html_theme_options = {
     "page_width": "68rem",

@@ -237,7 +237,7 @@ class SingularCircuit(SimulationError):  # noqa: N818
 class StepTooSmall(SimulationError):  # noqa: N818
     """The time step fell below the simulator's limit.
 
-    Try ``--engine statespace``, or ngspice with another ``analysis.method``.
+    Try ``--engine statespace``, or another ``analysis.error``.
     """
 
 
