@@ -6,6 +6,7 @@ import re
 
 from taction.cli.main import SECTIONS
 from tests.support.paths import ROOT
+from tests.support.running import taction
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -25,3 +26,11 @@ def test_every_command_is_in_the_first_session() -> None:
     used = set(re.findall(r"^taction (\w+)", session, re.MULTILINE))
     listed = {name for names in SECTIONS.values() for name in names}
     assert used == listed
+
+
+def test_the_screen_that_it_shows_is_that_of_the_command() -> None:
+    shown = re.findall(r"^```\n(PASS: .*?)^```$", README, re.MULTILINE | re.DOTALL)
+    lines = shown[0].splitlines()
+    printed = taction("verify", str(ROOT / "scenes" / "paper-breadboard.toml")).stdout.splitlines()
+    assert len(lines) > 8
+    assert [line for line in lines if line not in printed] == []
