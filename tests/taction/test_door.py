@@ -123,7 +123,7 @@ def test_progress_receives_lines_of_text(tmp_path: Path) -> None:
     taction.montecarlo(scene_file(tmp_path), samples=1, jobs=1, progress=lines.append)
     assert "synthesis" in lines
     assert any(line.startswith("1 of 1 points") for line in lines)
-    assert any(line.startswith("1 of 1 samples") for line in lines)
+    assert any(line.startswith("yield: 1 of 1 samples") for line in lines)
 
 
 def test_netlist_writes_the_deck_that_it_returns(tmp_path: Path) -> None:

@@ -131,15 +131,16 @@ def test_samples_without_verdict_count_as_not_passed() -> None:
 
 
 class _Failing(Executor):
-    """Every third sample goes wrong."""
+    """Every third sample goes wrong, and with it the call that computes it."""
 
     def __init__(self, error: BaseException) -> None:
         self.error = error
 
-    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+    def submit(self, fn: Any, /, *calls: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
-        if args[1] % 3:
-            future.set_result(make_sample(args[1]))
+        numbers = [number for _, number, *_ in calls]
+        if all(number % 3 for number in numbers):
+            future.set_result([make_sample(number) for number in numbers])
         else:
             future.set_exception(self.error)
         return future
@@ -176,7 +177,7 @@ def test_workers_that_are_gone_are_an_error() -> None:
 def test_a_worker_with_another_taction_is_refused() -> None:
     asked = study()
     other = replace(asked, versions=replace(asked.versions, taction="0.0.7"))
-    with one_thread() as workers, pytest.raises(InputError, match=r"instead of 0\.0\.7"):
+    with one_thread() as workers, pytest.raises(NoVerdictError, match=r"instead of 0\.0\.7"):
         drawn(other, 3, workers)
 
 
