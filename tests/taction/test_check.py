@@ -93,3 +93,19 @@ def test_a_mistake_names_what_is_accepted(deck: str) -> None:
         taction.check(deck, checks="speed=1")
     with pytest.raises(InputError, match="the deck has no node 'x'; it has in"):
         taction.check(deck, outputs="v(x)")
+
+
+@pytest.mark.parametrize(
+    ("cards", "volts"),
+    [(("R1 a b 1k", "R2 b 0 3k"), 0.75), (("R1 a b 1k", "C1 a 0 1n", "R2 b 0 1k"), 0.5)],
+)
+def test_a_board_without_poles_has_its_divided_voltage(
+    cards: tuple[str, ...], volts: float, tmp_path: Path
+) -> None:
+    """No capacitance, or one at an ideal source: nothing moves."""
+    place = tmp_path / "divider.cir"
+    place.write_text("\n".join(["divider", "V1 a 0 1", *cards, ".end", ""]))
+    options = ("--no-ngspice", "--output", "b", "--expect", f"v(b)={volts}@0.01%")
+    status, text = run(str(place), *options)
+    assert status == 0
+    assert "has no poles" in text

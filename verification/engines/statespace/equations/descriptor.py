@@ -215,7 +215,9 @@ class Entries:
 
     def triplets(self, rows: Bools) -> Triplets:
         """Return the entries of the chosen `rows` (size + 1, the last for ground)."""
-        i, j, values = (np.concatenate(part) for part in zip(*self.parts, strict=True))
+        nothing = np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0)
+        parts = zip(nothing, *self.parts, strict=True)
+        i, j, values = (np.concatenate(part) for part in parts)
         live = np.flatnonzero(rows[i] & (j != GROUND) & (values != 0.0))
         return Triplets(i[live], j[live], values[live])
 

@@ -170,6 +170,8 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
     inputs[live, SOURCES + np.arange(len(live))] = 1.0
     space = driven(descriptor, board.operating_point, inputs)
     poles = board.state_space.modes.poles
+    if not len(poles):
+        raise EngineError("a board without poles does not limit the bandwidth of its noise")
     lead = float(poles.real.max(initial=-1.0))
     if lead > len(poles) * EPS * float(np.abs(poles).max(initial=0.0)):
         raise EngineError("the board is not stable")
