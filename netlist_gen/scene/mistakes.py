@@ -124,18 +124,22 @@ def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:
     yield from _no_such_channel(data)
 
 
-IMPOSSIBLE = (  # key, unit, least and largest value; no board has others
-    ("capacitance", "F", 0.0, 1.0, "'10pF' is 10 picofarad; a number without a unit is in F"),
-    ("gain", "ohm", 1.0, math.inf, "'m' is milli, 'M' is mega: '6.25Mohm'"),
+IMPOSSIBLE = (  # key, unit, type, least and largest value; no board has others of this type
+    ("capacitance", "F", (int, float), 0.0, 1.0, "'10pF' is 10 picofarad; a number is in F"),
+    ("gain", "ohm", str, 1.0, math.inf, "'m' is milli, 'M' is mega: '6.25Mohm'"),
 )
+"""A capacitance of 10 without a unit is a slip, ``"10F"`` may be meant; so may a gain of 1e-3, but
+not one with the prefix m. What may be meant is asked about (`questions`)."""
 
 
 def _impossible(data: Mapping[str, Any]) -> Iterator[Complaint]:
     """Yield the values of a design that are a slip beyond doubt."""
     design = _table(data.get("design"))
-    for key, unit, least, most, instead in IMPOSSIBLE:
+    for key, unit, kind, least, most, instead in IMPOSSIBLE:
+        if not isinstance(design.get(key), kind):
+            continue
         try:
-            value = parse(design.get(key), unit)
+            value = parse(design[key], unit)
         except (TypeError, ValueError):
             continue  # the key's own check has it
         if 0.0 < value < least or value > most:

@@ -53,6 +53,12 @@ def value_questions(scene: Scene) -> Iterator[str]:
                 f"checks.{name}: max = {check.max:g} is {100.0 * check.max:g} % of the step; is it"
                 f" a percentage? {check.max:g} % is {check.max / 100.0:g}"
             )
+    ohms = scene.design.gain
+    if ohms < 1.0:
+        yield (
+            f"design.gain = {show(ohms, 'ohm')} is below 1 ohm; is the prefix right? 'm' is milli,"
+            " 'M' is mega"
+        )
     for name, share in scene.tolerances:
         if name in SHARES and share >= 1.0:
             yield (

@@ -74,16 +74,19 @@ def test_a_usual_capacitance_is_not(value: str) -> None:
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("gain", "6.252mohm"), ("gain", 0.5), ("capacitance", 10), ("capacitance", "2F")],
+    [("gain", "6.252mohm"), ("gain", "0.5"), ("capacitance", 10), ("capacitance", 2.0)],
 )
 def test_a_value_that_no_board_has_is_refused(key: str, value: Any) -> None:
     with pytest.raises(InputError, match=rf"design\.{key} .* what no board has; is the prefix"):
         make_scene(design={key: value})
 
 
+def test_an_extreme_value_that_may_be_meant_is_asked_about() -> None:
+    assert "is below 1 ohm; is the prefix right?" in asked(design={"gain": 0.5})
+    assert "is the prefix right?" in asked(design={"capacitance": "10F"})
+
+
 def test_a_tolerance_in_percent_is_asked_about() -> None:
-    with pytest.raises(InputError, match="1 mohm is what no board has"):
-        parse_axes(make_scene(), "gain=1mohm:1Mohm:3")
     assert "10 % is 0.1" in asked(tolerances={"resistor": 10.0})
     assert asked(design={"gain": "1kohm"}, tolerances={"resistor": 0.1}) == ""
 
