@@ -13,6 +13,7 @@ verdict costs. So it is left to `count_unstable`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,23 +79,25 @@ def rightmost_poles(board: LinearBoard) -> Found:
     found = _poles_around(board.structure, ORIGIN)
     coarse = board.coarse.state_space.modes.poles
     ringing = coarse[(coarse.imag > 0.0) & (coarse.real > -DAMPED * np.abs(coarse))]
-    rightmost = _distinct(coarse[np.lexsort((-coarse.imag, -coarse.real))])[:PLACES]
-    for place in _distinct(np.array([*_distinct(ringing)[:PLACES], *rightmost])):
-        lead = found.poles[0].real if len(found.poles) else -np.inf
-        if place.real < lead - FAR_LEFT * abs(lead):
-            continue
+    for place in _distinct(ringing)[:PLACES]:
         around = _poles_around(board.structure, place)
         if not len(around.poles):
             message = f"no pole near {place!r} converged in {LAST_RESTARTS} restarts"
             raise EngineError(message)
         found = found.joined(around)
+    for place in _distinct(coarse[np.lexsort((-coarse.imag, -coarse.real))])[:PLACES]:
+        lead = float(found.poles[0].real) if len(found.poles) else -math.inf
+        if place.real >= lead - FAR_LEFT * abs(lead):  # what is left of the lead changes nothing
+            found = found.joined(_poles_around(board.structure, place, lead))
     if not len(found.poles):  # no ringing, and no slow pole near the origin
         raise EngineError(f"no pole near the origin converged in {LAST_RESTARTS} restarts")
     return found
 
 
-def _poles_around(structure: Structure, place: complex) -> Found:
+def _poles_around(structure: Structure, place: complex, known: float = -math.inf) -> Found:
     """Find the poles around a place; repeat with new shifts until none is farther right.
+
+    A search whose poles are not right of `known`, 1/s, ends.
 
     None where a cluster is too tight for any of its poles to converge.
     """
@@ -105,6 +108,8 @@ def _poles_around(structure: Structure, place: complex) -> Found:
         lead, error = complex(found.poles[0]), float(found.errors[0])
         if abs(lead - place) <= FIRST_OFFSET * abs(place) and error <= SAME * abs(lead):
             return found  # the shift was beside it
+        if lead.real - error <= known:
+            return found
         shift, count = lead + NEXT_OFFSET * abs(lead), NEAREST << (number - 1)
         cluster = len(found.poles) < NEAREST  # so tight that few of its poles converge
         finer = NONE if cluster else nearest_poles(structure, shift, count, FINE)
