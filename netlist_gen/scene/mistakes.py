@@ -44,9 +44,14 @@ PLAIN = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
 Root = TypeVar("Root", bound=BaseModel)
 
 
-def validated(root: type[Root], data: Mapping[str, Any], file: str | Path) -> Root:
-    """Return the `data` of `file` as a `root`; InputError lists all mistakes."""
-    complaints = [*_contradictions(data)]
+def validated(
+    root: type[Root], data: Mapping[str, Any], file: str | Path, *, written: bool = True
+) -> Root:
+    """Return the `data` of `file` as a `root`; InputError lists all mistakes.
+
+    `written` tells that `data` is what the user wrote, with the units that were given.
+    """
+    complaints = [*_contradictions(data), *(_impossible(data) if written else ())]
     try:
         model = root.model_validate(dict(data))
     except ValidationError as error:
@@ -120,7 +125,6 @@ def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:
     if isinstance(design, Mapping):
         for key, reason in contradictions(design):
             yield Complaint(f"design.{key}", _value(design[key]), reason)
-    yield from _impossible(data)
     yield from _no_such_channel(data)
 
 

@@ -259,7 +259,7 @@ def parse_scene(
 
     `asked` are the scene's `written_questions` where `data` is not what the user wrote.
     """
-    scene = validated(scene_type(), data, file)
+    scene = validated(scene_type(), data, file, written=asked is None)
     scene._file = Path(file)
     scene._questions = tuple(unitless_times(data)) if asked is None else asked
     return scene

@@ -86,6 +86,15 @@ def test_an_extreme_value_that_may_be_meant_is_asked_about() -> None:
     assert "is the prefix right?" in asked(design={"capacitance": "10F"})
 
 
+@pytest.mark.parametrize("value", ["2F", "10F"])
+def test_another_value_of_a_scene_that_may_be_meant_is_not_refused(value: str) -> None:
+    """A scene holds no units any more: its numbers are not taken for numbers without one."""
+    scene = make_scene(design={"capacitance": value})
+    assert with_value(scene, "design.gain", 1e6).design.capacitance == float(value[:-1])
+    swept = with_value(make_scene(), "design.capacitance", float(value[:-1]))
+    assert swept.design.capacitance == float(value[:-1])
+
+
 def test_a_tolerance_in_percent_is_asked_about() -> None:
     assert "10 % is 0.1" in asked(tolerances={"resistor": 10.0})
     assert asked(design={"gain": "1kohm"}, tolerances={"resistor": 0.1}) == ""
