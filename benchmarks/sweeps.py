@@ -107,11 +107,11 @@ class Instant(Executor):
     """Gives every point a result at once, so that the cost of the sweep itself remains."""
 
     def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Return a finished future."""
+        """Return a finished future with a result for each point of the call."""
         figures: dict[str, float | None] = dict.fromkeys(FIGURES, 1.0)
         record = Record("pass", "statespace", state="settled", stable=True, figures=figures)
         future: Future[Any] = Future()
-        future.set_result(StoredResult.of(record))
+        future.set_result([StoredResult.of(record) for _ in args])
         return future
 
 
