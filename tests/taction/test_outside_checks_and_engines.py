@@ -126,7 +126,8 @@ def test_a_sweep_has_them(scene: Path, tmp_path: Path) -> None:
     files = ("-o", str(tmp_path / "b.sqlite"), "--report", str(page), "--plot", str(picture))
     limited = document(command("sweep", str(scene), *over, "--json", *files))
     assert [point["outcome"] for point in limited["points"]] == ["fail", "pass"]
-    assert limited["points"][0]["reason"].startswith("swing: largest voltage")
+    swing = f"{1e3 * found(taction.verify(scene), 'swing').value:.3g} mV"
+    assert limited["points"][0]["reason"] == f"swing: {swing} (limit: at most 1 mV)"
     shown = command("sweep", str(scene), *over, *files[:2])  # as it is stored
     assert "even_steps" in shown.stdout
     for text in (shown.stdout, page.read_text("utf-8"), picture.read_text("utf-8")):
