@@ -72,6 +72,7 @@ WIDTHS = (40, 80, 100)
 COMMAND_LINES: dict[str, tuple[str, ...]] = {
     "verify": ("a.toml", "--margins", "-v"),
     "verify several": ("a.toml", "slow.toml", "bad.toml", "--jobs", "1"),
+    "check": ("filter.cir", "--over", "Rf=1k:100k:5", "--check", "stable", "--no-ngspice"),
     "diff": ("a.toml", "slow.toml"),
     "bom": ("a.toml",),
     "build": ("a.toml", "-o", "built"),
