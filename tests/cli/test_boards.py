@@ -220,7 +220,7 @@ def test_the_picture_has_both_witnesses_and_the_crossing(tmp_path: Path) -> None
     assert taction("models", "show", "ua741", "--plot", str(file)).exit_code == 0
     drawn = file.read_text("utf-8")
     for text in ("unity gain at 1 MHz", "phase margin 65 degrees", "ngspice", "4.7 % overshoot"):
-        assert f"<!-- {text}" in drawn or text in drawn
+        assert text in " ".join(drawn.split())  # a title may have two lines
 
 
 def test_mistakes_are_named() -> None:

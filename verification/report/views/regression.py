@@ -97,11 +97,12 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
         "baseline": lambda each: readable(value_text(each.first, each.unit)),
         "difference": lambda each: readable(value_text(each.difference, each.unit)),
         "tolerance": lambda each: readable(value_text(each.allowed, each.unit)),
-        "tolerances off": lambda each: _off(each.off),
+        "times": lambda each: _off(each.off),
         "note": lambda each: each.note,
     }
     title, most = "" if name else "Changes", {TERMINAL: SHOWN}
-    table = Table.of(title, result.changes, columns, "", most, "and {} more (--json has all)")
+    note = "" if medium == TERMINAL else "Times: the difference over the tolerance."
+    table = Table.of(title, result.changes, columns, note, most, "and {} more (--json has all)")
     yield replace(table, rows=_joined(table.rows))
     if medium == PAGE:
         yield from _waveforms(result)
