@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -331,16 +332,15 @@ def in_the_linearisation(change: Callable[[LinearBoard], LinearBoard]) -> Plant:
 
 
 def in_a_method(owner: type, name: str, change: Callable[[Any], Any]) -> Plant:
-    """A method or a property of a class returns a changed value."""
+    """A method or a property, cached or not, of a class returns a changed value."""
     original = getattr(owner, name)
+    get = {property: "fget", cached_property: "func"}.get(type(original))
 
     def changed(self: Any, *given: Any) -> Any:
-        get = original.fget if isinstance(original, property) else original
-        return change(get(self, *given))
+        return change((getattr(original, get) if get else original)(self, *given))
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        value = property(changed) if isinstance(original, property) else changed
-        patch.setattr(owner, name, value)
+        patch.setattr(owner, name, property(changed) if get else changed)
         return verify(scene)
 
     return plant

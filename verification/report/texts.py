@@ -78,7 +78,7 @@ def glued(text: str, glue: str) -> str:
     Examples
     --------
     >>> glued("100 % within 3 us of 2 boards", "_")
-    '100_% within 3_us of 2_boards'
+    '100_% within 3_us of 2 boards'
     """
     return UNIT.sub(rf"\1{glue}", text)
 

@@ -124,8 +124,8 @@ def fields() -> dict[str, dict[str, Any]]:
     --------
     >>> found = fields()["stable_ranges"]
     >>> found["unit"], found["schemas"]
-    (None, ['verify-2', 'verify-files-2', 'montecarlo-sample-2', 'tune-2', 'scale-2', 'onset-2', \
-'new-matrix-2'])
+    (None, ['verify-2', 'verify-files-2', 'check-2', 'montecarlo-sample-2', 'tune-2', 'scale-2', \
+'onset-2', 'new-matrix-2'])
     """
     found: dict[str, dict[str, Any]] = {}
     for name in MODELS:
