@@ -15,7 +15,7 @@ from tests.support.random_scenes import random_scene, random_setting
 from tests.support.true_values import true_values
 
 SEEDS = (0, 1, 2, 3, 5, 7, 8, 9, 10, 14, 18, 20)  # stable boards whose runs are short
-EXPONENTIAL = (0, 3, 5, 7)  # seeds of boards with amplifiers whose runs are short
+EXPONENTIAL = (0, 2, 3, 5, 7, 11, 12, 13, 14, 15, 17, 18)  # the same, of boards with amplifiers
 LOOSE = 0.01  # analysis.error: far above the error of the run that counts as true
 READINGS = ("settling_time", "rise_time", "overshoot", "undershoot", "steady_state")
 COVERED, TIGHT = 0.99, 5.0  # share of the numbers; times the true error: median of the bounds
