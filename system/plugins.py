@@ -22,6 +22,7 @@ from taction.system.errors import Complaint, InputError
 
 P = ParamSpec("P")
 T = TypeVar("T")
+C = TypeVar("C")
 
 GROUPS = (
     "taction.amplifiers",
@@ -53,11 +54,15 @@ class Offer:
 _caches: list[Any] = []
 
 
+def forgotten(cache: C) -> C:
+    """Let `forget` clear a cache whose results depend on plug-ins."""
+    _caches.append(cache)
+    return cache
+
+
 def cached(function: Callable[P, T]) -> Callable[P, T]:
     """Cache a function whose results depend on plug-ins, until `forget`."""
-    made = functools.cache(function)
-    _caches.append(made)
-    return made  # type: ignore[return-value]
+    return forgotten(functools.cache(function))  # type: ignore[return-value]
 
 
 @cached

@@ -18,6 +18,7 @@ import numpy as np
 from taction.netlist_gen.scene.fields import LARGE, SMALL
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, load_scene
+from taction.system import plugins
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
 from taction.verification.reference import (
@@ -170,6 +171,7 @@ def _solve_cached(problem: Problem) -> Solution:
     return _solve_content(*content, problem.lam, problem.regulariser, problem.bias)
 
 
+@plugins.forgotten
 @functools.lru_cache(maxsize=CACHED_SOLUTIONS)
 def _solve_content(
     shape: tuple[int, ...], T: bytes, eps: bytes, lam: float, regulariser: str, bias: bool
