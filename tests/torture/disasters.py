@@ -110,8 +110,11 @@ def full_memory_disk(
 
 def in_small_memory(size: int) -> list[str]:
     """Return the words before a command whose /dev/shm, also for temporary files, has `size` kB."""
-    script = f"mount -t tmpfs -o size={size}k tmpfs /dev/shm && mount --bind /dev/shm $TMPDIR"
-    own = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "-r", "--mount"]
+    # In a changed root, "/" is no mount, so /dev/shm alone is kept from the rest of the machine.
+    alone = "{ mount --make-rprivate / || mount --make-private /dev/shm; } 2>/dev/null"
+    script = f"{alone} && mount -t tmpfs -o size={size}k tmpfs /dev/shm && export TMPDIR=/dev/shm"
+    rights = [] if os.geteuid() == 0 else ["-r"]
+    own = ["unshare", *rights, "--mount", "--propagation", "unchanged"]
     return [*own, "sh", "-c", f'{script} && exec "$0" "$@"']
 
 
