@@ -205,3 +205,17 @@ DISASTERS: dict[str, Disaster] = {
     "other version": other_version,
     "jumping clock": jumping_clock,
 }
+
+
+def possible() -> list[str]:
+    """Return the disasters that can be made on this machine.
+
+    A memory disk of one's own needs the right to mount one, and `mount`, which a minimal Debian
+    does not have.
+    """
+    words = [*in_small_memory(100), "true"]
+    try:
+        mounts = subprocess.run(words, capture_output=True, check=False).returncode == 0
+    except OSError:
+        mounts = False
+    return [name for name in DISASTERS if mounts or name != "full memory disk"]

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.torture.commands import COMMANDS, plan_commands, run_command
-from tests.torture.disasters import DISASTERS
+from tests.torture.disasters import DISASTERS, possible
 from tests.torture.killing import Kill, Report, plan_kills, run_kill
 from tests.torture.studies import Place, Study, all_studies
 
@@ -77,7 +77,7 @@ def session(
 
     storing = [study for study in studies.values() if study.stores]
     tasks = [partial(kill, *each) for each in enumerate(plan_kills(studies, kills, seed))]
-    for name in DISASTERS:
+    for name in possible():
         tasks += [partial(destroy, name, k, storing[k % len(storing)]) for k in range(disasters)]
     tasks += [partial(command, *each) for each in enumerate(plan_commands(commands, seed))]
     random.Random(seed).shuffle(tasks)  # noqa: S311 - a session that is stopped has some of each
