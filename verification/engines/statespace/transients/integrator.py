@@ -35,6 +35,9 @@ SPREAD = 3.0  # times what rounding made of one draw: what it may make of anothe
 # Of a change: rounding of the stages' sums over the systems of the method, as random errors add.
 SCATTER = EPS / SPREAD * float(np.sqrt(np.abs(TABLE.right) ** 2 @ np.abs(TABLE.left) ** 2).max())
 COUNTED = 0.01  # of the tolerance: rounding above it is added up
+# Error over last Legendre coefficient of a mode much faster than a step: the stages are all at its
+# end, so that the coefficient is half of its change; a mode that rings may be off by twice that.
+LAYER = 4.0
 KEPT = 12  # levels beside the present one whose steps stay prepared
 
 
@@ -58,6 +61,8 @@ class Dense:
         What rounding left where it was more than the tolerance, V.
     coarse : bool
         Whether it was in a step.
+    tail : float
+        The largest last Legendre coefficient of an accepted step, V, without its rounding.
     """
 
     ends: list[float] = field(default_factory=lambda: [0.0])
@@ -68,6 +73,15 @@ class Dense:
     escaped: bool = False
     rounding: float = 0.0
     coarse: bool = False
+    tail: float = 0.0
+
+    @property
+    def unresolved(self) -> float:
+        """What fast modes can do within a step that is too long for them, V.
+
+        Half the steps are too long, too, so the difference of two runs does not show it.
+        """
+        return LAYER * self.tail
 
     @property
     def steps(self) -> int:
@@ -197,31 +211,36 @@ class Integrator:
             change, watched = step.end(remainder, inputs, parts)
             watched = self.now[:, None] + watched
             piece = np.column_stack([self.now, watched]) @ TABLE.legendre.T
-            gain, left = self._judge(step, piece, watched)
+            gain, left, tail = self._judge(step, piece, watched)
             if gain >= 0 or fixed:
                 break
             self.level += max(gain, -LONGEST_JUMP)
             self.out.rejected += 1
+        self.out.tail = max(self.out.tail, tail)
         self._accept(self.state + change, watched, piece, left)
         if contraction > SLOW and not fresh:
             self._linearise(watched[: self.amplifiers.count, -1:])
         if not fixed:
             self.level += min(gain, LONGEST_JUMP)
 
-    def _judge(self, step: Step, piece: Floats, watched: Floats) -> tuple[int, float]:
-        """Return by how many levels the step could be longer, and what rounding leaves, V."""
-        tail = np.maximum(np.abs(piece[:, -1]), LAST_BUT_ONE * np.abs(piece[:, -2]))
+    def _judge(self, step: Step, piece: Floats, watched: Floats) -> tuple[int, float, float]:
+        """Return by how many levels the step could be longer, what rounding leaves, and the tail.
+
+        Both are in V; the tail is the size of the last Legendre coefficients above rounding.
+        """
+        last = np.maximum(np.abs(piece[:, -1]), LAST_BUT_ONE * np.abs(piece[:, -2]))
         volts = self.reported.volts(watched[: self.amplifiers.count])
         # Growing voltages count by their size.
         tolerance = max(self.tolerance, self.relative * self.reported.distance(self.now))
         noise = self._rounding(step, volts)
-        size = float((tail * volts).max(initial=0.0))
+        size = float((last * volts).max(initial=0.0))
         if not math.isfinite(size):
-            return -1, 0.0
-        error = max(size - noise, 0.0) / max(tolerance, noise)
+            return -1, 0.0, 0.0
+        tail = max(size - noise, 0.0)
+        error = tail / max(tolerance, noise)
         self.out.coarse |= noise > tolerance
         gain = math.floor(-math.log2(max(error, 1e-300)) / STAGES)
-        return gain, noise if noise > COUNTED * tolerance else 0.0
+        return gain, noise if noise > COUNTED * tolerance else 0.0, tail
 
     def _rounding(self, step: Step, volts: Floats) -> float:
         """Return what rounding of the state and of the amplifiers makes of the inputs, V.

@@ -216,7 +216,8 @@ def halved(first: Waveforms) -> Waveforms:
     """Repeat a run of `simulate` with every step halved, at the same instants.
 
     A run with a smaller tolerance would take many of the same steps, since their lengths are powers
-    of two, and the difference of the two runs would not show their error.
+    of two, and the difference of the two runs would not show their error. Nor does it show the
+    change of modes that are too fast for both runs, which `rounding` of this one includes.
 
     Raises
     ------
@@ -229,4 +230,5 @@ def halved(first: Waveforms) -> Waveforms:
     run = curve.run
     levels = [level - 1 for level in curve.dense.levels for _ in range(2)]
     dense = run.integrator(REPEATED).repeat(levels)
-    return replace(_record(run, dense, first.time, began, ()), flags=first.flags)
+    found = _record(run, dense, first.time, began, ())
+    return replace(found, flags=first.flags, rounding=found.rounding + dense.unresolved)

@@ -184,3 +184,23 @@ def test_the_rounding_floor_does_not_hide_a_growth() -> None:
     A = np.array([[20.0, -20.0], [0.0, 0.0]])
     dense = integrator(A, np.array([1.0 + 1e-6, 1.0]), 1e-9, first=1e-3).run(1.0)
     assert dense.at(np.ones(1))[0, 0] - 1.0 == pytest.approx(1e-6 * np.exp(20.0), rel=1e-2)
+
+
+@pytest.mark.parametrize("fast", [-3e5 + 0j, -1e5 + 4e5j, -1e3 + 1e6j])
+def test_a_mode_that_is_too_fast_for_both_runs_is_covered_by_its_last_coefficients(
+    fast: complex,
+) -> None:
+    """exp(-t) beside a mode of 1e-6: half the steps do not show it."""
+    ringing = np.array([[fast.real, fast.imag], [-fast.imag, fast.real]])
+    A = np.block([[-np.eye(1), np.zeros((1, 2))], [np.zeros((2, 1)), ringing]])
+    z = np.array([1.0, 1e-6, 0.0])
+    dense = integrator(A, z, 1e-6).run(1.0)
+    second = integrator(A, z, 1e-6).repeat([level - 1 for level in dense.levels for _ in "ab"])
+    t = np.append(np.geomspace(1e-8, 1e-3, 2000), np.linspace(2e-3, 1.0, 100))
+    mode = 1e-6 * np.exp(fast * t)
+    wanted = np.array([np.exp(-t), mode.real, -mode.imag]).T
+    errors = [np.abs(run.at(t) - wanted).max() for run in (dense, second)]
+    apart = np.abs(dense.at(t) - second.at(t)).max()
+    assert 1.5 * apart < errors[0]
+    assert errors[1] <= second.unresolved <= 6.0 * errors[1]
+    assert errors[0] <= apart + second.unresolved
