@@ -136,7 +136,7 @@ def _ask(scene: str) -> None:
 
     The scene is read first: a refused one needs neither numpy nor the modules of the verdict.
     """
-    from taction.netlist_gen.scene.scene import load_scene
+    from taction.netlist_gen.scene.loading import load_scene
 
     read = load_scene(scene)
     from taction.netlist_gen.scene.questions import questions

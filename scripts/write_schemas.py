@@ -1,7 +1,12 @@
-"""Write the schemas of all documents into docs/schemas; a file that is no schema any more goes."""
+"""Write the schemas of all documents into docs/schemas, and the table of a scene's keys.
+
+A file that is no schema any more goes.
+"""
 
 from pathlib import Path
 
+from taction.netlist_gen.scene.key_mistakes import KEYS
+from taction.netlist_gen.scene.known_keys import text
 from taction.verification.report.documents.catalogue import schemas
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "schemas"
@@ -11,8 +16,9 @@ def main() -> None:
     """Write every schema that is not up to date."""
     FOLDER.mkdir(exist_ok=True)
     texts = dict(schemas())
-    for name, text in texts.items():
-        (FOLDER / name).write_text(text, encoding="utf-8")
+    for name, schema in texts.items():
+        (FOLDER / name).write_text(schema, encoding="utf-8")
+    KEYS.write_text(text(), encoding="utf-8")
     for path in FOLDER.glob("*.json"):
         if path.name not in texts:
             path.unlink()

@@ -183,7 +183,7 @@ def verify(
     >>> [verdict.outcome.value for verdict in verdicts]
     ['pass', 'pass']
     """
-    from taction.netlist_gen.scene.scene import load_scene
+    from taction.netlist_gen.scene.loading import load_scene
 
     if isinstance(scene, str | Path):
         scene = load_scene(scene)  # first: to refuse a scene takes neither numpy nor the engines

@@ -19,6 +19,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
+from taction.netlist_gen.scene.field_values import Unit
 from taction.netlist_gen.scene.fields import (
     Count,
     Hertz,
@@ -27,10 +28,9 @@ from taction.netlist_gen.scene.fields import (
     Positive,
     Real,
     Seconds,
-    Unit,
     Volts,
 )
-from taction.system.quantities import show
+from taction.netlist_gen.scene.key_mistakes import above_max
 from taction.system.reading_definitions import SETTLING_BAND, TIMES
 
 LOWEST = 0.1  # Hz; data sheets print the 1/f noise from here to 10 Hz
@@ -85,9 +85,8 @@ class SteadyStateCheck(Model):
 def _below_max(least: float | None, info: ValidationInfo) -> float | None:
     """Return `min` if it is not above `max`: nothing would pass."""
     most = info.data.get("max")
-    if least is not None and most is not None and least > most:
-        text = f"above max = {show(most, 's')}, so nothing passes"
-        raise ValueError(f"{text}; expected at most {show(most, 's')}, or are they swapped?")
+    if reason := above_max(least, most):
+        raise ValueError(reason)
     return least
 
 
@@ -119,7 +118,7 @@ class RiseTimeCheck(UpperLimit):
 class NoiseCheck(UpperLimit):
     """Output noise of every channel at rest, rms, V, over all frequencies or above the lowest."""
 
-    max: Volts
+    max: Volts = Field(description="largest noise of an output, rms, V")
     lowest: Hertz | None = Field(
         None,
         description="the lowest frequency that counts: an observation of T seconds sees nothing"

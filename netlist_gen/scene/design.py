@@ -14,9 +14,8 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
-from taction.netlist_gen import topologies
+from taction.netlist_gen.scene.field_values import RANGE, TemperatureRange
 from taction.netlist_gen.scene.fields import (
-    RANGE,
     Amps,
     AmpsOrZero,
     AmpsPerKelvinOrZero,
@@ -39,17 +38,16 @@ from taction.netlist_gen.scene.fields import (
     SignedAmps,
     SignedVolts,
     SupplyVolts,
-    TemperatureRange,
     VoltageDensityOrZero,
     Volts,
     VoltsOrZero,
     VoltsPerKelvinOrZero,
     VoltsPerSecond,
 )
-from taction.netlist_gen.scene.mistakes import contradictions
-from taction.netlist_gen.scene.open_tables import AMPLIFIERS, OPAMPS, OneOf
+from taction.netlist_gen.scene.key_mistakes import contradictions, file_with_others, unknown_pair
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES, OPAMPS
 from taction.spice_models.input_errors import ROOM, Surroundings
-from taction.spice_models.transistor import NOMINAL, pair_names
+from taction.spice_models.transistor import NOMINAL
 
 STAGES = ("ideal", "device")
 Celsius = Annotated[Real, Field(ge=-55, le=125)]
@@ -75,9 +73,8 @@ class AntilogChoice(Model):
 
     @model_validator(mode="after")
     def _known_pair(self) -> AntilogChoice:
-        if self.transistors not in pair_names():
-            known = ", ".join(map(repr, pair_names()))
-            raise ValueError(f"transistors = {self.transistors!r}: unknown pair; one of {known}")
+        if reason := unknown_pair(self.transistors):
+            raise ValueError(reason)
         return self
 
     @property
@@ -108,7 +105,7 @@ InputErrors = Annotated[
 class OpAmpChoice(Model):
     """A preset, or a preset with some figures changed."""
 
-    base: Annotated[str, OneOf(OPAMPS), WithJsonSchema({"type": "string"})] = "ua741"
+    base: Annotated[str, NAMES["op-amp"], WithJsonSchema({"type": "string"})] = "ua741"
     file: FileName | None = Field(
         None, description="an imported op-amp (`taction parts import`), in the place of a preset"
     )
@@ -174,9 +171,8 @@ class OpAmpChoice(Model):
 
     @model_validator(mode="after")
     def _file_alone(self) -> OpAmpChoice:
-        others = sorted(self.model_fields_set - {"file"})
-        if self.file is not None and others:
-            raise ValueError(f"'file' excludes {others[0]!r}: an imported op-amp is as measured")
+        if self.file is not None and (reason := file_with_others(self.model_fields_set)):
+            raise ValueError(reason)
         return self
 
     @classmethod
@@ -190,8 +186,8 @@ class OpAmpChoice(Model):
 class Design(Model):
     """The board's components."""
 
-    topology: Annotated[str, OneOf(topologies.NAMES, "taction.topologies")] = "integrator"
-    amplifier: Annotated[str, OneOf(AMPLIFIERS)] = "linear"
+    topology: Annotated[str, NAMES["topology"]] = "integrator"
+    amplifier: Annotated[str, NAMES["amplifier"]] = "linear"
     capacitance: Farads = 1e-11
     resistance: Ohms | None = None
     lam: LambdaOrRule | None = Field(

@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 from pydantic import BaseModel
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
-from taction.netlist_gen.scene.fields import Unit
+from taction.netlist_gen.scene.field_values import Unit
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.spice_models.opamp import phase_margin

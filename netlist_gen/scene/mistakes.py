@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -14,32 +12,14 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
+from taction.netlist_gen.scene.key_mistakes import (
+    TEXTS,
+    design_mistakes,
+    impossible,
+    share,
+    value_text,
+)
 from taction.system.errors import Complaint, InputError, listed, nearest_question
-from taction.system.plugins import names
-from taction.system.quantities import parse, show
-
-TEXTS = {  # in the place of pydantic's texts, which name types of Python
-    "model_type": "expected a table",
-    "model_attributes_type": "expected a table",
-    "float_type": "expected a plain number, without quotes or unit",
-    "int_type": "expected a plain whole number, without quotes or unit",
-    "greater_than": "must be above {gt:g}",
-    "greater_than_equal": "must be {ge:g} or more",
-    "less_than": "must be below {lt:g}",
-    "less_than_equal": "must be {le:g} or less",
-    "bool_type": "expected true or false",
-    "string_type": "expected text in quotes",
-    "string_too_short": "expected text that is not empty",
-    "string_too_long": "expected at most {max_length} characters",
-    "literal_error": "expected one of {expected}",
-    "int_from_float": "expected a plain whole number, without quotes or unit",
-    "finite_number": "expected a finite number",
-    "dict_type": "expected a table",
-    "string_pattern_mismatch": "letters, digits, '-', '_' and '.' only",
-}
-
-
-PLAIN = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
 
 Root = TypeVar("Root", bound=BaseModel)
 
@@ -51,7 +31,7 @@ def validated(
 
     `written` tells that `data` is what the user wrote, with the units that were given.
     """
-    complaints = [*_contradictions(data), *(_impossible(data) if written else ())]
+    complaints = [*design_mistakes(data), *(impossible(data) if written else ())]
     try:
         model = root.model_validate(dict(data))
     except ValidationError as error:
@@ -78,7 +58,7 @@ def placed(
         if len(matches) != 1:
             several = f"several keys have this name; one of {listed(matches)}"
             text = several if matches else f"unknown key; {nearest_question(name, list(paths))}"
-            complaints.append(Complaint(name, _value(value), text.rstrip()))
+            complaints.append(Complaint(name, value_text(value), text.rstrip()))
             continue
         *tables, last = matches[0].split(".")
         table = data
@@ -99,81 +79,13 @@ def _all_keys(model: type[BaseModel], data: Any, prefix: str = "") -> Iterator[t
             yield from _all_keys(table, inside, f"{prefix}{key}.")
 
 
-def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield each key of a design that contradicts another key, with the reason."""
-    if design.get("lambda") is not None and design.get("resistance") is not None:
-        yield "lambda", "excludes 'resistance': give one of the two"
-    if design.get("amplifier", "linear") == "linear":
-        for key in ("exponential_slope", "bias"):
-            if design.get(key) is not None:
-                yield key, "needs a nonlinear amplifier, such as 'exponential'"
-    if design.get("temperature_coefficient") and design.get("temperature") is None:
-        yield "temperature_coefficient", "needs temperature, such as '0..70degC'"
-    for name, keys in design.items():
-        other = isinstance(keys, Mapping) and name != design.get("topology")
-        if other and name in names("taction.topologies"):
-            yield name, f"needs topology = {name!r}"
-    antilog = design.get("antilog")
-    stage = antilog.get("stage", "ideal") if isinstance(antilog, Mapping) else antilog
-    if stage == "device" and design.get("amplifier", "linear") != "exponential":
-        yield "antilog", "'device' needs amplifier = 'exponential'"
-
-
-def _contradictions(data: Mapping[str, Any]) -> Iterator[Complaint]:
-    """Yield the contradictions of the design, also if pydantic stops at other mistakes."""
-    design = data.get("design")
-    if isinstance(design, Mapping):
-        for key, reason in contradictions(design):
-            yield Complaint(f"design.{key}", _value(design[key]), reason)
-    yield from _no_such_channel(data)
-
-
-IMPOSSIBLE = (  # key, unit, type, least and largest value; no board has others of this type
-    ("capacitance", "F", (int, float), 0.0, 1.0, "'10pF' is 10 picofarad; a number is in F"),
-    ("gain", "ohm", str, 1.0, math.inf, "'m' is milli, 'M' is mega: '6.25Mohm'"),
-)
-"""A capacitance of 10 without a unit is a slip, ``"10F"`` may be meant; so may a gain of 1e-3, but
-not one with the prefix m. What may be meant is asked about (`questions`)."""
-
-
-def _impossible(data: Mapping[str, Any]) -> Iterator[Complaint]:
-    """Yield the values of a design that are a slip beyond doubt."""
-    design = _table(data.get("design"))
-    for key, unit, kind, least, most, instead in IMPOSSIBLE:
-        if not isinstance(design.get(key), kind):
-            continue
-        try:
-            value = parse(design[key], unit)
-        except (TypeError, ValueError):
-            continue  # the key's own check has it
-        if 0.0 < value < least or value > most:
-            text = f"{show(value, unit)} is what no board has; is the prefix right? {instead}"
-            yield Complaint(f"design.{key}", _value(design[key]), text)
-
-
-def _no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:
-    """Yield the channel of the rise time if the problem, as far as it is stated, has fewer."""
-    problem, check = data.get("problem"), _table(data.get("checks")).get("rise_time")
-    channel, most = _table(check).get("channel"), _table(problem).get("channels", 7)
-    if _table(problem).get("kind") != "tactile":
-        rows = _table(problem).get("matrix")
-        most = len(rows[0]) if isinstance(rows, list) and isinstance(rows[0], list) else None
-    if isinstance(channel, int) and isinstance(most, int) and 0 < most < channel:
-        text = f"the problem has {most} channels; expected 1 to {most}"
-        yield Complaint("checks.rise_time.channel", _value(channel), text)
-
-
-def _table(value: object) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}
-
-
 def _complaints(
     root: type[BaseModel], error: ValidationError, data: Mapping[str, Any]
 ) -> Iterator[Complaint]:
     for item in error.errors(include_url=False):
         kind, context = item["type"], item.get("ctx", {})
         if kind == "value_error" and item["loc"] == ("design",):
-            continue  # `_contradictions` has the key
+            continue  # `design_mistakes` has the key
         missing = kind == "missing"
         keys = _real_path(item["loc"], data, missing=missing)
         key = ".".join(keys) or "scene"
@@ -183,28 +95,18 @@ def _complaints(
         elif kind == "extra_forbidden":
             known = list(_fields(root, keys[:-1], data))
             hint = f"unknown key; {nearest_question(keys[-1], known)}known here: {listed(known)}"
-            yield Complaint(key, _value(item["input"]), hint)
+            yield Complaint(key, value_text(item["input"]), hint)
         elif kind == "union_tag_invalid":
             tag = str(context["tag"])
             known = [name.strip("' ") for name in context["expected_tags"].split(",")]
             text = f"{nearest_question(tag, known)}one of {listed(known)}"
-            yield Complaint(f"{key}.kind", _value(tag), text)
+            yield Complaint(f"{key}.kind", value_text(tag), text)
         elif kind == "union_tag_not_found":
             yield Complaint(f"{key}.kind", "", "required; 'tactile' or 'matrix'")
         else:
             text = item["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
             text = TEXTS[kind].format(**context) if kind in TEXTS else text
-            yield Complaint(key, _value(item["input"]), text + _share(item["input"], kind))
-
-
-def _share(value: object, kind: str) -> str:
-    """Return how to write a percentage: ``"; 5 % is 0.05"``; empty for any other value."""
-    if kind == "less_than" and isinstance(value, int | float) and 1 <= value <= 100:
-        return f"; it is a fraction: {value:g} % is {value / 100.0:g}"
-    number = value.strip().removesuffix("%").strip() if isinstance(value, str) else ""
-    if not str(value).strip().endswith("%") or not PLAIN.fullmatch(number):
-        return ""
-    return f"; {number} % is {float(number) / 100.0:g}"
+            yield Complaint(key, value_text(item["input"]), text + share(item["input"], kind))
 
 
 def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:
@@ -251,8 +153,3 @@ def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
         if "kind" in option.model_fields
     }
     return kinds.get(kind, options[0] if options else None)
-
-
-def _value(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

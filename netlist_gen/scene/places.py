@@ -41,7 +41,7 @@ def shown(text: str, row: int, column: int, width: int = 1) -> str:
              ^^
     """
     line = text.split("\n")[row - 1].replace("\t", " ").rstrip("\r")
-    first = max(0, column - LONGEST_LINE // 2)
+    first = max(0, column - LONGEST_LINE // 2) if len(line) > LONGEST_LINE else 0
     part = line[first : first + LONGEST_LINE]
     caret = " " * (column - 1 - first) + "^" * max(1, min(width, LONGEST_LINE // 2))
     return f"line {row}, column {column}\n  {part}\n  {caret}"

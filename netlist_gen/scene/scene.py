@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -20,9 +18,10 @@ from taction.netlist_gen.scene.fields import (
     Seconds,
     SecondsOrAuto,
 )
+from taction.netlist_gen.scene.key_mistakes import TWO_RESOLUTIONS
+from taction.netlist_gen.scene.loading import load_scene as load_scene
 from taction.netlist_gen.scene.mistakes import placed, validated
-from taction.netlist_gen.scene.open_tables import OneOf, plugged, with_tables
-from taction.netlist_gen.scene.places import toml_complaint, with_places
+from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
 from taction.netlist_gen.scene.problem import (
     MatrixProblem,
     StatedProblem,
@@ -30,10 +29,9 @@ from taction.netlist_gen.scene.problem import (
     in_memory,
 )
 from taction.system.errors import Complaint, InputError, listed
-from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
 from taction.system.picture import plot
 from taction.system.plugins import cached
-from taction.system.quantities import number, quantity, sizes
+from taction.system.quantities import quantity, sizes
 from taction.system.reading_definitions import EXCURSIONS
 
 if TYPE_CHECKING:
@@ -42,7 +40,7 @@ if TYPE_CHECKING:
 
 DEFAULT_RESISTANCE = 1.786e6
 GRID_ENGINES = ("both", "hybrid")  # of a sweep, not of a scene
-ENGINES = OneOf(("auto", "ngspice", "statespace"), "taction.engines")
+ENGINES = NAMES["engine"]
 IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
 
 
@@ -67,7 +65,7 @@ class AnalysisChoice(Model):
     @model_validator(mode="after")
     def _one_resolution(self) -> Self:
         if self.error != "auto" and self.points_per_period is not None:
-            raise ValueError("'error' excludes 'points_per_period', which follows from it")
+            raise ValueError(TWO_RESOLUTIONS)
         return self
 
 
@@ -263,53 +261,6 @@ def parse_scene(
     scene._file = Path(file)
     scene._questions = tuple(unitless_times(data)) if asked is None else asked
     return scene
-
-
-MAX_BYTES = MEGABYTE
-DEEPEST = 50  # parts of a dotted key
-_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
-_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}")
-
-
-def load_scene(path: str | Path) -> Scene:
-    """Read and validate the scene at `path`.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is not TOML, or is not a scene; `complaints` lists all mistakes.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
-    >>> scene.design.capacitance, scene.problem.channels
-    (1e-11, 7)
-    """
-    path = Path(path)
-    data, text = _read_toml(path)
-    try:
-        return parse_scene(data, path)
-    except InputError as error:
-        raise with_places(error, text) from None
-
-
-def _read_toml(path: Path) -> tuple[dict[str, Any], str]:
-    """Return the data of a file, and its text."""
-    accepted = "a scene file in TOML; `taction new` writes one"
-    try:
-        text = read_text(path, MAX_BYTES)
-        if _DEEP.search(text):  # tomllib takes quadratic time
-            raise ValueError(f"a key of over {DEEPEST} parts")
-        data = tomllib.loads(text, parse_float=lambda part: number(part.replace("_", "")))
-        return data, text
-    except UnusableFileError as error:
-        raise InputError(path, Complaint("file", "", f"{error}; expected {accepted}")) from None
-    except ValueError as error:  # no TOML, or an integer of over 4300 digits
-        raise InputError(path, toml_complaint(text, error, accepted)) from None
-    except RecursionError:
-        text = f"nested too deeply; expected {accepted}"
-        raise InputError(path, Complaint("TOML", "", text)) from None
 
 
 def size_words(problem: TactileProblem | MatrixProblem) -> str:

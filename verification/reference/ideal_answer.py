@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taction.netlist_gen.scene.fields import LARGE, SMALL
+from taction.netlist_gen.scene.field_values import LARGE, SMALL
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, load_scene
 from taction.system import plugins

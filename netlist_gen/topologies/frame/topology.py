@@ -16,7 +16,8 @@ from taction.netlist_gen.board.circuit import (
     common_knobs,
 )
 from taction.netlist_gen.board.preferred_values import nearest
-from taction.netlist_gen.scene.fields import LARGE, LEAST, MOST, SMALL, Model
+from taction.netlist_gen.scene.field_values import LARGE, LEAST, MOST, SMALL
+from taction.netlist_gen.scene.fields import Model
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system.errors import Complaint, InputError

@@ -1,0 +1,67 @@
+"""`load_scene`: a scene file is read and looked at before the models of a scene are loaded."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from taction.netlist_gen.scene.key_mistakes import key_mistakes
+from taction.netlist_gen.scene.places import toml_complaint, with_places
+from taction.system.errors import Complaint, InputError
+from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
+from taction.system.quantities import number
+
+if TYPE_CHECKING:
+    from taction.netlist_gen.scene.scene import Scene
+
+MAX_BYTES = MEGABYTE
+DEEPEST = 50  # parts of a dotted key
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}\.[ \t]*+){{{DEEPEST}}}")
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read and validate the scene at `path`.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not TOML, or is not a scene; `complaints` lists all mistakes.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
+    >>> scene.design.capacitance, scene.problem.channels
+    (1e-11, 7)
+    """
+    path = Path(path)
+    data, text = _read_toml(path)
+    if complaints := key_mistakes(data):
+        raise with_places(InputError(path, *complaints), text)
+    from taction.netlist_gen.scene.scene import parse_scene  # its models take 0.3 s to load
+
+    try:
+        return parse_scene(data, path)
+    except InputError as error:
+        raise with_places(error, text) from None
+
+
+def _read_toml(path: Path) -> tuple[dict[str, Any], str]:
+    """Return the data of a file, and its text."""
+    accepted = "a scene file in TOML; `taction new` writes one"
+    try:
+        text = read_text(path, MAX_BYTES)
+        if _DEEP.search(text):  # tomllib takes quadratic time
+            raise ValueError(f"a key of over {DEEPEST} parts")
+        data = tomllib.loads(text, parse_float=lambda part: number(part.replace("_", "")))
+        return data, text
+    except UnusableFileError as error:
+        raise InputError(path, Complaint("file", "", f"{error}; expected {accepted}")) from None
+    except ValueError as error:  # no TOML, or an integer of over 4300 digits
+        raise InputError(path, toml_complaint(text, error, accepted)) from None
+    except RecursionError:
+        text = f"nested too deeply; expected {accepted}"
+        raise InputError(path, Complaint("TOML", "", text)) from None
