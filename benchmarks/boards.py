@@ -20,7 +20,7 @@ from benchmarks.measuring import (
     ratios,
     taction,
 )
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.progress import Clock
 

@@ -22,7 +22,8 @@ from benchmarks.engines import Board
 from benchmarks.measuring import SCENES, Extent, Figure, Result, Table, in_turns, ratios
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.stepped import TOLERANCE, Run

@@ -13,7 +13,8 @@ from benchmarks.measuring import SCENES, Extent, Figure, Result
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.keys import Value
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.verification.stability.poles import poles
 
 C, GAIN = (2e-12, 50e-12), (1e6, 20e6)  # F, ohm

@@ -21,7 +21,7 @@ from benchmarks.measuring import (
 )
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
 from taction.verification.verdict.verify import Verdict, verify
 

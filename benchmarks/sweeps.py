@@ -29,7 +29,7 @@ from benchmarks.measuring import (
 from benchmarks.rivals import by_xargs, rivals
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import parse_axes, points, with_values
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Plan, plan_sweep

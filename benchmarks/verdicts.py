@@ -33,7 +33,8 @@ from benchmarks.measuring import (
 from benchmarks.sweeps import by_command
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.verification.design.remedies import find_remedies
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.verdict.verify import verify

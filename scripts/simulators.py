@@ -50,7 +50,7 @@ class Result:
 
 def run(job: Job) -> Result:
     """Verify a scene as `job` asks."""
-    from taction.netlist_gen.scene.scene import load_scene
+    from taction.netlist_gen.scene.loading import load_scene
     from taction.verification.engines.ngspice.executable import find_simulator
     from taction.verification.verdict import simulation
     from taction.verification.verdict.verify import verify

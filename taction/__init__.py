@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from taction.netlist_gen.board.circuit import Circuit
     from taction.netlist_gen.board.synthesis import synthesise
     from taction.netlist_gen.deck.deck import write_deck
-    from taction.netlist_gen.scene.scene import Scene, load_scene
+    from taction.netlist_gen.scene.loading import load_scene
+    from taction.netlist_gen.scene.scene import Scene
     from taction.searches import choose, new, scale, tune
     from taction.studies import (
         accuracy,

@@ -352,7 +352,7 @@ def new(
     ...     taction.load_scene(made.file).name
     'board'
     """
-    from taction.netlist_gen.scene.scene import load_scene
+    from taction.netlist_gen.scene.loading import load_scene
     from taction.system.atomic_files import write_atomically
     from taction.system.errors import Complaint, InputError
     from taction.verification.design.fresh_scene import NewScene, fresh_scene

@@ -421,7 +421,7 @@ def explore(
     """
     from contextlib import suppress
 
-    from taction.netlist_gen.scene.scene import load_scene
+    from taction.netlist_gen.scene.loading import load_scene
     from taction.verification.report.explorer.server import explore as serve
 
     scene = load_scene(scene) if isinstance(scene, str | Path) else scene

@@ -311,7 +311,7 @@ def with_settings(scene: Scene, settings: Iterable[str]) -> Scene:
 
     Examples
     --------
-    >>> from taction.netlist_gen.scene.scene import load_scene
+    >>> from taction.netlist_gen.scene.loading import load_scene
     >>> scene = load_scene("scenes/paper-breadboard.toml")
     >>> with_settings(scene, ["C=12pF", "lambda=0.5"]).design.capacitance
     1.2e-11

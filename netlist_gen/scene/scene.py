@@ -1,4 +1,4 @@
-"""`Scene`: problem, design, analysis and checks as frozen, validated values; `load_scene`."""
+"""`Scene`: problem, design, analysis and checks as frozen, validated values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from taction.netlist_gen.scene.fields import (
     SecondsOrAuto,
 )
 from taction.netlist_gen.scene.key_mistakes import TWO_RESOLUTIONS
-from taction.netlist_gen.scene.loading import load_scene as load_scene
 from taction.netlist_gen.scene.mistakes import placed, validated
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
 from taction.netlist_gen.scene.problem import (

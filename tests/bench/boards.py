@@ -15,7 +15,7 @@ import numpy as np
 
 import taction
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from tests.bench.judge import Board, Limits, sheet_of
 from tests.support.paths import ROOT
 

@@ -14,7 +14,7 @@ import pytest
 
 from taction.cli import boards
 from taction.netlist_gen.deck.dialects.table import DIALECTS
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import document, taction
 

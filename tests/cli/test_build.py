@@ -11,7 +11,7 @@ import pytest
 from click.testing import Result
 
 import taction as public
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from tests.support.entries import write_fast
 from tests.support.running import document, taction
 

@@ -13,7 +13,8 @@ import numpy as np
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.verification.engines.ngspice.screening import screen
 from taction.verification.reference.ideal_answer import resolve_lambda

@@ -16,7 +16,8 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.parts import Catalogue
 from taction.netlist_gen.kicad.wiring import wiring
-from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from tests.kicad.conftest import Opened, rows
 from tests.support.making import make_scene
 from tests.support.paths import SCENES

@@ -14,7 +14,8 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import load_scene, scene_type
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import scene_type
 from taction.system.waveforms import Waveforms
 from taction.verification.verdict import recording
 from taction.verification.verdict.checks import Outcome

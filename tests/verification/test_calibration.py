@@ -12,7 +12,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.array_types import Floats
 from taction.verification.engines.ngspice.process import find_simulator, simulate

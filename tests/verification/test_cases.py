@@ -7,7 +7,8 @@ import pytest
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.checks import Tolerances
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.verification.design.tune import tune
 from taction.verification.studies.tolerance.varied_board import evaluate, prepare
 from taction.verification.verdict.checks import Check, Outcome

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict.progress import FULL, Effort
 from taction.verification.verdict.verify import Verdict, verify

@@ -309,7 +309,7 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
 
     Examples
     --------
-    >>> from taction.netlist_gen.scene.scene import load_scene
+    >>> from taction.netlist_gen.scene.loading import load_scene
     >>> found = judge(load_scene("scenes/paper-breadboard.toml"), "statespace", 500)
     >>> found.record.outcome, f"{found.record.value('settling_time'):.3g}"
     ('pass', '0.00242')

@@ -98,7 +98,7 @@ def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
     Examples
     --------
     >>> from taction.netlist_gen.scene.inverse_problem import make_problem
-    >>> from taction.netlist_gen.scene.scene import load_scene
+    >>> from taction.netlist_gen.scene.loading import load_scene
     >>> scene = load_scene("scenes/paper-breadboard.toml")
     >>> [control.symbol for control in controls(scene, make_problem(scene))]
     ['C', 's', 'λ', 'stray', 'σ²']
@@ -219,7 +219,7 @@ class Settings:
 
         Examples
         --------
-        >>> from taction.netlist_gen.scene.scene import load_scene
+        >>> from taction.netlist_gen.scene.loading import load_scene
         >>> start = Start.of(load_scene("scenes/paper-breadboard.toml"))
         >>> Settings({"design.capacitance": 2e-11}).command(start)
         'taction verify scenes/paper-breadboard.toml --set design.capacitance=2e-11'

@@ -17,7 +17,8 @@ import numpy as np
 
 from taction.netlist_gen.scene.field_values import LARGE, SMALL
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system import plugins
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError, SolverError
@@ -266,7 +267,7 @@ def read_scene(scene: str | Path | Scene, engine: str | None = None) -> Scene:
     Raises
     ------
     InputError, SolverError
-        See `taction.netlist_gen.scene.scene.load_scene` and `resolve_lambda`.
+        See `taction.netlist_gen.scene.loading.load_scene` and `resolve_lambda`.
     """
     resolved = resolve_lambda(scene if isinstance(scene, Scene) else load_scene(scene))
     return resolved if engine is None else resolved.with_engine(engine)

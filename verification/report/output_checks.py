@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file as check_file
 from taction.system.output_files import check_folder as check_folder

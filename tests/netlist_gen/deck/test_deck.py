@@ -19,7 +19,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.board_cards import matrix_lines
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -13,7 +13,8 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.board import board_files, branches
 from taction.netlist_gen.kicad.parts import Catalogue, reference
 from taction.netlist_gen.kicad.wiring import wiring
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from tests.netlist_gen.kicad.test_project import fields, items, parsed
 from tests.support.making import make_scene
 from tests.support.paths import SCENES

@@ -13,8 +13,9 @@ import pytest
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.project import Project, kicad_project
 from taction.netlist_gen.kicad.sheet import Quoted, written
+from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from tests.support.making import make_scene
 from tests.support.paths import SCENES

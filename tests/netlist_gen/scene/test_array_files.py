@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from taction.netlist_gen.scene.array_files import read_array, read_profile
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.verdict.verify import verify
 from tests.support.making import write_matrix_scene

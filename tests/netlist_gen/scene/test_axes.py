@@ -16,7 +16,8 @@ from taction.netlist_gen.scene.axes import (
     with_values,
 )
 from taction.netlist_gen.scene.keys import all_keys, find_key, own_value
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import InputError
 from tests.support.making import make_scene

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
 
 MANY = "9" * 5000

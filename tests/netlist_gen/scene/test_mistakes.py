@@ -9,7 +9,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from taction.cli.main import main
-from taction.netlist_gen.scene.scene import load_scene, parse_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES

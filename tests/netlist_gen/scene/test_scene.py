@@ -17,7 +17,8 @@ from pydantic import ValidationError
 from taction.cli.main import main
 from taction.netlist_gen.board.part_warnings import broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from tests.support.making import make_scene
 from tests.support.paths import ROOT, SCENES
 

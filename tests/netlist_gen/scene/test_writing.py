@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from taction.netlist_gen.scene.scene import load_scene, parse_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import parse_scene
 from taction.netlist_gen.scene.writing import scene_text
 from tests.support.paths import ROOT
 

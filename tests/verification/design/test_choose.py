@@ -15,8 +15,9 @@ from taction.cli.main import main
 from taction.netlist_gen.board.part_warnings import ANY_PART, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.design.choose import (
     CAPACITANCE,

@@ -11,7 +11,8 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_settings
-from taction.netlist_gen.scene.scene import load_scene, parse_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from taction.verification.design.exploration import (
     judge,

@@ -12,7 +12,8 @@ from click.testing import CliRunner
 from taction.cli.main import main
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Point, with_values
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.verification.design.remedies import Remedies, find_remedies
 from taction.verification.design.stable_ranges import stable_ranges

@@ -15,7 +15,8 @@ from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.board.preferred_values import buyable, values_between
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.system.quantities import parse
 from taction.verification.design.scaling import scale

@@ -7,7 +7,7 @@ import pytest
 
 from taction.netlist_gen.board.circuit import OpAmpCell, Output, VoltageSource
 from taction.netlist_gen.scene.checks import ExcursionCheck
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.design.remedies import find_remedies
 from taction.verification.design.screening import Outline, can_estimate

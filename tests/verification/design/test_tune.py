@@ -14,7 +14,8 @@ from click.testing import CliRunner, Result
 from taction.cli.main import main
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError, InputError
 from taction.verification.design import tune as tune_module
 from taction.verification.design.trials import Trial

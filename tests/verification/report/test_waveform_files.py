@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.circuit import Output
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.system.documents import plain
 from taction.system.errors import InputError
 from taction.system.picture import time_unit

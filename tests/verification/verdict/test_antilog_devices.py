@@ -13,7 +13,8 @@ from taction.netlist_gen.board.bill_of_materials import bill_of_materials
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.checks import NoiseCheck
-from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.spice_models.transistor import load_pairs
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, start

@@ -18,8 +18,9 @@ from taction.netlist_gen.board.circuit import (
     Resistor,
 )
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import KNEE
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.waveforms import Waveforms

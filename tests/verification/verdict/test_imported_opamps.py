@@ -17,7 +17,8 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import parameters
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.imported_opamps import from_document, to_document
-from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import InputError
 from taction.verification.characterise.characterise import import_opamp
 from taction.verification.engines.ngspice.process import find_simulator, start

@@ -11,7 +11,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import EngineError, InputError
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.transients import simulate

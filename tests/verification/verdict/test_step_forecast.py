@@ -14,7 +14,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard

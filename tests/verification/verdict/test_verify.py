@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.scene import Scene, load_scene, parse_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import SimulatorNotFound, TimedOut
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard

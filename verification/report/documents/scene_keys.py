@@ -37,7 +37,7 @@ def scene_keys(scene: Scene) -> dict[str, KeyValue]:
 
     Examples
     --------
-    >>> from taction.netlist_gen.scene.scene import load_scene
+    >>> from taction.netlist_gen.scene.loading import load_scene
     >>> keys = scene_keys(load_scene("scenes/paper-breadboard.toml"))
     >>> keys["design.opamp.gbw"]
     KeyValue(value=718000.0, unit='Hz', sha256=None)

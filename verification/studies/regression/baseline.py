@@ -177,7 +177,7 @@ def written_keys(scene: Scene) -> dict[str, str]:
 
     Examples
     --------
-    >>> from taction.netlist_gen.scene.scene import load_scene
+    >>> from taction.netlist_gen.scene.loading import load_scene
     >>> written_keys(load_scene("scenes/paper-breadboard.toml"))["design.capacitance"]
     '10pF'
     """

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from taction.netlist_gen.scene.checks import Regression, WaveformTolerance
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import INTERRUPTED, InputError, NoVerdictError
 from taction.system.output_files import printable

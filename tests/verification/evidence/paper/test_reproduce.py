@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import SimulatorNotFound
 from taction.verification.evidence.paper import findings
 from taction.verification.evidence.paper import reproduce as module

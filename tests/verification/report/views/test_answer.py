@@ -11,7 +11,7 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.design.exploration import judge, view_rest
 from taction.verification.reference import IdealNetwork, solve
 from taction.verification.report.explorer import parts

@@ -9,7 +9,8 @@ from contextlib import suppress
 import pytest
 
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
 from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.report.blocks import Page

@@ -21,7 +21,7 @@ from taction.netlist_gen.board.circuit import (
 )
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import Design
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard

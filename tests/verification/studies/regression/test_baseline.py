@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
 from taction.verification.studies.regression.baseline import (
     FORMAT,

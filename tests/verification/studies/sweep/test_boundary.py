@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.studies.sweep.boundary import TOLERANCE, Boundary, solve_boundary
 from taction.verification.studies.sweep.plan import Plan
 from tests.support.paths import CASES, SCENES

@@ -16,7 +16,7 @@ from click.testing import CliRunner, Result
 
 from taction.cli.main import main
 from taction.netlist_gen.scene.axes import parse_axes
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.views.sweep import view
 from taction.verification.studies.running import executors

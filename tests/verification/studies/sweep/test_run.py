@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes, with_values
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import (
     InputError,
     NoVerdictError,

@@ -14,7 +14,8 @@ import pytest
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
-from taction.netlist_gen.scene.scene import Scene, load_scene
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
 from taction.verification.studies.running.versions import own_versions
 from taction.verification.studies.running.worker import Workers

@@ -12,7 +12,7 @@ from scipy.stats import binomtest, norm
 from taction.cli.main import main
 from taction.netlist_gen.board.variation import parameters, with_input_errors_at
 from taction.netlist_gen.scene.checks import Tolerances
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -18,7 +18,7 @@ from taction.netlist_gen.board.circuit import (
     VoltageSource,
 )
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.scene import load_scene
+from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
