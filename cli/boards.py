@@ -213,11 +213,13 @@ def _announce(call: Call) -> None:
 DIFF = Command(
     job=Job(
         function="diff",
+        outputs=(picture("the outputs of both over each other"), REPORT),
     ),
     parameters=(
         argument("first", metavar="A", reads=True),
         argument("second", metavar="B", reads=True),
         ENGINE,
+        option("agree", metavar="SHARE", type=click.FloatRange(0, 1, min_open=True)),
     ),
     ends="Exit status: 0 if all readings are equal within their uncertainties, 1 if one is not, 3"
     " if that is unknown.",

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from taction.netlist_gen.scene.scene import Scene
     from taction.verification.design.remedies import Remedies
-    from taction.verification.studies.difference import VerdictDifference
+    from taction.verification.studies.difference import Curves, VerdictDifference
     from taction.verification.studies.verify_files import VerifiedFiles
     from taction.verification.verdict.progress import Progress
     from taction.verification.verdict.recording import MeasuredTransient
@@ -328,59 +328,79 @@ def diff(
     second: str | Path | Scene | Verdict,
     *,
     engine: str | None = None,
+    agree: float = 1e-3,
     progress: Progress = lambda stage: None,
 ) -> VerdictDifference:
-    """Compare two boards: the keys that differ, then the readings of both verdicts.
+    """Compare two boards: the keys or parts that differ, then the readings.
 
-    A and B are scenes, or files ``*.json`` that `taction verify SCENE --json` wrote.
+    A and B are scenes, verdicts that `taction verify SCENE --json` stored (.json), decks (.cir,
+    .sp, .net, .spice, .ckt), or raw files of a transient (.raw), of which one is compared with a
+    scene or a deck.
 
     Parameters
     ----------
     first, second : path, Scene or Verdict
-        A scene, a stored verdict (``.json``), or a verdict.
+        A scene, a stored verdict, a deck, a raw file, or a verdict. A scene beside a deck stands
+        for the deck that it writes.
     engine : str, optional
         Engine in the place of the scene's own.
 
-        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``; a deck or a raw file is compared by the
+        state-space engine.
+    agree : float
+        Accepted error of a raw file's waveforms, as a share of the largest step.
     progress : callable, optional
         Receives the name of each stage.
 
     Returns
     -------
     VerdictDifference
-        `keys` and `readings` with their differences and the uncertainties of these.
+        `keys` and `readings` with their differences and the uncertainties of these; `plot` draws
+        both waveforms over each other.
 
     Raises
     ------
     InputError
         A scene or a file cannot be used.
     NoVerdictError
-        A scene has no verdict.
+        A scene has no verdict, or a deck or a record no exact solution.
 
     Examples
     --------
-    >>> import taction
+    >>> import pathlib, taction, tempfile
     >>> scene = "scenes/paper-breadboard.toml"
     >>> taction.diff(scene, scene, engine="statespace").exit_status
     0
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     edited = pathlib.Path(folder, "edited.cir")
+    ...     text = taction.netlist(scene).text.replace("Cc_4 v_4 x_4 1e-11", "Cc_4 v_4 x_4 2e-11")
+    ...     _ = edited.write_text(text)
+    ...     found = taction.diff(scene, edited)
+    >>> [(key.key, key.first, key.second) for key in found.keys]
+    [('Cc_4', 1e-11, 2e-11)]
     """
+    from taction.verification.studies.difference import compare_verdicts, is_circuit, stored_verdict
+
+    if is_circuit(first) or is_circuit(second):
+        from taction.verification.studies.compared_boards import compare_circuits
+
+        progress("decks")
+        return compare_circuits(first, second, agree)
     from taction.system.documents import plain
-    from taction.verification.studies.difference import compare_verdicts, stored_verdict
     from taction.verification.verdict.verify import Verdict
 
-    def document(one: str | Path | Scene | Verdict) -> dict[str, Any]:
+    def document(one: str | Path | Scene | Verdict) -> tuple[dict[str, Any], Curves | None]:
         if isinstance(one, str | Path) and str(one).lower().endswith(".json"):
-            return stored_verdict(one)
-        if isinstance(one, Verdict):
-            return dict(plain(one))
-        return dict(plain(verify(one, engine=engine, progress=progress)))
+            return stored_verdict(one), None
+        found = one if isinstance(one, Verdict) else verify(one, engine=engine, progress=progress)
+        return dict(plain(found)), lambda: (found.waveforms.time, found.u)
 
-    one, two = document(first), document(second)
-    name, other = (
+    (one, curve), (two, other) = document(first), document(second)
+    name, named = (
         str(given) if isinstance(given, str | Path) else str(found["scene"])
         for given, found in ((first, one), (second, two))
     )
-    return compare_verdicts(one, two, (name, other))
+    return compare_verdicts(one, two, (name, named), (curve, other))
 
 
 def explore(

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
+import re
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import taction as taction_package
 from taction.spice_models.input_errors import NONE
 from taction.verification.studies.difference import compare_verdicts
 from tests.support.entries import write_fast
@@ -137,3 +141,120 @@ def test_what_is_no_verdict_is_refused(tmp_path: Path, text: str, reason: str) -
     result = taction("diff", str(stored), str(stored))
     assert result.exit_code == 2
     assert reason in result.stderr
+
+
+RC = """a low pass
+V1 in 0 PULSE(0 1 {at} 1n 1n 1 2)
+R1 in out 1k
+C1 out 0 {farads}
+.tran 20n 30u 0 20n
+.save v(out)
+.end
+"""
+
+
+def low_pass(path: Path, farads: str = "1n", at: str = "0") -> str:
+    path.write_text(RC.format(farads=farads, at=at))
+    return str(path)
+
+
+def run_ngspice(deck: str, raw: Path) -> str:
+    subprocess.run(["ngspice", "-b", "-r", raw, deck], capture_output=True, check=True)
+    return str(raw)
+
+
+def test_decks_differ_in_parts_and_in_exact_readings(tmp_path: Path) -> None:
+    """The rise time of R C from 10 to 90 % is R C ln 9."""
+    first, second = low_pass(tmp_path / "a.cir"), low_pass(tmp_path / "b.cir", "1.5n")
+    found = document(result := taction("diff", first, second, "--json"))
+    assert result.exit_code == 1
+    (changed,) = found["keys"]
+    assert (changed["key"], changed["unit"]) == ("C1", "F")
+    assert (changed["first"], changed["second"]) == pytest.approx((1e-9, 1.5e-9), rel=1e-15)
+    assert found["outputs"] == ["out"]
+    rise = readings(found)["rise_time", 1]
+    assert rise["first"] == pytest.approx(1e-6 * math.log(9.0), rel=1e-9)
+    assert rise["second"] == pytest.approx(1.5e-6 * math.log(9.0), rel=1e-9)
+    assert rise["beyond"] is True
+    assert readings(found)["growth_rate", None]["first"] == pytest.approx(-1e6, rel=1e-12)
+    assert "out rise time" in taction("diff", first, second).stdout
+
+
+def test_a_changed_wire_is_a_difference_of_nodes(tmp_path: Path) -> None:
+    first, second = low_pass(tmp_path / "a.cir"), tmp_path / "b.cir"
+    second.write_text(Path(first).read_text().replace("R1 in out 1k", "R1 in x 1k\nR2 x out 2k"))
+    found = document(taction("diff", first, str(second), "--json"))
+    changed = [(key["key"], key["first"], key["second"]) for key in found["keys"]]
+    assert sorted(changed) == [
+        ("R1 nodes", "in out", "in x"),
+        ("R2", None, 2e3),
+        ("R2 nodes", None, "x out"),
+    ]
+
+
+def test_a_scene_is_compared_with_its_deck_changed_by_hand(tmp_path: Path) -> None:
+    scene, deck = str(write_fast(tmp_path / "a.toml")), tmp_path / "a.cir"
+    text = taction("netlist", scene).stdout
+    deck.write_text(text)
+    assert taction("diff", scene, str(deck)).exit_code == 0
+    (line,) = re.findall(r"^Rr_1 \S+ \S+ \S+$", text, re.M)
+    name, a, b, ohms = line.split()
+    deck.write_text(text.replace(line, f"{name} {a} {b} {1.1 * float(ohms)!r}"))
+    found = document(result := taction("diff", scene, str(deck), "--json"))
+    assert result.exit_code == 1
+    assert [key["key"] for key in found["keys"]] == ["Rr_1"]
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_a_record_is_compared_with_the_exact_solution(tmp_path: Path) -> None:
+    """ngspice's steps err by far less than 0.1 %; 1.5 nF instead of 1 nF by up to 15 %."""
+    deck, other = low_pass(tmp_path / "a.cir", at="5u"), low_pass(tmp_path / "b.cir", "1.5n", "5u")
+    raw = run_ngspice(deck, tmp_path / "a.raw")
+    found = document(result := taction("diff", deck, raw, "--json"))
+    assert result.exit_code == 0
+    (wave,) = [each for each in found["readings"] if each["group"] == "waveforms"]
+    assert 0.0 < abs(wave["difference"]) < wave["allowed"] == pytest.approx(1e-3, rel=1e-6)
+    found = document(result := taction("diff", raw, other, "--json"))
+    assert result.exit_code == 1
+    (wave,) = [each for each in found["readings"] if each["group"] == "waveforms"]
+    # Two falling exponentials are most apart at 3 ln 1.5 times the faster time constant.
+    assert wave["difference"] == pytest.approx(1.5**-3 - 1.5**-2, rel=5e-3)
+    assert wave["note"].startswith(f"at {3.0 * math.log(1.5):.1f}")
+
+
+@pytest.mark.usefixtures("ngspice")
+def test_a_record_of_a_board_with_amplifiers(tmp_path: Path) -> None:
+    scene, deck = str(SCENES / "paper-exponential.toml"), tmp_path / "a.cir"
+    assert taction("netlist", scene, "-o", str(deck)).exit_code == 0
+    raw = run_ngspice(str(deck), tmp_path / "a.raw")
+    result = taction("diff", raw, scene)
+    assert result.exit_code == 0
+    assert "waveform a_4, at " in result.stdout
+    result = taction("diff", scene, str(deck))
+    assert result.exit_code == 2
+    assert "compare the scene with a raw file" in result.stderr
+
+
+def test_both_waveforms_are_drawn_over_each_other(tmp_path: Path) -> None:
+    first, second = low_pass(tmp_path / "a.cir"), low_pass(tmp_path / "b.cir", "1.5n")
+    outputs, apart = taction_package.diff(first, second).page().sheet().columns[0]
+    assert [curve.name for curve in outputs.marks] == ["out", "out"]
+    assert outputs.marks[1].line == "dash"
+    assert max(abs(apart.marks[0].y)) == pytest.approx(1.5**-2 - 1.5**-3, rel=1e-3)
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
+    deck = low_pass(tmp_path / "a.cir")
+    stored, raw = tmp_path / "a.json", tmp_path / "a.raw"
+    raw.write_text("no raw file")
+    scene = str(write_fast(tmp_path / "a.toml"))
+    for pair, reason in (
+        ((str(stored), deck), "a stored verdict has no circuit to compare with"),
+        ((str(raw), str(raw)), "a second record; expected the scene or the deck"),
+        ((scene, str(raw)), "does not begin with 'Title:'"),
+        ((scene, deck), "the deck has no node of this name"),
+        ((deck, str(tmp_path / "b.asc")), "a schematic of LTspice is no deck"),
+    ):
+        result = taction("diff", *pair)
+        assert result.exit_code == 2
+        assert reason in result.stderr

@@ -289,7 +289,7 @@ def check_board(
 
 def measure(board: LinearBoard, found: Poles, band: float, initial: Start) -> Measurements:
     """Measure the step of the outputs against their own equilibrium."""
-    response, returns = _response(board, initial, band)
+    response, returns = step_response(board, initial, band)
     if found.known_stable:
         (measured,) = measure_responses([response])
         return _settling_alone(measured) if returns else measured
@@ -303,9 +303,9 @@ def measure(board: LinearBoard, found: Poles, band: float, initial: Start) -> Me
     return summary(step.amplitude, band, (), channels)
 
 
-def _response(board: LinearBoard, initial: Start, band: float) -> tuple[ExactResponse, bool]:
+def step_response(board: LinearBoard, initial: Start, band: float) -> tuple[ExactResponse, bool]:
     """Return the step of the outputs, to be measured, and whether they return to their start."""
-    before, rest, error = _ends(board, initial)
+    before, rest, error = ends(board, initial)
     start = _pulses(board, before, rest, error, initial)
     return ExactResponse(board, rest, start, initial, band, error), start is not before
 
@@ -341,7 +341,7 @@ def _settling_alone(measured: Measurements) -> Measurements:
     return replace(measured, channels=tuple(channels), readings=readings)
 
 
-def _ends(board: LinearBoard, initial: Start) -> tuple[Floats, Floats, float]:
+def ends(board: LinearBoard, initial: Start) -> tuple[Floats, Floats, float]:
     """Return the outputs before the step and at rest, V, and the error of the latter."""
     places = [board.descriptor.place(out.node) for out in board.circuit.outputs]
     signs = np.array([out.sign for out in board.circuit.outputs])
@@ -443,7 +443,7 @@ def _judge(board: LinearBoard, found: Poles, each: tuple[str, float, float]) -> 
 def _outputs(
     board: LinearBoard, found: Poles, measured: Measurements, noise: OutputNoise, initial: Start
 ) -> tuple[OutputRow, ...]:
-    before, rest, error = _ends(board, initial)
+    before, rest, error = ends(board, initial)
     rows = []
     for n, (out, channel) in enumerate(zip(board.circuit.outputs, measured.channels, strict=True)):
         settling, rise = channel.settling_time, channel.rise_time
@@ -521,7 +521,7 @@ def _points(
             lead = found.rightmost
             rows.append(PointRow(value, lead.real, lead.imag / math.tau, found.stable))
             if found.known_stable:
-                responses[k] = _response(board, initial, band)
+                responses[k] = step_response(board, initial, band)
         except (EngineError, InputError) as error:
             rows[k:] = [PointRow(value, None, None, None, failure=str(error))]
     try:

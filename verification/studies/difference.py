@@ -1,4 +1,4 @@
-"""The difference of two verdicts: keys of their scenes, then readings with their bounds.
+"""The difference of two boards: keys of their scenes or their parts, then readings with bounds.
 
 Both bounds of a reading are bounds, not standard deviations, so their sum bounds the error of a
 difference. A verdict may be a file that `taction verify SCENE --json` wrote, also an older one.
@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
+from taction.system.array_types import Floats
 from taction.system.documents import Inline, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
@@ -24,8 +25,12 @@ from taction.verification.verdict.record import Channel, Record
 
 Document = Mapping[str, Any]
 Value = bool | int | float | str
+Curves = Callable[[], tuple[Floats, Floats] | None]
+"""Returns instants (P,), s, and outputs (P, N), V; None where they cannot be drawn."""
 
 ACCEPTED = "the document of one verdict, from `taction verify SCENE --json`"
+DECKS = (".cir", ".ckt", ".cki", ".sp", ".spice", ".net", ".asc")
+RECORDS = (".raw",)
 FIGURES = ("growth_rate", "frequency", "step_amplitude")
 CHANNEL_FIGURES = ("equilibrium", *READINGS)
 
@@ -43,16 +48,37 @@ class KeyDifference:
 
 @dataclass(frozen=True, slots=True)
 class VerdictDifference(Result):
-    """The differences of two verdicts; `keys` is None where a document has no keys."""
+    """The differences of two boards.
+
+    Attributes
+    ----------
+    first, second : str
+        How they are called.
+    keys : tuple of KeyDifference, or None
+        What differs in their scenes, or in the parts of their decks; None where one has neither.
+    readings : tuple of Difference
+        Every reading of either.
+    outputs : tuple of str
+        Names of the channels of readings; empty: u_1, u_2, ...
+    notes : tuple of str
+        What was done with a deck.
+    curves : tuple of callable or None
+        Instants (P,), s, and outputs (P, N), V, of each; None of a stored verdict.
+    has_record : bool
+        Whether one of them is the record of a raw file.
+    """
 
     VIEW = "taction.verification.report.views.difference:view"
-
-    SHOWN: ClassVar[tuple[str, ...]] = ("exit_status",)
+    DOCUMENT = ("first", "second", "keys", "readings", "outputs", "notes", "exit_status")
 
     first: str
     second: str
     keys: tuple[KeyDifference, ...] | None
     readings: tuple[Difference, ...]
+    outputs: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    curves: tuple[Curves | None, Curves | None] = (None, None)
+    has_record: bool = False
 
     @property
     def exit_status(self) -> int:
@@ -61,13 +87,21 @@ class VerdictDifference(Result):
         return 1 if True in found else 3 if None in found else 0
 
 
+def is_circuit(given: object) -> bool:
+    """Return whether something is a file of a deck, or of a record of waveforms, by its ending."""
+    return isinstance(given, str | Path) and Path(given).suffix.lower() in (*DECKS, *RECORDS)
+
+
 def compare_verdicts(
-    first: Document, second: Document, names: tuple[str, str]
+    first: Document,
+    second: Document,
+    names: tuple[str, str],
+    curves: tuple[Curves | None, Curves | None] = (None, None),
 ) -> VerdictDifference:
     """Return the differences of two documents; `names` are those of their files."""
     keys, one, two = None, read(_StoredVerdict, first), read(_StoredVerdict, second)
     if one.keys is not None and two.keys is not None:
-        keys = tuple(_keys(one.keys, two.keys))
+        keys = tuple(key_differences(one.keys, two.keys))
     readings = compare(
         _record(one),
         _record(two),
@@ -75,12 +109,12 @@ def compare_verdicts(
         figures=FIGURES,
         channel_figures=CHANNEL_FIGURES,
     )
-    return VerdictDifference(*names, keys, readings)
+    return VerdictDifference(*names, keys, readings, curves=curves)
 
 
 @dataclass(frozen=True, slots=True)
-class _StoredKey:
-    """A key of a scene in the document of a verdict."""
+class Key:
+    """A key of a scene, or a value of a deck."""
 
     value: Value | None
     unit: str | None = None
@@ -112,7 +146,7 @@ class _StoredVerdict:
     stability: _StoredStability
     engine: str = ""
     step_amplitude_uncertainty: float | None = None
-    keys: dict[str, _StoredKey] | None = None
+    keys: dict[str, Key] | None = None
 
     @property
     def rest(self) -> float | None:
@@ -165,10 +199,9 @@ def _record(stored: _StoredVerdict) -> Record:
     )
 
 
-def _keys(
-    first: Mapping[str, _StoredKey], second: Mapping[str, _StoredKey]
-) -> Iterator[KeyDifference]:
-    nothing = _StoredKey(None)
+def key_differences(first: Mapping[str, Key], second: Mapping[str, Key]) -> Iterator[KeyDifference]:
+    """Yield the keys whose values differ."""
+    nothing = Key(None)
     for key in {**first, **second}:
         one, two = first.get(key, nothing), second.get(key, nothing)
         content = one.sha256 != two.sha256

@@ -1,15 +1,46 @@
-"""The difference of two verdicts: the keys that differ, then the readings that are not the same."""
+"""The difference of two boards: the keys or parts that differ, then the readings that do."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Literal
 
-from taction.verification.report.blocks import BOTH, Block, Cell, Notes, Page, Section, Shown, Table
-from taction.verification.report.charts import Outcome
-from taction.verification.report.texts import outcome_cell, readable, spaced, value_text
+import numpy as np
+
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
+from taction.verification.report.blocks import (
+    BOTH,
+    Block,
+    Cell,
+    Notes,
+    Page,
+    Section,
+    Sheet,
+    Shown,
+    Table,
+)
+from taction.verification.report.charts import (
+    Axis,
+    Chart,
+    Curve,
+    Line,
+    Outcome,
+    spread_colours,
+    thinned,
+)
+from taction.verification.report.texts import (
+    outcome_cell,
+    quantity,
+    readable,
+    spaced,
+    value_text,
+)
 from taction.verification.studies.difference import KeyDifference, VerdictDifference
 from taction.verification.verdict.compare import Difference
 
+POINTS = 20_000  # of all curves of one board
+LABELLED = 12  # outputs above which curves have no names beside them
 BEYOND: dict[bool | None, tuple[str, Outcome]] = {
     True: ("yes", "fail"),
     False: ("no", "pass"),
@@ -25,11 +56,13 @@ def view(difference: VerdictDifference) -> Page:
         command="taction diff",
         outcome=EXITS[difference.exit_status],
         summary=_summary(difference),
-        lines=(f"A: {difference.first}", f"B: {difference.second}"),
+        lines=(f"A: {difference.first}", f"B: {difference.second}", *difference.notes),
         sections=(
             Section("Keys", (_keys(difference),), media=BOTH),
             Section("Readings", (_readings(difference),), media=BOTH),
+            Section("Waveforms", lambda: _waveforms(difference)),
         ),
+        sheet=lambda: _sheet(difference),
     )
 
 
@@ -44,6 +77,8 @@ def _summary(difference: VerdictDifference) -> str:
 
 
 def _keys(difference: VerdictDifference) -> Block:
+    if difference.has_record:
+        return Notes("", ("parts: not compared; a record has none",))
     if difference.keys is None:
         return Notes("", ("keys: unknown; a document of an older taction has none",))
     if not difference.keys:
@@ -60,7 +95,7 @@ def _keys(difference: VerdictDifference) -> Block:
 
 def _readings(difference: VerdictDifference) -> Table:
     columns: dict[str, Callable[[Difference], Shown]] = {
-        "reading": _name,
+        "reading": lambda each: _name(each, difference.outputs),
         "A": lambda each: _text(each.first, each.unit, 6),
         "B": lambda each: _text(each.second, each.unit, 6),
         "B - A": lambda each: Cell(_text(each.difference, each.unit, 3), each.difference),
@@ -71,9 +106,66 @@ def _readings(difference: VerdictDifference) -> Table:
     return Table.of("Readings", changed, columns)
 
 
-def _name(reading: Difference) -> str:
+def _name(reading: Difference, outputs: tuple[str, ...]) -> str:
+    if reading.group == "waveforms":
+        return f"waveform {reading.name}, {reading.note}"
     name = f"check {spaced(reading.name)}" if reading.group == "checks" else spaced(reading.name)
-    return f"u_{reading.channel} {name}" if reading.channel else name
+    if not reading.channel:
+        return name
+    return f"{outputs[reading.channel - 1] if outputs else f'u_{reading.channel}'} {name}"
+
+
+def _waveforms(difference: VerdictDifference) -> Iterator[Chart]:
+    """Yield the outputs of both over time, and B minus A, where both have waveforms."""
+    first, second = (each and each() for each in difference.curves)
+    if not first or not second:
+        return
+    (time, u), (other, v) = first, second
+    count = min(u.shape[1], v.shape[1])
+    names = difference.outputs or [f"u_{n + 1}" for n in range(count)]
+    colours = spread_colours(count)
+    label: Literal["end", ""] = "end" if count <= LABELLED else ""
+
+    def curves(
+        x: Floats, values: Floats, line: Line, width: float, where: Literal["end", ""]
+    ) -> Iterator[Curve]:
+        for n, look in enumerate(colours):
+            shown = thinned(x, values[:, n], POINTS // count)
+            yield Curve(*shown, names[n], look, line, width=width, label=where)
+
+    yield Chart(
+        "Outputs",
+        Axis("time", "s"),
+        Axis("output", "V"),
+        (*curves(time, u, "solid", 2.2, label), *curves(other, v, "dash", 1.2, "")),
+        "",
+        f"Solid: A, {difference.first}. Dashed: B, {difference.second}.",
+        height=420,
+    )
+    inside = time[(time >= other[0]) & (time <= other[-1])]
+    if not len(inside):
+        return
+    places = np.searchsorted(time, inside)
+    apart = [np.interp(inside, other, v[:, n]) - u[places, n] for n in range(count)]
+    yield Chart(
+        "B minus A",
+        Axis("time", "s"),
+        Axis("difference", "V"),
+        tuple(curves(inside, np.column_stack(apart), "solid", 1.2, "")),
+        f"apart by at most {quantity(float(np.abs(apart).max()), 'V', 3)}",
+        "The outputs of B minus those of A.",
+        height=300,
+    )
+
+
+def _sheet(difference: VerdictDifference) -> Sheet:
+    charts = tuple(_waveforms(difference))
+    names = f"{difference.first}, {difference.second}"
+    if not charts:
+        text = "no waveforms: one of them is a stored verdict, or leaves the range of floats"
+        raise InputError("--plot", Complaint("A, B", names, text))
+    title = f"{difference.first} and {difference.second}: {_summary(difference)}"
+    return Sheet.of(title, charts, 1, (8.4, 3.4), (0.0, 0.6), charts[0].summary)
 
 
 def _text(value: object, unit: str, digits: int) -> str:

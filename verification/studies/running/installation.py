@@ -23,6 +23,7 @@ EXTRAS = (
     ("nicegui", "explore", "pip install 'taction[explore]'"),
     ("pyarrow", "waveforms and sweeps as Parquet", "pip install 'taction[parquet]'"),
     ("xarray", "sweeps as netCDF", "pip install 'taction[netcdf]'"),
+    ("spicelib", "diff with raw files in text or of LTspice", "pip install 'taction[raw]'"),
     ("pandas", "to_pandas() of studies, in Python", "pip install 'taction[data]'"),
     ("distributed", "sweeps on a cluster", "pip install 'taction[cluster]'"),
 )
