@@ -6,6 +6,7 @@ A part of a message that is known only at run time, such as a value or a file, i
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import re
 from collections.abc import Iterator
@@ -40,6 +41,7 @@ def kinds() -> dict[str, type[errors.TactionError]]:
     return found
 
 
+@functools.cache
 def messages() -> list[Message]:
     """Return the messages of all modules, sorted by kind and text."""
     keys = dict[tuple[str, str], set[str]]()

@@ -33,14 +33,18 @@ STEPS = {
     "pythons": ("make", "test-pythons", "ARGS=--all"),
     "simulators": ("make", "test-simulators", "ARGS=--all"),
     "random-scenes": ("make", "test", "ARGS=tests/verification"),
+    "long-tests": ("make", "test", "ARGS=-m nightly"),
     "fuzz": ("make", "fuzz"),
     "torture": ("make", "torture"),
     "boards": ("make", "boards"),
     "bare": ("make", "test-bare", "ARGS=make test-browser test-kicad test-install docs"),
     "newer-debian": ("make", "test-bare", "RELEASE=trixie", "ARGS=make demo test"),
 }
-# Ten times as many random scenes and seeds as in every commit.
-MORE = {"random-scenes": {"TACTION_RANDOM_SCENES": "200", "TACTION_ROUNDING_SCALE": "10"}}
+# Ten times as many random scenes and seeds as in every commit; the tests marked `nightly`.
+MORE = {
+    "random-scenes": {"TACTION_RANDOM_SCENES": "200", "TACTION_ROUNDING_SCALE": "10"},
+    "long-tests": {"TACTION_NIGHTLY": "yes"},
+}
 
 
 def git(*words: str) -> str:

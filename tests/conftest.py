@@ -34,6 +34,20 @@ settings.register_profile("taction", derandomize=True, deadline=None)
 settings.load_profile("taction")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "nightly: only in `make nightly`, step long-tests")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what takes too long for every commit, unless the step of `make nightly` runs."""
+    if os.environ.get("TACTION_NIGHTLY"):
+        return
+    left_out = [item for item in items if item.get_closest_marker("nightly")]
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("nightly")]
+
+
 @pytest.fixture(autouse=True)
 def strict(monkeypatch: pytest.MonkeyPatch) -> None:
     """A step after a result that fails is a mistake, which a test must see."""
@@ -62,6 +76,21 @@ def _program(name: str, command: str) -> str:
             pytest.fail(reason)
         pytest.skip(reason)
     return path
+
+
+@pytest.fixture
+def quick_stories(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`demo` by the state-space engine, and of `reproduce` the chapters that take no time."""
+    from taction.verification.evidence import demonstration
+    from taction.verification.evidence.paper import findings, reproduce
+
+    quick = {name: reproduce.CHAPTERS[name] for name in ("kernels", "equations")}
+    monkeypatch.setattr(reproduce, "CHAPTERS", quick)
+    monkeypatch.setattr(
+        demonstration,
+        "paper_scene",
+        lambda name: findings.paper_scene(name).with_engine("statespace"),
+    )
 
 
 @pytest.fixture

@@ -11,7 +11,6 @@ import jsonschema
 import pytest
 
 from taction.cli.main import COMMANDS
-from taction.verification.evidence.paper import reproduce
 from taction.verification.report.documents.catalogue import (
     MODELS,
     schema,
@@ -40,7 +39,7 @@ engine = "statespace"
 LINES: dict[str, tuple[str, ...]] = {
     "verify": ("verify", "a.toml", "--margins"),
     "verify, failing": ("verify", "slow.toml", "--changes", "0.5"),
-    "verify, oscillating": ("verify", "ringing.toml", "--margins"),
+    "verify, oscillating": ("verify", "ringing.toml", "--margins", "--changes", "0.5"),
     "verify, inconclusive": ("verify", "short.toml"),
     "verify, one channel": ("verify", "one.toml", "--margins"),
     "verify, transistor stages": ("verify", "devices.toml"),
@@ -119,7 +118,6 @@ LINES: dict[str, tuple[str, ...]] = {
     "help": ("--help",),
     "reproduce": ("reproduce", "--quick"),
 }
-CHAPTERS = ("kernels", "equations")  # of `reproduce`: they take no time
 SCHEMAS = {"help.schemas", "help.scene_schema"}  # schemas in a document: any fields
 
 
@@ -159,14 +157,11 @@ def test_the_published_schemas_are_those_of_the_models() -> None:
     assert published == dict(schemas()), "run: make schemas"
 
 
-@pytest.mark.usefixtures("folder")
+@pytest.mark.usefixtures("folder", "quick_stories")
 @pytest.mark.parametrize("name", LINES)
 def test_a_real_document_fits_its_schema(
     name: str, ngspice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if name == "reproduce":
-        quick = {key: reproduce.CHAPTERS[key] for key in CHAPTERS}
-        monkeypatch.setattr(reproduce, "CHAPTERS", quick)
     if name == "error, no ngspice":
         monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
     found = document(taction(*LINES[name], "--json"))

@@ -72,7 +72,7 @@ def test_a_closed_stderr_changes_no_verdict() -> None:
         (("verify",), 2),
         (("colour",), 2),
         (("netlist", TUNED, "-o", "a.cir"), 0),
-        (("verify", TUNED, "--engine", "statespace", "--set", "checks.settling_time.max=1ns"), 1),
+        ((*VERIFY, "--changes", "0", "--set", "checks.settling_time.max=1ns"), 1),
         (("diff", "none.json", TUNED), 2),
     ],
 )

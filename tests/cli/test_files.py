@@ -17,7 +17,6 @@ from lxml import html
 from taction.cli.command import Command
 from taction.cli.main import COMMANDS, main
 from taction.cli.main import command as entry
-from taction.verification.evidence.paper import reproduce
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import NO_BYTECODE, document, python, taction
@@ -80,9 +79,7 @@ class ReaderGone(io.TextIOBase):
 
 
 @pytest.fixture
-def folder(boards: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    quick = {"kernels": reproduce.CHAPTERS["kernels"]}
-    monkeypatch.setattr(reproduce, "CHAPTERS", quick)
+def folder(boards: Path, quick_stories: None) -> Path:
     (boards / "v.cir").write_text(VENDOR.read_text())
     return boards
 

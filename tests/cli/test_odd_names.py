@@ -6,13 +6,15 @@ import json
 import os
 import shutil
 import subprocess
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from lxml import etree
 
 from tests.support.paths import SCENES
-from tests.support.running import python
+from tests.support.running import document, python, taction
 
 SCENE = SCENES / "tuned-breadboard.toml"
 NAME = os.fsdecode(b"board-\xff.toml")
@@ -22,19 +24,33 @@ def run(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
     return python("-m", "taction", *words, env=variables)
 
 
+@pytest.fixture
+def temporary(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Return a function that names the folder for temporary files of this process."""
+
+    def named(folder: str) -> None:
+        monkeypatch.setenv("TMPDIR", folder)
+        monkeypatch.setattr(tempfile, "tempdir", None)
+
+    return named
+
+
 @pytest.mark.parametrize(
     "name",
     ["a space", "a'quote", 'two"quotes', "{braces}", "line\nbreak", "$HOME;`x`\\", "long" * 30],
 )
-def test_a_temporary_folder_may_have_any_name(name: str, tmp_path: Path, ngspice: str) -> None:
+def test_a_temporary_folder_may_have_any_name(
+    name: str, tmp_path: Path, ngspice: str, temporary: Callable[[str], None]
+) -> None:
     place = tmp_path / name
     place.mkdir()
-    done = run("verify", str(SCENE), "--engine", "ngspice", TMPDIR=str(place))
-    assert done.returncode == 0, done.stderr
+    temporary(str(place))
+    done = taction("verify", str(SCENE), "--engine", "ngspice")
+    assert done.exit_code == 0, done.stderr
     words = ("sweep", str(SCENE), "--over", "C=50p,60p", "--engine", "ngspice", "--jobs", "1")
-    done = run(*words, "-o", str(tmp_path / "a.sqlite"), "--json", TMPDIR=str(place))
-    assert done.returncode == 0, done.stderr
-    assert "error" not in json.loads(done.stdout)["outcomes"]
+    done = taction(*words, "-o", str(tmp_path / "a.sqlite"), "--json")
+    assert done.exit_code == 0, done.stderr
+    assert "error" not in document(done)["outcomes"]
     assert not list(place.iterdir())
 
 
@@ -45,7 +61,7 @@ def test_a_temporary_folder_that_is_missing_is_named_and_no_point_is_stored(
     done = run(*words, "-o", str(tmp_path / "a.sqlite"), TMPDIR="/missing")
     assert done.returncode == 3
     assert "TMPDIR = '/missing': expected a folder that exists" in done.stderr
-    assert json.loads(run(*words, "-o", str(tmp_path / "a.sqlite"), "--json").stdout)["ran"] == 2
+    assert document(taction(*words, "-o", str(tmp_path / "a.sqlite"), "--json"))["ran"] == 2
 
 
 def test_a_regression_with_a_name_that_is_no_text(tmp_path: Path) -> None:
@@ -53,12 +69,11 @@ def test_a_regression_with_a_name_that_is_no_text(tmp_path: Path) -> None:
     baseline, junit, markdown = (tmp_path / f"{NAME}.{kind}" for kind in ("json", "xml", "md"))
     words = ("regress", str(tmp_path), "--baseline", str(baseline))
     files = ("--junit", str(junit), "--markdown", str(markdown))
-    first = run(*words, *files, "--update")
-    assert first.returncode == 0, first.stderr
-    second = run(*words, *files, "--json")
-    assert second.returncode == 0, second.stderr
-    document = json.loads(second.stdout)
-    assert [scene["file"] for scene in document["scenes"]] == ["board-\\udcff.toml"]
+    first = taction(*words, *files, "--update", "--jobs", "1")
+    assert first.exit_code == 0, first.stderr
+    second = taction(*words, *files, "--json", "--jobs", "1")
+    assert second.exit_code == 0, second.stderr
+    assert [scene["file"] for scene in document(second)["scenes"]] == ["board-\\udcff.toml"]
     assert r"board-\udcff" in etree.fromstring(junit.read_bytes()).xpath("//testsuite/@name")[0]
     assert r"board-\\udcff" in markdown.read_text(encoding="utf-8")
 
@@ -76,10 +91,10 @@ def test_a_verdict_and_an_error_of_such_a_file(tmp_path: Path) -> None:
 def test_a_sweep_into_such_files(tmp_path: Path) -> None:
     words = ("sweep", str(SCENE), "--over", "C=50p,60p", "--engine", "statespace", "--jobs", "1")
     database, table = tmp_path / f"{NAME}.sqlite", tmp_path / f"{NAME}.csv"
-    done = run(*words, "-o", str(database), "--export", str(table), "--json")
-    assert json.loads(done.stdout)["ran"] == 2
+    done = taction(*words, "-o", str(database), "--export", str(table), "--json")
+    assert document(done)["ran"] == 2
     assert len(table.read_text().splitlines()) == 3
-    assert json.loads(run(*words, "-o", str(database), "--json").stdout)["ran"] == 0
+    assert document(taction(*words, "-o", str(database), "--json"))["ran"] == 0
 
 
 ODD = "x\n::error file=a::y \x1b]0;t\x07"
@@ -120,15 +135,11 @@ def unseen(text: str) -> None:
 def test_names_are_shown_and_never_obeyed(
     words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from click.testing import CliRunner
-
-    from taction.cli.main import main
-
     scene = SCENE.read_text().replace('engine = "auto"', 'engine = "statespace"')
     for name in (ODD, "plain"):
         (tmp_path / f"{name}.toml").write_text(scene)
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(main, [word.replace("{}", ODD) for word in words])
+    done = taction(*(word.replace("{}", ODD) for word in words))
     assert done.exit_code in (0, 2)
     unseen(done.stdout)
     unseen(done.stderr)

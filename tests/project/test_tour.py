@@ -10,16 +10,12 @@ from pathlib import Path
 import pytest
 
 import taction
-from taction.verification.evidence import demonstration
-from taction.verification.evidence.paper import reproduce
-from taction.verification.evidence.paper.findings import paper_scene
 from taction.verification.report.explorer import server
 from tests.support.paths import ROOT
 
 PAGE = ROOT / "docs" / "tour.md"
 BLOCK = re.compile(r"^```pycon\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 CODE = "".join(BLOCK.findall(PAGE.read_text("utf-8")))
-QUICK = "equations"  # the chapter of the paper's claims that runs here
 
 
 def test_every_public_name_is_used() -> None:
@@ -27,15 +23,12 @@ def test_every_public_name_is_used() -> None:
     assert used == set(taction.__all__)
 
 
+@pytest.mark.usefixtures("quick_stories")
 def test_every_line_gives_what_the_page_shows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     explored: list[str] = []
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(reproduce, "CHAPTERS", {QUICK: reproduce.CHAPTERS[QUICK]})
-    monkeypatch.setattr(
-        demonstration, "paper_scene", lambda name: paper_scene(name).with_engine("statespace")
-    )
     monkeypatch.setattr(server, "explore", lambda scene, **_: explored.append(scene.name))
     shutil.copy(ROOT / "tests" / "data" / "fet100.cir", tmp_path)
     examples = doctest.DocTestParser().get_doctest(CODE, {}, PAGE.name, str(PAGE), 0)

@@ -10,23 +10,16 @@ import pytest
 import taction
 from taction.system.errors import InputError
 from tests.support.designer_decks import DECKS
+from tests.support.running import taction as command
 
 pytestmark = pytest.mark.usefixtures("ngspice")
 
 
 def run(*words: str) -> tuple[int, str]:
     """Return the exit status, and what is printed on stdout."""
-    import subprocess
-    import sys
-
-    done = subprocess.run(
-        [sys.executable, "-m", "taction", "check", *words],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = command("check", *words)
     assert "Traceback" not in done.stderr
-    return done.returncode, done.stdout
+    return done.exit_code, done.stdout
 
 
 @pytest.fixture

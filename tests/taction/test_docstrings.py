@@ -76,6 +76,7 @@ def test_a_job_documents_its_parameters_and_has_its_sections(name: str) -> None:
     assert list(documented(name)) == list(parameters(name))
 
 
+@pytest.mark.usefixtures("quick_stories")
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_the_examples_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)

@@ -65,6 +65,7 @@ def test_nothing_behind_the_public_names_imports_the_command_line(module: str) -
     assert not [name for name in reached(short(module)) if below(name, ("cli",))]
 
 
+@pytest.mark.nightly  # mypy without its cache: 23 s
 def test_a_type_checker_sees_the_public_names(tmp_path: Path) -> None:
     script = tmp_path / "user.py"
     script.write_text(

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tests.torture.commands import COMMANDS, plan_commands, run_command
+from tests.torture.commands import plan_commands, run_command
 from tests.torture.disasters import DISASTERS, possible
 from tests.torture.killing import Kill, Report, plan_kills, run_kill
 from tests.torture.studies import Place, Study, all_studies
@@ -54,7 +54,11 @@ def session(
     machine.
     """
     studies = all_studies(points)
-    normal = {name: undisturbed(s, folder / f"normal-{name}") for name, s in studies.items()}
+    planned = plan_kills(studies, kills, seed)
+    storing = [study for study in studies.values() if study.stores]
+    disturbed = {one.study.name for one in planned}
+    disturbed |= {study.name for study in storing[:disasters]}
+    normal = {name: undisturbed(studies[name], folder / f"normal-{name}") for name in disturbed}
 
     def kill(number: int, one: Kill) -> Report:
         run = normal[one.study.name]
@@ -65,9 +69,10 @@ def session(
         chance = random.Random(f"{seed} {name} {number}")  # noqa: S311 - not a secret
         return DISASTERS[name](study, place, run.seconds, run.result, chance)
 
+    pairs = plan_commands(commands, seed)
     usual = {
         name: run_command(name, "nothing", folder / f"usual-{k}", None, "").status
-        for k, name in enumerate(COMMANDS if commands else ())
+        for k, name in enumerate(sorted({name for name, _ in pairs}))
     }
 
     def command(number: int, pair: tuple[str, str]) -> Report:
@@ -75,11 +80,10 @@ def session(
         place = folder / f"command-{number}"
         return run_command(name, what, place, usual[name], f"{seed} command {number}")
 
-    storing = [study for study in studies.values() if study.stores]
-    tasks = [partial(kill, *each) for each in enumerate(plan_kills(studies, kills, seed))]
+    tasks = [partial(kill, *each) for each in enumerate(planned)]
     for name in possible():
         tasks += [partial(destroy, name, k, storing[k % len(storing)]) for k in range(disasters)]
-    tasks += [partial(command, *each) for each in enumerate(plan_commands(commands, seed))]
+    tasks += [partial(command, *each) for each in enumerate(pairs)]
     random.Random(seed).shuffle(tasks)  # noqa: S311 - a session that is stopped has some of each
     with ThreadPoolExecutor(jobs) as pool:
         running = [pool.submit(task) for task in tasks]

@@ -81,9 +81,16 @@ def typed(command: str, folder: Path, size: tuple[int, int], **variables: str) -
     return run_in_terminal([*start, *words], folder, *size, PYTHONPATH=str(ROOT), **variables)
 
 
+# Each user in one size with every commit; the other one is `make nightly`.
+TERMINALS = [
+    pytest.param(name, size, marks=[] if k % 2 == place else [pytest.mark.nightly])
+    for k, name in enumerate(USERS)
+    for place, size in enumerate(SIZES)
+]
+
+
 @pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("size", SIZES, ids=str)
-@pytest.mark.parametrize("name", USERS)
+@pytest.mark.parametrize(("name", "size"), TERMINALS, ids=str)
 def test_a_user_comes_to_the_end(name: str, size: tuple[int, int], tmp_path: Path) -> None:
     user = USERS[name]
     assert len(user.commands) <= MOST[name]

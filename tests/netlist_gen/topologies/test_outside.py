@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,8 @@ import taction
 from taction.netlist_gen.kicad.project import kicad_project
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from tests.support.paths import SCENES
-from tests.support.plugins import environment, recipe
+from tests.support.plugins import recipe
+from tests.support.running import taction as command
 
 Plugin = Callable[..., Path]
 PACKAGE, ENTRY, SOURCE = recipe("Add a topology")
@@ -59,15 +58,9 @@ def written(folder: Path, cable: str = "470pF") -> Path:
     return path
 
 
-def run(folder: Path, *command: str, status: int = 0) -> str:
-    found = subprocess.run(
-        [sys.executable, "-m", "taction", *command],
-        env=environment(folder),
-        cwd=folder,
-        capture_output=True,
-        text=True,
-    )
-    assert found.returncode == status, found.stderr + found.stdout
+def run(*words: str) -> str:
+    found = command(*words)
+    assert found.exit_code == 0, found.stderr + found.stdout
     return found.stdout
 
 
@@ -77,7 +70,7 @@ def test_the_own_topologies_are_the_modules_of_the_folder() -> None:
 
 def test_the_deck_has_its_parts_its_facts_and_its_expressions(folder: Path) -> None:
     scene = written(folder)
-    deck = run(folder, "netlist", str(scene), "--parameters")
+    deck = run("netlist", str(scene), "--parameters")
     assert "* Cc = 4.7e-10 F" in deck
     assert ".param cable=4.7e-10" in deck
     assert [line for line in deck.splitlines() if line.startswith("Ccable_")] == [
@@ -87,7 +80,7 @@ def test_the_deck_has_its_parts_its_facts_and_its_expressions(folder: Path) -> N
 
 def test_verify_has_a_margin_in_its_knob(folder: Path) -> None:
     scene = written(folder)
-    found = json.loads(run(folder, "verify", str(scene), "--json", "--margins"))
+    found = json.loads(run("verify", str(scene), "--json", "--margins"))
     assert found["outcome"] == "pass"
     margins: dict[str, Any] = found["stability"]["margins"]
     assert set(margins) == {"capacitance", "gain", "cable"}
@@ -101,20 +94,30 @@ def test_verify_has_a_margin_in_its_knob(folder: Path) -> None:
     assert stable == [True, False]
 
 
-def test_a_sweep_and_an_onset_move_its_key(folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("options", "confirmed"),
+    [
+        (("--no-confirm",), None),
+        # by transients of ngspice: 15 s
+        pytest.param((), True, marks=pytest.mark.nightly),
+    ],
+)
+def test_a_sweep_and_an_onset_move_its_key(
+    options: tuple[str, ...], confirmed: bool | None, folder: Path
+) -> None:
     scene = written(folder)
     found = json.loads(
         run(
-            folder, "sweep", str(scene), "--over", "shielded.cable=100pF,10nF", "--json",
-            "--engine", "statespace",
+            "sweep", str(scene), "--over", "shielded.cable=100pF,10nF", "--json",
+            "--engine", "statespace", "--jobs", "1", "-o", str(folder / "s.sqlite"),
         )
     )  # fmt: skip
     points = found["points"]
     assert [point["values"]["shielded.cable"] for point in points] == [100e-12, 10e-9]
     assert [point["stable"] for point in points] == [True, False]
-    found = json.loads(run(folder, "onset", str(scene), "--over", "shielded.cable", "--json"))
+    found = json.loads(run("onset", str(scene), "--over", "shielded.cable", "--json", *options))
     crossings = found["crossings"]
-    assert all(each["confirmed"] is True for each in crossings)  # by transients of ngspice
+    assert [each["confirmed"] for each in crossings] == [confirmed] * 2
     assert 100e-12 < min(each["value"] for each in crossings) < 10e-9
 
 
