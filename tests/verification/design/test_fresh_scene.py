@@ -224,16 +224,21 @@ def test_a_noise_above_the_strain(tmp_path: Path, problem: tuple[Matrix, Matrix]
 
 
 def test_a_noise_that_explains_nothing_and_the_noise_that_does(tmp_path: Path) -> None:
-    """The residual has M - N degrees of freedom: of 400 rows it shows the noise within 10 %."""
+    """The residual has M - N degrees of freedom, and here the length that the noise has.
+
+    It is scaled to that length, which of 40 drawn rows would be within 11 %.
+    """
     rng = np.random.default_rng(3)
-    T = rng.normal(size=(400, 2))
-    eps = T @ np.array([1.0, -0.5]) + rng.normal(0.0, 0.03, 400)
+    T = rng.normal(size=(40, 2))
+    drawn = rng.normal(0.0, 0.03, 40)
+    drawn -= T @ np.linalg.lstsq(T, drawn, rcond=None)[0]
+    eps = T @ np.array([1.0, -0.5]) + drawn * (0.03 * np.sqrt(38.0) / np.linalg.norm(drawn))
     write(tmp_path, T, eps)
     files = tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml"
     with pytest.raises(InputError, match=r"at least 0\.029 rms") as caught:
         fresh_scene(*files, noise=1e-3)
     proposed = float(str(caught.value).rpartition("--noise ")[2])
-    assert proposed == pytest.approx(0.03, rel=0.1)
+    assert proposed == pytest.approx(0.03, rel=0.01)
     assert "noise 0.03" in fresh_scene(*files, noise=proposed, any_part=True).rule
 
 
