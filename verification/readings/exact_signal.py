@@ -18,8 +18,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.transients.exact import Exact
@@ -230,19 +232,16 @@ class ExactGrid:
                 yield k, slice(begin, end)
 
     def _place(self, columns: Floats) -> None:
-        """Set the values of all points and intervals, (P, 7, N); find where each board is."""
+        """Set the values of all points and intervals, (P, 8, N); find where each board is."""
         self._columns = columns
-        self.errors, self.slopes, self.bounds = (columns[:, k] for k in range(3))
-        self.caps, self.peaks = columns[:, 3:5], columns[:, 5:7]
+        self.errors, self.slopes, self.bounds, self.reach = (columns[:, k] for k in range(4))
+        self.caps, self.peaks = columns[:, 4:6], columns[:, 6:8]
         self.first = np.searchsorted(self.board, np.arange(len(self.courses)))
         self.tail = np.append(self.board[1:] != self.board[:-1], True)
-        after = np.concatenate([self.bounds[1:], self.bounds[-1:]])
-        after[self.tail] = self.bounds[self.tail]
-        self.reach = np.maximum(self.bounds, after)
 
     def _evaluate(self, times: Floats, board: Ints) -> Floats:
-        """Return errors, slopes and bounds at `times` of rising boards, then room: (Q, 7, N)."""
-        columns = np.empty((len(times), 7, self.channels))
+        """Return errors, slopes and bounds at `times` of rising boards, then room: (Q, 8, N)."""
+        columns = np.empty((len(times), 8, self.channels))
         for k, some in self.each(board):
             for column, values in enumerate(self.courses[k].evaluate(times[some])):
                 columns[some, column] = values
@@ -258,6 +257,7 @@ class ExactGrid:
         """Bound the intervals at `places`."""
         self.peaks[places] = np.nan
         last = self.tail[places]
+        self.reach[places] = np.maximum(self.bounds[places], self.bounds[places + ~last])
         for k in places[last].tolist():
             course = self.courses[self.board[k]]
             left = course.remainder(float(self.time[k]))
@@ -294,15 +294,15 @@ class ExactGrid:
         nth = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number) + 1
         beyond = [self.courses[self.board[k]].later(float(self.time[k])) for k in ends]
         new = np.concatenate([self.time[inner][which] + (width / pieces)[which] * nth, *beyond])
-        owners = (np.full(len(part), self.board[k]) for k, part in zip(ends, beyond, strict=True))
-        owner = np.concatenate([self.board[inner][which], *owners])
+        into = np.concatenate([inner[which], np.repeat(places[last], list(map(len, beyond)))])
         count = len(self.courses)
-        added = np.bincount(owner, minlength=count)
+        added = np.bincount(self.board[into], minlength=count)
         size = added + np.bincount(self.board, minlength=count)
         divided: Bools = (added > 0) & (size * self.channels <= MOST)
         if divided.any():
-            kept = divided[owner]
-            self._insert(places[divided[self.board[places]]], new[kept], owner[kept])
+            kept = np.flatnonzero(divided[self.board[into]])
+            kept = kept[np.argsort(into[kept], kind="stable")]
+            self._insert(places[divided[self.board[places]]], new[kept], into[kept])
         return divided
 
     def _is_divisible(self, k: int) -> bool:
@@ -311,20 +311,22 @@ class ExactGrid:
         left = self.courses[self.board[k]].remainder(float(self.time[k]))
         return bool(left.max(initial=0.0) > self.noise[self.board[k]])
 
-    def _insert(self, places: Ints, new: Floats, owner: Ints) -> None:
-        """Insert points that divide the intervals at `places`."""
-        order = np.lexsort((new, owner))
-        new, owner = new[order], owner[order]
-        time, board = np.concatenate([self.time, new]), np.concatenate([self.board, owner])
-        order = np.lexsort((time, board))
-        rank = np.empty_like(order)
-        rank[order] = np.arange(len(order))
-        changed = np.sort(rank[np.concatenate([places, np.arange(len(self.time), len(time))])])
-        columns = np.concatenate([self._columns, self._evaluate(new, owner)])
-        self.resolved = np.append(self.resolved, np.zeros(len(new), dtype=np.bool_))[order]
-        self.time, self.board = time[order], board[order]
-        self._place(columns.take(order, axis=0))
-        self._bound(changed)
+    def _insert(self, places: Ints, new: Floats, into: Ints) -> None:
+        """Insert points `new` (Q,) that divide the intervals at `places`; `into` is that of each.
+
+        Only the points between the first and the last of them are copied one by one.
+        """
+        owner, begin, end = self.board[into], int(into[0]) + 1, int(into[-1]) + 1
+
+        def with_new(old: NDArray[Any], values: NDArray[Any]) -> NDArray[Any]:
+            moved = np.insert(old[begin:end], into + 1 - begin, values, axis=0)
+            return np.concatenate([old[:begin], moved, old[end:]])
+
+        self.time, self.board = with_new(self.time, new), with_new(self.board, owner)
+        self.resolved = with_new(self.resolved, np.zeros(len(new), dtype=np.bool_))
+        self._place(with_new(self._columns, self._evaluate(new, owner)))
+        before = np.searchsorted(into, places)  # points that stand before each of the places
+        self._bound(np.sort(np.concatenate([places + before, into + 1 + np.arange(len(new))])))
 
     def _chosen(self, times: Floats, row: Ints, order: int) -> tuple[Floats, Floats]:
         """Return the derivatives of two orders from `order` of one row at each time, (Q,)."""
@@ -409,7 +411,7 @@ def _tops(here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats
 
 
 ROUNDS = 200  # largest number of rounds of one search
-TOGETHER = 32  # intervals of a board that a search for a maximum divides in one round
+TOGETHER = 256  # peaks of a board whose intervals one round of a search divides
 
 
 class ExactSignal:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from statistics import NormalDist
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from taction.verification.engines.statespace.linearised.rest_sensitivity import 
 SHARE = 0.95  # of the boards, which keep the stated distance
 PROBED = 2.0  # standard deviations: where the first order is compared with an equilibrium
 STEPS = 60  # halvings of the interval in which the distance lies
-STANDARD = NormalDist()
+NO_SPREAD = 1e-30  # V: a channel with less is beyond a distance, or it is not
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,30 +126,21 @@ class InputSpread:
         >>> round(one.distance(np.zeros(1))[0], 4)
         1.96
         """
-        both = (self._distance(self.mean - part - target) for part in (0.0, self.moved))
-        return max(both)
+        parts = (0.0, self.moved) if np.any(self.moved) else (0.0,)
+        return max(self._distance(self.mean - part - target) for part in parts)
 
     def _distance(self, away: Floats) -> tuple[float, float]:
         """Return the distance, and its error, for means that are `away` (N,), V."""
+        from scipy.special import ndtr
+
+        middles, sigmas = np.stack([away, -away]), np.maximum(self.sigma, NO_SPREAD)
         low, high = 0.0, float(np.abs(away).max() + 8.0 * self.sigma.max(initial=0.0))
         for _ in range(STEPS):
             middle = 0.5 * (low + high)
-            low, high = (
-                (low, middle) if self._outside(away, middle) <= 1.0 - SHARE else (middle, high)
-            )
+            beyond = float(ndtr((middles - middle) / sigmas).sum())
+            low, high = (low, middle) if beyond <= 1.0 - SHARE else (middle, high)
         deviation = float(np.abs(away).max()) + float(self.sigma.max(initial=0.0))
         return high, self.curvature * deviation + high * 2.0**-40
-
-    def _outside(self, away: Floats, distance: float) -> float:
-        """Return the sum over the channels of the share of boards beyond `distance`."""
-        total = 0.0
-        for mean, sigma in zip(away.tolist(), self.sigma.tolist(), strict=True):
-            if sigma > 0.0:
-                total += STANDARD.cdf((-distance - mean) / sigma)
-                total += STANDARD.cdf((mean - distance) / sigma)
-            else:
-                total += float(abs(mean) > distance)
-        return total
 
 
 def _resistor_slopes(sensitivity: RestSensitivity, sigma: float) -> dict[str, Floats]:

@@ -293,26 +293,28 @@ class Integrator:
         free, parts = step.free(rate)
         if not m:
             return free, free, parts, 0.0
-        inputs, before, contraction = np.zeros((m, STAGES)), math.inf, 0.0
-        volts, slopes = self.reported.volts(now), step.slopes[:, None]
-        for k in range(ITERATIONS):
+        volts, slopes = self.reported.volts(now)[:m, None], step.slopes[:, None]
+
+        def size_of(change: Floats) -> float:
+            return float((np.abs(change) * volts).max()) / self.tolerance
+
+        # At the start of the step there are no remainders: the first iteration gives `free`.
+        inputs, remainder, before = free, np.zeros((m, STAGES)), size_of(free)
+        if before < 1e-3 * SHARE:
+            return inputs, remainder, parts, 0.0
+        for k in range(1, ITERATIONS):
             remainder = self.amplifiers.outputs(now + inputs) - outputs - slopes * inputs
             if not np.all(np.isfinite(remainder)):
                 return None
             following = free + step.response(remainder, parts)
-            change = np.abs(following - inputs).max(axis=1)
-            size = float((change * volts[:m]).max()) / self.tolerance
+            size = size_of(following - inputs)
             if not math.isfinite(size):
                 return None
-            inputs = following
-            if k > 0:
-                contraction = size / before
-                if contraction < 1.0 and contraction / (1.0 - contraction) * size < SHARE:
-                    return inputs, remainder, parts, contraction
-                if contraction >= 1.0 or k == ITERATIONS - 1:
-                    settled = size * self.tolerance <= self._rounding(step, volts)
-                    return (inputs, remainder, parts, 0.0) if settled else None
-            elif size < 1e-3 * SHARE:
-                return inputs, remainder, parts, 0.0
+            inputs, contraction = following, size / before
+            if contraction < 1.0 and contraction / (1.0 - contraction) * size < SHARE:
+                return inputs, remainder, parts, contraction
+            if contraction >= 1.0 or k == ITERATIONS - 1:
+                settled = size * self.tolerance <= self._rounding(step, self.reported.volts(now))
+                return (inputs, remainder, parts, 0.0) if settled else None
             before = size
         return None
