@@ -131,13 +131,13 @@ class InputSpread:
 
     def _distance(self, away: Floats) -> tuple[float, float]:
         """Return the distance, and its error, for means that are `away` (N,), V."""
-        from scipy.special import ndtr
-
-        middles, sigmas = np.stack([away, -away]), np.maximum(self.sigma, NO_SPREAD)
+        size = math.sqrt(2.0) * np.maximum(self.sigma, NO_SPREAD)
+        means, scale = np.concatenate([away, -away]) / np.tile(size, 2), (1.0 / size).tolist() * 2
         low, high = 0.0, float(np.abs(away).max() + 8.0 * self.sigma.max(initial=0.0))
         for _ in range(STEPS):
             middle = 0.5 * (low + high)
-            beyond = float(ndtr((middles - middle) / sigmas).sum())
+            each = zip(means.tolist(), scale, strict=True)
+            beyond = 0.5 * sum(math.erfc(middle * factor - mean) for mean, factor in each)
             low, high = (low, middle) if beyond <= 1.0 - SHARE else (middle, high)
         deviation = float(np.abs(away).max()) + float(self.sigma.max(initial=0.0))
         return high, self.curvature * deviation + high * 2.0**-40

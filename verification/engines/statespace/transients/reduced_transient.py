@@ -64,6 +64,10 @@ class Patterns:
         """Return the deviations of some unknowns at `times` (P,), s; shape (P, K), V."""
         return np.asarray(self.flow.at(times) @ self.lift[places].T)
 
+    def rounding(self, places: Ints) -> float:
+        """Return a bound on the rounding error of some unknowns, V."""
+        return self.flow.error * float(np.abs(self.lift[places]).sum(axis=1).max(initial=0.0))
+
     def pairs(self, times: Floats, places: Ints) -> Floats:
         """Return the deviation of one unknown at each time, (Q,), V."""
         instants, which = np.unique(times, return_inverse=True)
@@ -209,7 +213,10 @@ def simulate(
     curve = Curve(*models, places, board.equilibrium.values[places])
     cost = Cost(clock.perf_counter() - began, len(times), len(found.rates) + 1)
     values = curve.rest + curve.model.at(times, places)
-    return Waveforms(times, reported, values, "statespace", cost, curve=curve, method=METHOD)
+    left = curve.model.rounding(places) + float(board.rounding[places].max(initial=0.0))
+    return Waveforms(
+        times, reported, values, "statespace", cost, (), left, curve=curve, method=METHOD
+    )
 
 
 def refined(first: Waveforms) -> Waveforms:
