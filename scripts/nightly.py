@@ -42,7 +42,11 @@ STEPS = {
 }
 # Ten times as many random scenes and seeds as in every commit; the tests marked `nightly`.
 MORE = {
-    "random-scenes": {"TACTION_RANDOM_SCENES": "200", "TACTION_ROUNDING_SCALE": "10"},
+    "random-scenes": {
+        "TACTION_RANDOM_SCENES": "200",
+        "TACTION_ROUNDING_SCALE": "10",
+        "TACTION_RANDOM_CIRCUITS": "3000",
+    },
     "long-tests": {"TACTION_NIGHTLY": "yes"},
 }
 

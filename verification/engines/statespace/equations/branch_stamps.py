@@ -10,6 +10,7 @@ source determines. A coil has its current as state.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -213,19 +214,28 @@ class _Branches:
         stamper.constant_currents[:] = moved
 
     def _joined(self, parts: list[tuple[Ints, Ints, Floats]]) -> list[tuple[Ints, Ints, Floats]]:
-        """Return entries in the rows that take them; those at one place are one sum.
+        """Return entries in the rows that take them, without those that cancel.
 
-        A part between two nodes that have one row adds exactly nothing to it.
+        A part between two nodes that have one row adds exactly nothing to it. The others stay as
+        they are, so that their exact sums are known (`pole_count`).
         """
-        sums: dict[tuple[int, int], list[float]] = {}
+        sums: dict[tuple[int, int], Counter[float]] = {}
         for rows, columns, values in parts:
-            triples = zip(self._moved(rows), columns.tolist(), values.tolist(), strict=True)
+            triples = zip(
+                self._moved(rows).tolist(), columns.tolist(), values.tolist(), strict=True
+            )
             for row, column, value in triples:
-                sums.setdefault((int(row), column), []).append(value)
-        if not sums:
+                sums.setdefault((row, column), Counter())[value] += 1
+        kept = [
+            (*place, value)
+            for place, values in sums.items()
+            for value, count in values.items()
+            for _ in range(count - values.get(-value, 0))
+        ]
+        if not kept:
             return []
-        places = np.array(list(sums), dtype=np.int64)
-        return [(places[:, 0], places[:, 1], np.array([math.fsum(x) for x in sums.values()]))]
+        i, j, terms = zip(*kept, strict=True)
+        return [(np.array(i, dtype=np.int64), np.array(j, dtype=np.int64), np.array(terms))]
 
 
 _OTHERS: dict[type[Branch], Callable[..., None]] = {

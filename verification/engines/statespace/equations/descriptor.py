@@ -10,10 +10,12 @@ is the behavioural amplifiers, each in the row of its output. Only the resistor 
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
@@ -152,6 +154,27 @@ class Descriptor:
             values += [part.conductance.ravel(), part.conductance[:, part.loaded].ravel()]
         sums = np.bincount(np.concatenate(flat), np.concatenate(values), minlength=self.size**2)
         return sums.astype(np.float64, copy=False).reshape(self.size, self.size)
+
+    def summed(
+        self, number: Callable[[Floats], NDArray[Any]], slopes: Floats
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return M and K of another type of number, (size, size) each: sums without rounding.
+
+        `number` makes such numbers of doubles; `slopes` (m,) are the amplifiers'.
+        """
+        found = []
+        for entries in (self.mass, self.local):
+            values = number(entries.values)
+            matrix = np.zeros((self.size, self.size), dtype=values.dtype)
+            np.add.at(matrix, (entries.rows, entries.columns), values)
+            found.append(matrix)
+        mass, K = found
+        for part in self.couplings:
+            G = number(part.conductance)
+            K[np.ix_(part.sinks, part.drivers)] += G
+            K[np.ix_(part.drivers[part.loaded], part.sinks)] += G[:, part.loaded].T
+        K[self.devices.output, self.devices.input] += number(slopes)
+        return mass, K
 
     @property
     def has_limits(self) -> bool:

@@ -133,8 +133,10 @@ class Block:
         Roundings are independent, so their squares add up: ``eps`` is three standard deviations of
         an element's rounding.
         """
-        right = column_sizes(self.right, self.real) ** 2
-        return np.asarray(EPS * np.sqrt(self._left_sizes**2 @ (self.size**2 @ right)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            right = column_sizes(self.right, self.real) ** 2
+            squares = self._left_sizes**2 @ (self.size**2 @ right)
+        return np.asarray(EPS * np.sqrt(np.where(np.isnan(squares), np.inf, squares)))
 
     @functools.cached_property
     def error(self) -> Floats:
@@ -192,6 +194,7 @@ class Block:
         with np.errstate(divide="ignore", invalid="ignore"):
             second = np.where(linked | (gap == 0.0), 0.0, 2.0 * mutual / gap).sum(axis=1)
         errors = E.diagonal()[:count] + second
+        errors += EPS**2 * np.abs(centres).max(initial=0.0)  # of a pole at zero: products of two
         inner = np.zeros((count, count))
         for block in self.joined:
             inner[block.places] = np.abs(block.inner)

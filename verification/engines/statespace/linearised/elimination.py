@@ -12,6 +12,8 @@ from taction.system.errors import EngineError
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
 ROUNDING = 64 * EPS
+DECIDED = 1e9  # condition number below which rounding cannot make a matrix singular, or regular
+SPARE = 4.0  # times the rounding of a solution is within the bound of the terms that it adds to
 SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
 
 
@@ -68,7 +70,8 @@ class ReducedEquations:
     The shapes of A, B, C and D are (n, n), (n, inputs), (size, n) and (size, inputs), those of
     `charge` and `offset` (n, size) and (n,). `places` are the states' places among the unknowns;
     None where the states are combinations of unknowns. `size` (n, n) is the size of the terms of A,
-    to which its rounding is relative.
+    to which its rounding is relative. `decided` is whether condition numbers leave no doubt about
+    their number n.
     """
 
     A: Floats
@@ -79,6 +82,7 @@ class ReducedEquations:
     offset: Floats
     places: Ints | None
     size: Floats
+    decided: bool
 
 
 def eliminate(
@@ -97,19 +101,20 @@ def eliminate(
     """
     f, o = np.flatnonzero(~determined), np.flatnonzero(determined)
     size, inputs = b.shape
-    within: Terms | None = None
+    within, decided, found = Terms(np.abs(M), np.abs(K)), True, None
     if o.size:
-        sources, *rest, within = _without_sources(M, K, b, f, o, names)
+        sources, *rest, found, decided = _without_sources(M, K, b, f, o, names)
         M, K, b, charge = rest
+        within = found or Terms(np.abs(M), np.abs(K))
         names = [names[place] for place in f.tolist()]
     else:
         charge = np.concatenate([M, np.zeros((size, 1))], axis=1)
-    whole = (M, K) if within is None else (within.mass, within.pull)
     split = _separate(M, K, b, charge)
     d, a, basis, mass, K, b, charge = split.parts
-    left = split.left if split.singular or within is not None else None
-    if left is not None and basis is not None:
-        within = Terms(*(np.abs(left) @ np.abs(each) @ np.abs(basis) for each in whole))
+    if split.left is not None and basis is not None:
+        within = Terms(
+            *(np.abs(split.left) @ each @ np.abs(basis) for each in (within.mass, within.pull))
+        )
     n = len(d)
     columns = np.concatenate([d, np.arange(len(f), len(f) + inputs), a])
     rows = np.concatenate([d, a])
@@ -127,8 +132,10 @@ def eliminate(
     terms = np.abs(K[:n, :n]) + np.abs(K[:n, n + inputs :]) @ np.abs(passive[:, :n])
     sizes = np.abs(mass.solve(terms, charged, "the capacitances do not determine the states"))
     rates = mass.solve(right, charged, "the capacitances do not determine the states")
-    if within is not None and (basis is None or left is not None):
-        sizes = np.maximum(sizes, within.sizes(rates[:, :n], d, a, mass, inner_factor, passive))
+    cancelling = within.sizes(rates[:, :n], d, a, mass, inner_factor, passive)
+    exact = found is not None or split.singular
+    sizes = np.maximum(sizes, cancelling if exact else cancelling / SPARE)
+    decided = decided and not split.singular and within.decide(d, a, mass, inner_factor)
     inner = np.zeros((len(f), n + inputs))
     inner[d, np.arange(n)] = 1.0
     inner[a] = -passive
@@ -146,6 +153,7 @@ def eliminate(
         offset=rates[:, -1],
         places=f[d] if basis is None else None,
         size=sizes,
+        decided=decided,
     )
 
 
@@ -170,7 +178,7 @@ def _with_impulses(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terms:
-    """Sizes of the terms that add up to M and K, (size, size) each, where sources have gains."""
+    """Sizes of the terms that add up to M and K, (size, size) each."""
 
     mass: Floats
     pull: Floats
@@ -193,14 +201,21 @@ class Terms:
         terms += pull[np.ix_(d, a)] @ (passive + inner.magnitudes() @ aside)
         return np.asarray(mass.magnitudes() @ terms)
 
+    def decide(self, d: Ints, a: Ints, mass: ScaledInverse, inner: ScaledInverse) -> bool:
+        """Whether rounding can make neither M on d nor K on a singular."""
+        found = mass.magnitudes() @ self.mass[np.ix_(d, d)]
+        passive = inner.magnitudes() @ self.pull[np.ix_(a, a)]
+        return all(X.sum(axis=1).max(initial=0.0) < DECIDED for X in (found, passive))
+
 
 def _without_sources(
     M: Floats, K: Floats, b: Floats, f: Ints, o: Ints, names: Sequence[str]
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Terms | None]:
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Terms | None, bool]:
     """Eliminate the voltages z_o that ideal sources determine.
 
     Returns ``[P, p]`` of ``z_o = P z_f + p u``; M, K and b of the other unknowns z_f; and the
-    charges of z_f as a function of all of z, and of 1; and the sizes of the terms of M and K.
+    charges of z_f as a function of all of z, and of 1; the sizes of the terms of M and K; and
+    whether every element of M is well above their rounding.
     """
     listed = [names[place] for place in (*o, *f)]
     # 0 = K_oo z_o + K_of z_f + b_o
@@ -217,9 +232,11 @@ def _without_sources(
     b = b[f] + K[np.ix_(f, o)] @ p
     K = K[np.ix_(f, f)] + K[np.ix_(f, o)] @ P
     M = M[np.ix_(f, f)] + M[np.ix_(f, o)] @ P
+    decided = inverse.condition < DECIDED
     if within is not None:  # what cancels leaves no capacitance
+        decided &= not np.any((np.abs(M) < within.mass / DECIDED) & (within.mass > 0.0))
         M[np.abs(M) < ROUNDING * within.mass] = 0.0
-    return sources, M, K, b, charge, within
+    return sources, M, K, b, charge, within, decided
 
 
 def _terms(M: Floats, K: Floats, f: Ints, o: Ints, inverse: ScaledInverse, P: Floats) -> Terms:
@@ -267,7 +284,7 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
             return _graded(M, K, b, charge, d, a)
     weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
     rate = np.median(pull[rows] / weight[rows]) or 1.0
-    scale = np.where(rows, weight, np.maximum(pull, 1e-300) / rate)[:, None]
+    scale = np.where(rows, weight, np.where(pull > 0.0, pull, rate) / rate)[:, None]
     U, S, Vt = np.linalg.svd(M / scale)
     rank = int(np.sum(S[0] / SINGULAR < S))
     places = np.arange(len(S))

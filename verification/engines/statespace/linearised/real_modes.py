@@ -39,7 +39,8 @@ def complex_columns(X: NDArray[Any], real: int) -> Complexes:
 
 def column_sizes(X: Floats, real: int) -> Floats:
     """Return the magnitudes of the complex columns for real ones."""
-    squares, count = X**2, (X.shape[1] + real) // 2
+    with np.errstate(over="ignore"):
+        squares, count = X**2, (X.shape[1] + real) // 2
     squares[:, real:count] += squares[:, count:]
     squares[:, count:] = squares[:, real:count]
     return np.asarray(np.sqrt(squares))

@@ -22,12 +22,17 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import (
     Halves,
     evened,
 )
+from taction.verification.engines.statespace.equations.pole_count import finite_poles
 from taction.verification.engines.statespace.linearised.elimination import (
     ReducedEquations,
     eliminate,
 )
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.modes import Modes, decompose
+from taction.verification.engines.statespace.linearised.pencil_check import pole_residuals
+
+UNBOUNDED = 1e30  # factor on the rounding of a matrix of whose poles nothing is known
+LOST = "rounding leaves nothing of the circuit's poles: parts cancel to the last digit"
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +190,34 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
 
 
 def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
+    """Eliminate unknowns without charge, and count the states again where rounding has a say."""
+    found = _eliminated(descriptor, board, b)
+    if all(block.decided for block in found.blocks):
+        return found
+    if found.halves is not None:
+        found = _eliminated(descriptor, replace(board, halves=None), b)
+    devices = descriptor.devices
+    slopes = (board.stiffness - descriptor.dense.stiffness)[devices.output, devices.input]
+    count = finite_poles(descriptor, slopes)
+    if count != found.n:
+        raise EngineError(
+            f"the circuit has {count} poles, but {found.n} within rounding: parts cancel to the"
+            " last digit"
+        )
+    (block,) = found.blocks
+    errors = pole_residuals(descriptor, slopes, found.modes, block.C, block.charge)
+    stated = found.modes.pole_errors[: len(errors)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = np.nanmax(np.where(errors > stated, errors / stated, 1.0), initial=1.0)
+    if not factor < UNBOUNDED:
+        raise EngineError(LOST)
+    found = replace(found, blocks=(replace(block, size=block.size * factor),))
+    if np.any(found.modes.pole_errors > np.abs(found.modes.poles).max(initial=0.0)):
+        raise EngineError(LOST)
+    return found
+
+
+def _eliminated(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
     """Eliminate unknowns without charge, in each half of a board that is its own mirror image."""
     names, determined, halves = descriptor.names, descriptor.determined, board.halves
     if halves is None:
@@ -203,11 +236,11 @@ def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
             for (M, K), inputs in parts
         )
     except EngineError:  # the message must name unknowns of the whole board
-        return _state_space(descriptor, whole, b)
+        return _eliminated(descriptor, whole, b)
     if even.places is None or odd.places is None:
-        return _state_space(descriptor, whole, b)
+        return _eliminated(descriptor, whole, b)
     places, states = halves.within(even.places)
     if not (states.pairs > 0 and np.array_equal(even.places[: states.pairs], odd.places)):
-        return _state_space(descriptor, whole, b)
+        return _eliminated(descriptor, whole, b)
     charged = tuple(names[place] for place in places.tolist())
     return StateSpace(descriptor, charged, (even, odd), (halves, states))
