@@ -12,7 +12,13 @@ from benchmarks.measuring import Extent
 from benchmarks.page import section, write_plots
 
 
-@pytest.mark.parametrize("name", SECTIONS)
+LONG = ("boards", "sweeps", "verdicts")  # ten seconds each, even at their least
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.nightly] if n in LONG else []) for n in SECTIONS],
+)
 def test_a_section_measures(name: str, ngspice: str, tmp_path: Path) -> None:
     result = SECTIONS[name].measure(Extent.TINY)
     assert result.figures

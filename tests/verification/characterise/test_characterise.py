@@ -58,7 +58,11 @@ def printed(name: str) -> dict[str, float]:
     return {key: value for key, value in figures.items() if math.isfinite(value)}
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize(
+    "name",
+    # 2 s each: every third one with every commit.
+    [pytest.param(n, marks=[pytest.mark.nightly] * (k % 3 > 0)) for k, n in enumerate(PRESETS)],
+)
 def test_a_preset_has_the_figures_of_its_data_sheet(ngspice: str, name: str) -> None:
     ours = {f.name: f.value for f in characterise(PRESETS[name], Equations())}
     theirs = {f.name: f.value for f in characterise(PRESETS[name], Simulation(find_simulator()))}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,20 @@ import pytest
 
 import taction
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.evidence import demonstration
 from taction.verification.evidence.demonstration import Demonstration
+from taction.verification.evidence.paper.findings import paper_scene
 from taction.verification.verdict.checks import Outcome
 
 
 @pytest.fixture(scope="module")
-def told() -> Demonstration:
-    return taction.demo(None)
+def told() -> Iterator[Demonstration]:
+    """The story by the state-space engine; `tests/users` runs it as it is."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            demonstration, "paper_scene", lambda name: paper_scene(name).with_engine("statespace")
+        )
+        yield taction.demo(None)
 
 
 def test_the_boards_behave_as_told(told: Demonstration) -> None:

@@ -145,12 +145,13 @@ def test_what_double_precision_cannot_answer_is_refused(problem: Problem) -> Non
     assert np.all(np.isfinite(solution.u))
 
 
-def test_four_hundred_random_problems_without_a_false_claim() -> None:
+@pytest.mark.parametrize("count", [100, pytest.param(400, marks=pytest.mark.nightly)])
+def test_random_problems_without_a_false_claim(count: int) -> None:
     """Of every amplifier, with and without bias, shape, rank, scale, strain and lambda."""
-    claims = count_claims(random_problems(seed=1993, count=400))
+    claims = count_claims(random_problems(seed=1993, count=count))
     assert claims.false == ()
     assert all(problem.lam == 0.0 for problem in claims.inconclusive)
-    assert len(claims.inconclusive) <= 20
+    assert len(claims.inconclusive) <= count / 20
     assert claims.worst < 1e-12
 
 

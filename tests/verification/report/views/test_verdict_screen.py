@@ -59,7 +59,11 @@ def test_a_shipped_scene_fits_on_a_screen(name: str) -> None:
     hold(verify(load_scene(SHIPPED[name]).with_engine("statespace"), effort=BRIEF))
 
 
-@pytest.mark.parametrize("name", STRESS)
+@pytest.mark.parametrize(
+    "name",
+    # Of 500 channels: 14 s.
+    [pytest.param(n, marks=[pytest.mark.nightly] * (n == "channels-500")) for n in STRESS],
+)
 def test_a_stress_case_fits_on_a_screen(name: str) -> None:
     with suppress(TactionError):  # accepted of some cases; the tests of the catalogue judge it
         hold(verify(of_stress(name), effort=BRIEF))
