@@ -40,11 +40,11 @@ STEPS = {
     "bare": ("make", "test-bare", "ARGS=make test-browser test-kicad test-install docs"),
     "newer-debian": ("make", "test-bare", "RELEASE=trixie", "ARGS=make demo test"),
 }
-# Ten times as many random scenes and seeds as in every commit; the tests marked `nightly`.
+# Twenty times as many random scenes and seeds as in every commit; the tests marked `nightly`.
 MORE = {
     "random-scenes": {
         "TACTION_RANDOM_SCENES": "200",
-        "TACTION_ROUNDING_SCALE": "10",
+        "TACTION_ROUNDING_SCALE": "20",
         "TACTION_RANDOM_CIRCUITS": "3000",
     },
     "long-tests": {"TACTION_NIGHTLY": "yes"},

@@ -17,7 +17,7 @@ from tests.support.paths import ROOT
 from tests.support.rounding import rounded
 
 SHIPPED = sorted((ROOT / "scenes").glob("*.toml"))
-# 1: some ten seeds a scene, 200 in all; 20: 200 seeds of every scene.
+# 1: some five seeds a scene, 100 in all; `make nightly`: twenty times as many.
 SCALE = int(os.environ.get("TACTION_ROUNDING_SCALE", "1"))
 READINGS = {"steady_state", "settling_time", "rise_time", "overshoot"}
 GONE = (ChannelState.DIVERGED, ChannelState.OSCILLATING, ChannelState.CLIPPED)
@@ -34,21 +34,21 @@ BENT: dict[str, Any] = DAMPED | {"capacitance": "220pF", "exponential_slope": 0.
 MADE: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], int]] = {
     "stiff": ({"channels": 3}, DAMPED | {"capacitance": "1uF", "opamp": "ne5534"}, {}, 6),
     "stiff-fast": ({"channels": 3}, DAMPED | {"opamp": "op27", "capacitance": "1nF"}, {}, 6),
-    "stiff-weak": ({"channels": 5}, DAMPED | {"lambda": 1e-6, "capacitance": "1nF"}, {}, 13),
-    "from-rest": ({"channels": 3}, DAMPED | {"capacitance": "1nF"}, {"initial": "rest"}, 13),
-    "single": ({"channels": 1}, DAMPED | {"capacitance": "100pF"}, {}, 13),
-    "uneven": ({"channels": 3, "sensors": 5}, DAMPED | {"capacitance": "1nF"}, {}, 13),
+    "stiff-weak": ({"channels": 5}, DAMPED | {"lambda": 1e-6, "capacitance": "1nF"}, {}, 6),
+    "from-rest": ({"channels": 3}, DAMPED | {"capacitance": "1nF"}, {"initial": "rest"}, 6),
+    "single": ({"channels": 1}, DAMPED | {"capacitance": "100pF"}, {}, 6),
+    "uneven": ({"channels": 3, "sensors": 5}, DAMPED | {"capacitance": "1nF"}, {}, 6),
     "tangential": (
         {"channels": 5, "kernel": "tangential"},
         DAMPED | {"capacitance": "1nF"},
         {},
-        13,
+        6,
     ),
     "passive": (
         {"channels": 3},
         DAMPED | {"topology": "passive", "capacitance": "1nF", "lambda": 0.5},
         {},
-        13,
+        6,
     ),
     "exponential": ({"channels": 3}, BENT | {"amplifier": "exponential"}, {}, 4),
     "exponential-rest": (
@@ -59,11 +59,11 @@ MADE: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], int]] = {
     ),
     "softplus": ({"channels": 3}, BENT | {"amplifier": "softplus"}, {}, 4),
     "tanh": ({"channels": 3}, BENT | {"amplifier": "tanh"}, {}, 4),
-    "marginal-stable": ({}, BREADBOARD | {"capacitance": "9.2pF"}, {}, 13),
-    "marginal-unstable": ({}, BREADBOARD | {"capacitance": "8.7pF"}, {"stop": "1ms"}, 13),
-    "large": ({"channels": 40}, DAMPED | {"capacitance": "1nF"}, {}, 2),
+    "marginal-stable": ({}, BREADBOARD | {"capacitance": "9.2pF"}, {}, 6),
+    "marginal-unstable": ({}, BREADBOARD | {"capacitance": "8.7pF"}, {"stop": "1ms"}, 6),
+    "large": ({"channels": 40}, DAMPED | {"capacitance": "1nF"}, {}, 1),
 }
-SEEDS = {path.stem: 12 for path in SHIPPED} | {
+SEEDS = {path.stem: 6 for path in SHIPPED} | {
     "paper-exponential": 4,
     "paper-exponential-devices": 3,
 }
@@ -122,6 +122,6 @@ def test_the_adversary_reaches_the_numbers_that_it_should() -> None:
     assert found.poles.rightmost != plain.poles.rightmost
 
 
-def test_there_are_twenty_scenes_and_two_hundred_seeds() -> None:
+def test_there_are_twenty_scenes_and_a_hundred_seeds() -> None:
     assert len(SEEDS) >= 20
-    assert sum(SEEDS.values()) >= 200
+    assert sum(SEEDS.values()) >= 100

@@ -165,10 +165,15 @@ class Sample:
 
     def nearest(self, place: complex) -> complex:
         """Return the known pole nearest to a place in the complex plane, 1/s."""
+        return self.nearest_each(np.array([place]))[0]
+
+    def nearest_each(self, places: Complexes) -> list[complex]:
+        """Return the known pole nearest to each place (P,) in the complex plane, 1/s."""
         known = self.poles[: self.known]
         if not len(known):
-            return complex(-math.inf)
-        return complex(known[np.argmin(np.abs(known - place))])
+            return [complex(-math.inf)] * len(places)
+        found: list[complex] = known[np.abs(known - places[:, None]).argmin(axis=1)].tolist()
+        return found
 
     def real(self, k: int) -> float:
         """Return the k-th largest real part (k from 0), 1/s; minus infinity beyond the last."""

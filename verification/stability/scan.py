@@ -233,8 +233,9 @@ def _equal(*samples: Sample) -> bool:
 
 def _followed(a: Sample, m: Sample, b: Sample) -> list[Followed]:
     """Return each pole with Im >= 0 of the sample in the middle, with the nearest ones beside."""
-    upper = [pole for pole in m.poles[: m.known].tolist() if pole.imag >= 0.0]
-    return [(a.nearest(pole), pole, b.nearest(pole)) for pole in upper]
+    known = m.poles[: m.known]
+    upper = known[known.imag >= 0.0]
+    return list(zip(a.nearest_each(upper), upper.tolist(), b.nearest_each(upper), strict=True))
 
 
 def _bends(triple: Triple, pole: Followed) -> bool:

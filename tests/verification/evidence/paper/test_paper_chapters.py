@@ -17,9 +17,15 @@ SHORTENED = [name for name, task in CHAPTERS.items() if 2.0 * task.quick_seconds
 BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
 
 
+WHOLE = pytest.mark.nightly  # up to a minute; with every commit these chapters run shortened
+
+
 @pytest.mark.parametrize(
     ("name", "quick"),
-    [*((name, False) for name in CHAPTERS), *((name, True) for name in SHORTENED)],
+    [
+        *(pytest.param(n, False, marks=[WHOLE] * (n in SHORTENED)) for n in CHAPTERS),
+        *((name, True) for name in SHORTENED),
+    ],
 )
 def test_the_verdicts_are_the_expected_ones(
     name: str, quick: bool, request: pytest.FixtureRequest

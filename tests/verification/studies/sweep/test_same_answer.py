@@ -1,6 +1,6 @@
 """`verify` and a point of a sweep: the same outcomes and readings, in 200 random scenes.
 
-A tenth of the scenes is verified by default, all with ``TACTION_RANDOM_SCENES=200``.
+A twentieth of the scenes is verified by default, all with ``TACTION_RANDOM_SCENES=200``.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tests.support.scenes_of_all_kinds import random_scene
 
 PAPER = SCENES / "paper-breadboard.toml"
 COUNT, BLOCKS = 200, 4
-STRIDE = COUNT // int(os.environ.get("TACTION_RANDOM_SCENES", "20"))
+STRIDE = COUNT // int(os.environ.get("TACTION_RANDOM_SCENES", "10"))
 SEEDS = range(3 % STRIDE, COUNT, STRIDE)
 SHORT = 0.02  # s: estimated processor time of the runs of ngspice that are compared
 DECISIONS = ("outcome", "failure", "engine", "simulator", "state", "stable")

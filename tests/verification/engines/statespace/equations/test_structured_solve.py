@@ -97,6 +97,18 @@ def test_the_sensitivities_of_a_large_board_are_the_dense_ones(
     np.testing.assert_allclose(found, dense, rtol=0.0, atol=1e-9 * np.abs(dense).max())
 
 
+@pytest.mark.parametrize("circuit", [paper_board(), rectangular_board(), exponential_board(7)])
+@pytest.mark.parametrize("shift", [0.0, 1e4 - 2.5e5j])
+def test_the_schur_complement_alone_is_the_same(circuit: Circuit, shift: complex) -> None:
+    """Alone it comes from full matrices, with the solver from sparse ones."""
+    equations = stamp(circuit)
+    structure = Structure(equations, np.linspace(-2.0, -1.0, equations.devices.count))
+    for each in (structure, structure.transposed):
+        wanted = each.factor(shift).schur
+        found = each.factor(shift, solver=False).schur
+        np.testing.assert_allclose(found, wanted, rtol=1e-10, atol=1e-12 * np.abs(wanted).max())
+
+
 def test_a_factorisation_without_a_solver_does_not_solve() -> None:
     with pytest.raises(EngineError, match="without a solver"):
         Structure(stamp(paper_board())).factor(1e6, solver=False).solve(np.zeros(112))
