@@ -11,7 +11,6 @@ from benchmarks.__main__ import SECTIONS
 from benchmarks.measuring import Extent
 from benchmarks.page import section, write_plots
 
-
 LONG = ("boards", "sweeps", "verdicts")  # ten seconds each, even at their least
 
 

@@ -32,7 +32,7 @@ from tests.support.paths import SCENES
 from tests.support.scenes_of_all_kinds import random_scene
 
 PAPER = SCENES / "paper-breadboard.toml"
-COUNT, BLOCKS = 200, 4
+COUNT, BLOCKS = 200, 2
 STRIDE = COUNT // int(os.environ.get("TACTION_RANDOM_SCENES", "10"))
 SEEDS = range(3 % STRIDE, COUNT, STRIDE)
 SHORT = 0.02  # s: estimated processor time of the runs of ngspice that are compared
