@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -21,6 +22,7 @@ from taction.verification.design.exploration import (
     view_rest,
 )
 from taction.verification.design.explorer_settings import STEPS, Control, Settings, Start
+from taction.verification.design.outcomes_along import CELLS
 from taction.verification.report.charts import (
     Axis,
     Band,
@@ -150,7 +152,28 @@ def verdict_part(found: Judgement) -> Part:
 
 
 def _answer(found: Judgement) -> str:
-    return "" if found.answer is None else answer_text(found.answer)
+    return "" if found.answer is None else answer_text(found.answer, volts=False)
+
+
+def along_part(start: Start, known: Mapping[str, Mapping[int, tuple[str, str]]]) -> Part:
+    """Return what is known of the checks along each slider: a cell, its outcome and its text."""
+    return {
+        "along": {
+            control.path: [
+                _cell(control, cell, known.get(control.path, {}).get(cell)) for cell in range(CELLS)
+            ]
+            for control in start.controls
+        }
+    }
+
+
+def _cell(control: Control, cell: int, found: tuple[str, str] | None) -> Part:
+    value = value_text(control.chosen((cell + 0.5) / CELLS), control.unit, 3)
+    if found is None:
+        return {"outcome": "unknown", "text": f"{value}: not known yet"}
+    outcome, reason = found
+    words = "no verdict" if outcome == ERROR else outcome
+    return {"outcome": outcome, "text": f"{value}: {words}{': ' * bool(reason)}{readable(reason)}"}
 
 
 def simulation_part(found: Judgement) -> Part:
@@ -265,7 +288,7 @@ def stress_chart(view: RestView) -> Chart:
     marks.append(Curve(x, rest, "board at rest", "fail", "", "circle-open", size=7.0))
     note = f"Board less answer: at most {float(np.abs(rest - targets).max(initial=0.0)):.3g}."
     if truth is not None:
-        note += f" {true_error_text(view.answer)}"
+        note += f" {true_error_text(view.answer, volts=False)}"
     along = Axis("channel", whole=True) if places is None else Axis("place y")
     return Chart("Recovered stress", along, Axis("stress"), tuple(marks), summary=note)
 

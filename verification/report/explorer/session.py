@@ -17,10 +17,12 @@ from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.quantities import readable
 from taction.verification.design.exploration import Judgement, judge, view_boundary, view_limits
 from taction.verification.design.explorer_settings import STEPS, Settings, Start, read_value
+from taction.verification.design.outcomes_along import others, outcome_of, spots
 from taction.verification.report.explorer.parts import (
     KEPT,
     Look,
     Part,
+    along_part,
     boundary_part,
     look_at,
     settings_part,
@@ -29,13 +31,15 @@ from taction.verification.report.explorer.parts import (
 )
 from taction.verification.stability.edges import Edges
 from taction.verification.studies.running.worker import Worker, WorkerDiedError
+from taction.verification.verdict.record import ERROR
 
 T = TypeVar("T")
 Send = Callable[[Part], None]
 Stage = Callable[[Look], tuple[Look, Part]]
 REST = 0.12  # s without new values, after which the hand rests
 WINDOWS = ("rise", "whole")
-KEPT_KEYS = ("stress", "facts", "boundary")  # which many moves leave as they are
+KEPT_KEYS = ("stress", "facts", "boundary", "along")  # which many moves leave as they are
+SLOW = 2.0  # s of a verdict, above which the sliders show no checks
 PATIENCE = 3.0  # s that a verdict on values that have moved on may still take
 
 
@@ -117,6 +121,7 @@ class Session:
     _number: int = 0  # of the newest values
     _look: Look | None = None  # at the newest values
     _boundary: tuple[object, Edges | EngineError] | None = None  # and the values that it holds for
+    _along: dict[str, tuple[Settings, dict[int, tuple[str, str]]]] = field(default_factory=dict)
     _sent: Part = field(default_factory=dict)  # the last of `KEPT_KEYS` that the page has
     _simulates: bool = False
     _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -146,6 +151,7 @@ class Session:
                 self._tell(**shown, refused=readable(str(error)))
                 return
             cost = time.perf_counter() - began
+            shown |= along_part(self.start, self._known_along(settings))
             self._tell(**shown, **self._look.part, stamp=wanted.get("stamp"), cost=cost)
             if not self._look.rest.is_large:
                 await self._step(self._with_boundary, number)
@@ -197,6 +203,35 @@ class Session:
             return
         self._look = replace(self._look, verdict=found)
         self._tell(**verdict_part(found), **self._look.later_outputs(self.window))
+        if found.record.outcome != ERROR:
+            await self._judge_along(look.settings, number)
+
+    def _known_along(self, settings: Settings) -> dict[str, dict[int, tuple[str, str]]]:
+        """Return what is known of the checks along each slider, and forget what holds no more."""
+        for control in self.start.controls:
+            key = others(control, settings)
+            if self._along.get(control.path, (None, {}))[0] != key:
+                self._along[control.path] = (key, {})
+        return {path: outcomes for path, (_, outcomes) in self._along.items()}
+
+    async def _judge_along(self, settings: Settings, number: int) -> None:
+        """Find the outcome of the checks along each slider, as long as the hand rests."""
+        known = self._known_along(settings)
+        for spot in spots(self.start, settings):
+            outcomes, began = known[spot.control.path], time.monotonic()
+            if spot.cell in outcomes:
+                continue
+            try:
+                scene = spot.settings.scene(self.start)
+                found = await self.judging.run(lambda: number == self._number, outcome_of, scene)
+            except (InputError, WorkerDiedError) as error:
+                found = ERROR, str(error).partition("\n")[0]
+            if found is None or number != self._number:
+                return
+            outcomes[spot.cell] = found
+            self._tell(**along_part(self.start, known))
+            if time.monotonic() - began > SLOW:  # 45 of them would take minutes
+                return
 
     async def _step(self, stage: Stage, number: int) -> bool:
         """Add what `stage` finds; return whether the values are still the newest."""

@@ -6,11 +6,12 @@ from taction.verification.report.texts import LEAST_SHARE, figure, quantity, rou
 from taction.verification.verdict.answer_error import AnswerError
 
 
-def answer_text(answer: AnswerError, *, short: bool = False) -> str:
+def answer_text(answer: AnswerError, *, short: bool = False, volts: bool = True) -> str:
     """Return in a sentence how far the board is from the answer, and the answer from the truth.
 
     It is empty for a board that does not come to rest at the answer, and where the answer cannot
-    be trusted. "Within" rounds up. The `short` one has neither channel nor the kind of its unit.
+    be trusted. "Within" rounds up. The `short` one has neither channel nor the kind of its unit;
+    without `volts` the largest stress is named without its value.
     """
     if answer.board is None or not answer.unit:
         return ""
@@ -23,13 +24,13 @@ def answer_text(answer: AnswerError, *, short: bool = False) -> str:
         far = _truth(answer, "it", short=True)
         return f"{boards} the regularised answer {near} of {unit}; {far}."
     far = _truth(answer, "that answer")
-    return f"{boards} the regularised answer {near} ({of_unit(answer)}); {far}."
+    return f"{boards} the regularised answer {near} ({of_unit(answer, volts=volts)}); {far}."
 
 
-def true_error_text(answer: AnswerError) -> str:
+def true_error_text(answer: AnswerError, *, volts: bool = True) -> str:
     """Return in a sentence how far the answer is from the true stress, and why."""
     text = _truth(answer, "the regularised answer")
-    share = f"; % {of_unit(answer)}" if " % from" in text else ""
+    share = f"; % {of_unit(answer, volts=volts)}" if " % from" in text else ""
     return f"{text[:1].upper()}{text[1:]}{share}."
 
 
@@ -44,10 +45,11 @@ def answer_heading(answer: AnswerError) -> str:
     return ", ".join(texts)
 
 
-def of_unit(answer: AnswerError) -> str:
+def of_unit(answer: AnswerError, *, volts: bool = True) -> str:
     """Return what every share of an answer's error is a fraction of."""
     known = answer.stress is not None and answer.stress.any()
-    return f"of the largest {'true ' * bool(known)}stress, {quantity(answer.unit, 'V', 3)}"
+    value = f", {quantity(answer.unit, 'V', 3)}" if volts else ""
+    return f"of the largest {'true ' * bool(known)}stress{value}"
 
 
 def _within(volts: float, unit: float) -> str:

@@ -7,6 +7,7 @@ import base64
 import importlib.util
 import socket
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,12 @@ import pytest
 import taction
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
-from taction.verification.design.explorer_settings import Start
-from taction.verification.report.explorer import server
+from taction.verification.design import outcomes_along
+from taction.verification.design.explorer_settings import Settings, Start
+from taction.verification.report.explorer import server, session
 from taction.verification.report.explorer.session import Session
 from taction.verification.studies.running.worker import WorkerDiedError
+from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
 
 C = "design.capacitance"
@@ -51,16 +54,31 @@ class Ended(Here):
         raise WorkerDiedError("the process was ended")
 
 
-def told(*moves: dict[str, Any], name: str = "paper-breadboard", job: Any = None) -> list[Any]:
-    """Return the parts that a page is told of moves; the hand rests after the last one."""
+@pytest.fixture(autouse=True)
+def strips(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """No verdicts along the sliders but in tests of them."""
+    if "strips" not in request.node.name:
+        monkeypatch.setattr(session, "spots", lambda *_: [])
+
+
+def told(
+    *moves: dict[str, Any], name: str = "paper-breadboard", job: Any = None, again: Any = None
+) -> list[Any]:
+    """Return the parts that a page is told of moves; the hand rests after the last one.
+
+    `again` is a move after this rest.
+    """
     parts: list[Any] = []
 
     async def run() -> None:
         start = Start.of(load_scene(SCENES / f"{name}.toml"))
-        session = Session(start, parts.append, job or Here(), Here())  # type: ignore[arg-type]
+        page = Session(start, parts.append, job or Here(), Here())  # type: ignore[arg-type]
         for move in moves:
-            await session.move(move)
-        await asyncio.gather(*session._tasks)
+            await page.move(move)
+        await asyncio.gather(*page._tasks)
+        if again is not None:
+            await page.move(again)
+            await asyncio.gather(*page._tasks)
 
     asyncio.run(run())
     return parts
@@ -78,7 +96,7 @@ def test_what_is_fast_comes_first_and_the_verdict_last() -> None:
     assert parts[0]["stamp"] == 7.0
     order = [next(k for k in ("outputs", "boundary", "limits", "verdict") if k in p) for p in parts]
     assert order == ["outputs", "boundary", "limits", "verdict"]
-    assert parts[-1]["verdict"]["outcome"] == "pass"
+    assert next(p for p in parts if "verdict" in p)["verdict"]["outcome"] == "pass"
     x, y = curve(parts[0], 3)
     verdict = taction.verify(SCENES / "paper-breadboard.toml", engine="statespace")
     expected = np.interp(x, verdict.waveforms.time, verdict.u[:, 3])
@@ -98,6 +116,43 @@ def test_what_has_not_changed_is_not_sent_again() -> None:
     assert "stress" in first
     assert "stress" in second["same"]
     assert "stress" not in second
+
+
+def test_strips_show_the_checks_along_every_slider(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nine values of each; after a move of C the outcomes along C still hold, the others do not."""
+    monkeypatch.setattr(outcomes_along, "verify", first := Stub())
+    job = Here()
+    parts = told({}, job=job, again={"places": {C: 600}})
+    cells = [part["along"] for part in parts if "along" in part]
+    assert all(len(found) == outcomes_along.CELLS for found in cells[-1].values())
+    assert {cell["outcome"] for found in cells[-1].values() for cell in found} == {"pass", "fail"}
+    assert first.boards == 45 + 36
+    begin = next(part for part in parts if part["number"] == 2)["along"]
+    known = {path for path, found in begin.items() if found[0]["outcome"] != "unknown"}
+    assert known == {C}
+
+
+class Stub:
+    """Verdicts that fail below 10 pF, and their number."""
+
+    def __init__(self) -> None:
+        self.boards = 0
+
+    def __call__(self, scene: Any, **_: Any) -> Any:
+        self.boards += 1
+        outcome = Outcome.PASS if scene.design.capacitance >= 1e-11 else Outcome.FAIL
+        return SimpleNamespace(outcome=outcome, checks=[])
+
+
+def test_strips_have_the_outcome_of_the_command() -> None:
+    start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
+    spot = next(s for s in outcomes_along.spots(start, Settings()) if s.cell == 3)
+    scene = spot.settings.scene(start)
+    verdict = taction.verify(scene, engine="statespace")
+    failed = [check.name for check in verdict.checks if check.outcome is Outcome.FAIL]
+    assert failed
+    outcome, reason = outcomes_along.outcome_of(scene)
+    assert (outcome, reason) == ("fail", ", ".join(failed).replace("_", " "))
 
 
 @pytest.mark.parametrize(

@@ -63,15 +63,17 @@ const control = (each, steps, n) => {
     make("span", { className: "control-name", textContent: each.name }), text);
   const ends = make("div", { className: "ends" }, make("span", { textContent: each.low }), make("span", { textContent: each.high }));
   ends.setAttribute("aria-hidden", "true");
-  const made = make("div", { className: "control" }, head, slider, ends);
+  const along = make("div", { className: "along" });
+  along.setAttribute("role", "img");
+  const made = make("div", { className: "control" }, head, slider, along, ends);
   made.dataset.path = each.path;
   if (n === 0) {
     const stable = make("div", { className: "stable unknown", id: "stable" });
     stable.setAttribute("aria-hidden", "true");
-    ends.before(stable);
+    along.before(stable);
     made.append(make("p", { className: "stable-text", id: "stable-text", textContent: `stable values of ${each.symbol}: computing` }));
   }
-  state.controls.set(each.path, { slider, text });
+  state.controls.set(each.path, { slider, text, along, name });
   return made;
 };
 const showValues = (values) => {
@@ -142,6 +144,14 @@ const showBoundary = (boundary) => {
   get("stable").replaceChildren(...bars);
   get("stable-text").textContent = `stable values of ${state.start.controls[0].symbol}: ${boundary.text}`;
 };
+// Below each slider: the outcome of all checks at some of its values.
+const showAlong = (cells) => {
+  for (const [path, spots] of Object.entries(cells)) {
+    const { along, name } = state.controls.get(path);
+    along.replaceChildren(...spots.map((spot) => make("div", { className: `cell-${spot.outcome}`, title: spot.text })));
+    along.setAttribute("aria-label", `checks along ${name}: ${spots.map((spot) => spot.text).join("; ")}`);
+  }
+};
 const showDoubts = () => {
   const { refused, doubts = [], limits = [] } = state.part;
   get("doubts").replaceChildren(...items([...(refused ? [refused] : []), ...doubts, ...limits]));
@@ -186,6 +196,7 @@ const show = (part) => {
   if ("saved" in part) get("saved").textContent = part.saved ? `wrote ${part.saved}` : part.save_mistake;
   if (part.facts) get("facts").replaceChildren(...rows(part.facts));
   if (part.boundary) showBoundary(part.boundary);
+  if (part.along) showAlong(part.along);
   if (part.verdict) showVerdict(part.verdict);
   if (part.verdict && (state.waiting || state.pending)) outdated(); // it is of earlier values
   if (["refused", "doubts", "limits", "cost"].some((key) => key in part)) showDoubts();
