@@ -432,3 +432,15 @@ DOCTOR = Command(
     parameters=(),
     ends="Exit status: 3 if ngspice is missing.",
 )
+MCP = Command(
+    job=Job(
+        function="mcp",
+        document=lambda found: iter(()),  # stdout is the protocol's
+        text=_nothing,
+        schema=None,
+    ),
+    parameters=(
+        argument("folder"),
+        option("limit", metavar="SECONDS", type=click.FloatRange(0, 86400, min_open=True)),
+    ),
+)

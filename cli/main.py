@@ -43,6 +43,7 @@ COMMANDS = {
     "reproduce": ("studies", "Test the paper, claim by claim and figure by figure."),
     "demo": ("studies", "Tell the paper's story on three boards; no file is needed."),
     "models": ("boards", "List the op-amp presets, or import a vendor's model."),
+    "mcp": ("boards", "Serve verify, check, onset and more to a program, by MCP."),
     "new": ("boards", "Write a scene file with comments."),
     "doctor": ("boards", "List what is installed and what each part is for."),
 }
@@ -66,7 +67,7 @@ SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
     "Check": ("check", "regress", "diff", "reproduce"),
-    "Further": ("parts", "self", "demo"),
+    "Further": ("parts", "self", "demo", "mcp"),
 }
 FIRST_STEPS = """\
 taction demo                  the paper's story on three boards, with a report; no file is needed
@@ -75,7 +76,7 @@ taction verify board.toml     simulate the board and judge it
 taction explore board.toml    move C, gain and more and watch the board
 taction --help                all commands
 """
-REFERENCE = ({"--json", "--help"}, {"--json", "-h"})
+HELP = {"--help", "-h"}
 
 
 def command(name: str) -> Command:
@@ -84,11 +85,11 @@ def command(name: str) -> Command:
     return found
 
 
-def print_reference(group: click.Group) -> None:
-    """Print all commands, options, schemas and exit statuses as one JSON document."""
+def print_reference(group: click.Group, names: Sequence[str]) -> None:
+    """Print all commands, or those of `names`, with their options as one JSON document."""
     from taction.cli.reference import reference
 
-    print_json(reference(group), "")
+    print_json(reference(group, names), "")
 
 
 class LazyGroup(click.Group):
@@ -118,8 +119,9 @@ class LazyGroup(click.Group):
 
         def run() -> None:
             self._main_shell_completion({}, PROGRAM)
-            if set(words) in REFERENCE:
-                print_reference(self)
+            names = [word for word in words if word not in ("--json", *HELP)]
+            if "--json" in words and HELP & {*words} and {*names} <= {*self.list_commands(None)}:
+                print_reference(self, names)
                 return
             if not words:
                 click.echo(FIRST_STEPS, nl=False)
@@ -129,7 +131,7 @@ class LazyGroup(click.Group):
 
         sys.exit(run_command(run, as_json="--json" in words, words=words))
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
+    def list_commands(self, ctx: click.Context | None) -> list[str]:
         """Return the listed commands in their order."""
         return [name for names in self.sections.values() for name in names]
 

@@ -6,7 +6,7 @@ A test makes every call of `EXAMPLES` and reads every answer.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import click
@@ -26,6 +26,7 @@ EXIT_STATUSES = {
 }
 ENVIRONMENT = {
     "TACTION_NGSPICE": "an ngspice in the place of the one on the PATH",
+    "TACTION_FOLDERS": "folders, as PATH lists them: other files are not read",
     "COLUMNS": "width of the tables where stdout is no terminal; 160 by default",
     "NO_COLOR": "set: no colours on a terminal",
     "GITHUB_ACTIONS": "true: `taction verify` prints annotations, as with --annotate",
@@ -103,22 +104,16 @@ TYPES = {  # click's names
 }
 
 
-def reference(main: click.Group) -> dict[str, Any]:
+def reference(main: click.Group, names: Sequence[str] = ()) -> dict[str, Any]:
     """Return commands, exit statuses, environment variables and schemas; made from click.
 
-    `fields` says for every field of a document its unit and the schemas that have it.
+    `fields` says for every field of a document its unit and the schemas that have it. With `names`
+    of commands it has only these commands and those below them, and no fields and schemas.
     """
-    from taction.netlist_gen.scene.scene import scene_type
-    from taction.verification.report.documents.catalogue import (
-        MODELS,
-        document_head,
-        fields,
-        schema,
-        schema_name,
-    )
+    from taction.verification.report.documents.catalogue import document_head
 
     with main.make_context("taction", [], resilient_parsing=True) as context:
-        commands = list(_commands(main, context))
+        commands = list(_commands(main, context, names))
     return document_head("help") | {
         "program": "taction",
         "usage": "taction COMMAND [OPTIONS] [ARGUMENTS]; --json: one document on stdout",
@@ -127,14 +122,29 @@ def reference(main: click.Group) -> dict[str, Any]:
         "environment": ENVIRONMENT,
         "scene_file": SCENE_FILE,
         "examples": list(EXAMPLES),
+        **_schemas(every=not names),
+    }
+
+
+def _schemas(*, every: bool) -> dict[str, Any]:
+    if not every:
+        return {"fields": {}, "schemas": {}, "scene_schema": {}}
+    from taction.netlist_gen.scene.scene import scene_type
+    from taction.verification.report.documents.catalogue import MODELS, fields, schema, schema_name
+
+    return {
         "fields": fields(),
         "schemas": {schema_name(name): schema(name) for name in MODELS},
         "scene_schema": scene_type().model_json_schema(by_alias=True),
     }
 
 
-def _commands(group: click.Group, context: click.Context) -> Iterator[dict[str, Any]]:
+def _commands(
+    group: click.Group, context: click.Context, names: Sequence[str] = ()
+) -> Iterator[dict[str, Any]]:
     for short in group.list_commands(context):
+        if names and short not in names:
+            continue
         command = group.get_command(context, short)
         if command is None:
             continue

@@ -29,7 +29,9 @@ EOF
 
 constraints=()
 if [[ ${1-} == --keep ]]; then
-    constraints=(-c requirements/dev.txt)
+    # Plain lines: the `-r` of a file of constraints would ask for all of its packages.
+    grep -h == requirements/*.txt >"$work/constraints.txt"
+    constraints=(-c "$work/constraints.txt")
 fi
 
 freeze() { "$python" -m pip freeze --all --exclude pip; }

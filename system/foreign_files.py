@@ -17,8 +17,23 @@ MEGABYTE = 1_000_000
 LARGEST = 64 * MEGABYTE  # of a table of numbers: 2,800 x 2,800 in binary
 
 
+FOLDERS = "TACTION_FOLDERS"
+"""Environment variable: the only folders of which files are read, as PATH lists them."""
+
+
 class UnusableFileError(ValueError):
     """A file that cannot be read; the text is the reason."""
+
+
+def _may_read(path: str | Path) -> bool:
+    """Return whether a file, with links followed, is in a folder that may be read."""
+    folders = os.environ.get(FOLDERS, "")
+    try:
+        real = os.path.realpath(path)
+    except ValueError:  # a zero byte in the name: `os.open` says so
+        return True
+    allowed = (os.path.realpath(folder) for folder in folders.split(os.pathsep))
+    return not folders or any(os.path.commonpath((real, folder)) == folder for folder in allowed)
 
 
 @contextmanager
@@ -30,6 +45,8 @@ def open_regular(path: str | Path) -> Iterator[BinaryIO]:
     UnusableFileError
         There is no such file, the file is no regular file, or it may not be read.
     """
+    if not _may_read(path):
+        raise UnusableFileError(f"outside of the folders that are read ({FOLDERS})")
     try:
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         if not stat.S_ISREG(os.fstat(number).st_mode):

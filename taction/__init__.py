@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     )
     from taction.system.errors import InputError, Interrupted, NoVerdictError, TactionError
     from taction.system.waveforms import Waveforms
-    from taction.tools import doctor, import_model, models, opamp, scene_schema
+    from taction.tools import doctor, import_model, mcp, models, opamp, scene_schema
     from taction.transients import diff, explore, simulate, verify, verify_files, what_to_change
     from taction.verification.verdict.verify import Verdict
 
@@ -64,6 +64,7 @@ __all__ = [
     "import_model",
     "kicad",
     "load_scene",
+    "mcp",
     "models",
     "montecarlo",
     "netlist",

@@ -217,6 +217,37 @@ def _quantity(name: str, text: str, unit: str, most: float) -> float:
     return value
 
 
+def mcp(folder: str | Path, *, limit: float = 300.0) -> None:
+    """Answer calls of a program over stdin and stdout, by the Model Context Protocol.
+
+    The tools are verify, check, onset, netlist, diff, models and model. A call takes the arguments
+    of the command and returns the document of its --json. Files are read in FOLDER only; nothing is
+    written. The server ends when stdin does.
+
+    Parameters
+    ----------
+    folder : path
+        The only folder of which files are read; names of files are relative to it.
+    limit : float
+        Time limit of a call, s.
+
+    Raises
+    ------
+    InputError
+        There is no such folder, or the SDK is missing (``taction[mcp]``).
+
+    Examples
+    --------
+    The call ends when stdin is closed.
+
+    >>> import taction
+    >>> taction.mcp("scenes")  # doctest: +SKIP
+    """
+    from taction.verification.report.tool_server import serve
+
+    serve(folder, limit)
+
+
 def scene_schema() -> dict[str, Any]:
     """Return the JSON schema of scene files.
 

@@ -54,6 +54,7 @@ CALLS: dict[str, tuple[str, ...]] = {
     "models": (),
     "models show": ("ua741",),
     "models import": ("a.cir", "--subckt", "A", "--pins", "inp,inn,vcc,vee,out"),
+    "mcp": (".",),
     "new": ("new.toml",),
     "doctor": (),
 }

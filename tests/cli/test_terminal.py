@@ -96,6 +96,7 @@ WITHOUT_TABLES = {
     "explore": "the address of a page",
     "solve": "one number a line",
     "simulate": "what `verify` shows of the channels",
+    "mcp": "nothing: stdout is the protocol's",
     "new": "a file",
     "doctor": "two lines for each part",
     "scale": "lines",

@@ -15,7 +15,7 @@ from tests.support.paths import ROOT
 
 STEPS = ("load_scene", "synthesise", "write_deck")
 JOBS = tuple(name for name in taction.__all__ if name.islower() and name not in STEPS)
-LONG = ("explore", "reproduce")  # one ends with Ctrl-C, one takes minutes
+LONG = ("explore", "mcp", "reproduce")  # one ends with Ctrl-C, one takes minutes
 FUNCTIONS = tuple(name for name in (*JOBS, *STEPS, "Scene.from_arrays") if name not in LONG)
 # What several jobs take, in the order in which each of them takes it.
 SHARED = ("scene", "over", "engine", "strains", "output", "jobs", "cluster", "progress")
@@ -72,7 +72,7 @@ def test_a_job_documents_its_parameters_and_has_its_sections(name: str) -> None:
     assert found == [each for each in SECTIONS if each in found]
     assert found[-1] == "Examples"
     assert ("Parameters" in found) is bool(parameters(name))
-    assert ("Returns" in found) is (name != "explore")
+    assert ("Returns" in found) is (name not in ("explore", "mcp"))
     assert list(documented(name)) == list(parameters(name))
 
 

@@ -1,0 +1,129 @@
+"""The tools for programs, called by the client of the same SDK."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import anyio
+import jsonschema
+import pytest
+from mcp.client import Client
+from mcp.client.stdio import StdioServerParameters, stdio_client
+
+from taction.verification.report.documents.catalogue import schema
+from taction.verification.report.tool_server import TOOLS, server
+from tests.support.entries import write_fast
+from tests.support.running import taction
+
+SCENE = "a.toml"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    place = tmp_path / "boards"
+    place.mkdir()
+    write_fast(place / SCENE)
+    write_fast(tmp_path / "outside.toml")
+    (place / "link.toml").symlink_to(tmp_path / "outside.toml")
+    (place / "outside.cir").write_text("a\n.include ../outside.toml\nR1 a 0 1\n.end\n")
+    problem = 'kind = "matrix"\nmatrix = "../T.csv"\nstrain = "../T.csv"'
+    (place / "matrix.toml").write_text(f"[problem]\n{problem}\n")
+    (tmp_path / "T.csv").write_text("2.0\n")
+    (place / "json.py").write_text("raise SystemExit('a module of the folder was imported')\n")
+    return place
+
+
+def asked(folder: Path, limit: float, ask: Callable[[Any], Awaitable[Any]]) -> Any:
+    async def run() -> Any:
+        async with Client(server(folder, limit)) as client:
+            return await ask(client)
+
+    return anyio.run(run)
+
+
+def call(folder: Path, name: str, *, limit: float = 300.0, **given: Any) -> Any:
+    return asked(folder, limit, lambda client: client.call_tool(name, given))
+
+
+def test_a_program_speaks_with_the_command_over_stdin(folder: Path) -> None:
+    """As it is installed: the list of tools, and a verdict that is the document of --json."""
+
+    async def run() -> tuple[Any, Any]:
+        command = StdioServerParameters(
+            command=sys.executable, args=["-P", "-m", "taction", "mcp", str(folder)]
+        )
+        async with Client(stdio_client(command)) as client:
+            listed = await client.list_tools()
+            return listed.tools, await client.call_tool("verify", {"scenes": [SCENE]})
+
+    tools, found = anyio.run(run)
+    assert [tool.name for tool in tools] == list(TOOLS)
+    verify = tools[0].input_schema
+    assert verify["required"] == ["scenes"]
+    assert verify["properties"]["engine"]["enum"] == ["auto", "ngspice", "statespace"]
+    assert all(
+        each["description"] for tool in tools for each in tool.input_schema["properties"].values()
+    )
+    assert not found.is_error
+    assert found.structured_content["outcome"] == "pass"
+    jsonschema.validate(found.structured_content, schema("verify"))
+
+
+def test_options_reach_the_command_and_a_failed_check_is_a_result(folder: Path) -> None:
+    (folder / "rc.cir").write_text("rc\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n.end\n")
+    found = call(folder, "check", deck="rc.cir", checks=["settling=2us@1%"], ngspice=False)
+    assert not found.is_error
+    assert found.structured_content["outcome"] == "fail"
+    assert found.structured_content["poles"][0]["real"] == pytest.approx(-1e6)
+
+
+REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
+    ("verify", {"scenes": ["../outside.toml"]}, "outside of the folders that are read"),
+    ("verify", {"scenes": ["link.toml"]}, "outside of the folders that are read"),
+    ("verify", {"scenes": ["matrix.toml"]}, "outside of the folders that are read"),
+    ("check", {"deck": "outside.cir"}, "a file outside the deck's folder is not read"),
+    ("verify", {"scenes": ["--help"]}, "No such file"),
+    ("verify", {"scenes": ["a\0b"]}, "null byte"),
+    ("verify", {"scene": SCENE}, "'scenes' is a required property"),
+    ("verify", {"scenes": [SCENE], "report": "a.html"}, "'report' was unexpected"),
+    ("verify", {"scenes": [SCENE], "changes": "soon"}, "changes: 'soon' is not of type"),
+    ("simulate", {"scene": SCENE}, "no tool 'simulate'; expected one of verify, check"),
+)
+
+
+def test_what_is_refused_is_an_error_with_its_reason(folder: Path) -> None:
+    async def ask(client: Any) -> list[Any]:
+        return [await client.call_tool(name, given) for name, given, _ in REFUSED]
+
+    for found, (_, given, reason) in zip(asked(folder, 300.0, ask), REFUSED, strict=True):
+        assert found.is_error, given
+        assert reason in " ".join(block.text for block in found.content)
+
+
+def test_a_call_ends_at_its_limit(folder: Path) -> None:
+    found = call(folder, "onset", limit=0.05, scene=SCENE, over="C")
+    assert found.is_error
+    assert "no result within the limit of 0.05 s" in found.content[0].text
+
+
+def test_remarks_are_sent_as_progress(folder: Path) -> None:
+    told: list[str] = []
+
+    async def hear(done: float, total: float | None, message: str | None) -> None:
+        told.append(str(message))
+
+    async def ask(client: Any) -> Any:
+        return await client.call_tool("model", {"name": "op28"}, progress_callback=hear)
+
+    found = asked(folder, 60.0, ask)
+    assert found.is_error
+    assert "op27" in told[0]
+
+
+def test_a_folder_is_needed(tmp_path: Path) -> None:
+    result = taction("mcp", str(tmp_path / "none"))
+    assert result.exit_code == 2
+    assert "expected a folder" in result.stderr
