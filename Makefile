@@ -9,6 +9,8 @@ SHELL := /bin/bash
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
+# Each process takes a stretch of the list, so that the tests of a file share what one of them made.
+SHARED := --dist worksteal
 ARGS ?=
 RELEASE ?=
 
@@ -33,7 +35,7 @@ demo: ## set up what a user needs, then verify the seven-channel breadboard
 
 test: ready ## set up, then all tests; ARGS="-k deck -x" goes to pytest
 	@bash scripts/gnucap.sh .venv/.gnucap-tried
-	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(ARGS)
+	$(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(SHARED) $(ARGS)
 
 check: ready ## before each commit: lint, types and the tests of what changed, in under 90 s
 	@$(PYTHON_IN_VENV) scripts/check.py $(ARGS)

@@ -61,8 +61,10 @@ def violations(page: Any) -> list[tuple[str, str, str]]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_report_is_silent_asks_for_nothing_and_is_legible(open_report: Open, name: str) -> None:
-    opened = open_report(name)
+def test_a_report_is_silent_asks_for_nothing_is_legible_and_accessible(
+    open_report: Open, name: str
+) -> None:
+    opened = open_report(name, color_scheme="light")
     opened.page.wait_for_timeout(100)
     assert opened.messages == []
     assert [url for url in opened.requests if not url.startswith(("file:", "data:", "blob:"))] == []
@@ -70,13 +72,18 @@ def test_a_report_is_silent_asks_for_nothing_and_is_legible(open_report: Open, n
     drawn = opened.page.locator(".canvas .main-svg").count()
     assert drawn >= opened.page.locator(".canvas").count()
     assert opened.page.evaluate(OVERLAPS) == []
-
-
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing(open_report: Open, name: str, scheme: str) -> None:
-    opened = open_report(name, color_scheme=scheme)
     assert violations(opened.page) == []
+    opened.page.emulate_media(color_scheme="dark")
+    opened.page.wait_for_timeout(200)
+    assert violations(opened.page) == []
+    assert opened.messages == []
+
+
+@pytest.mark.parametrize("name", ["passing", "sweep, a map"])
+def test_axe_finds_nothing_in_a_page_that_was_dark_from_the_start(
+    open_report: Open, name: str
+) -> None:
+    assert violations(open_report(name, color_scheme="dark").page) == []
 
 
 @pytest.mark.parametrize("name", NAMES)
