@@ -115,6 +115,9 @@ class Descriptor:
         Index of each name.
     mirror : Halves or None
         The exchange that the names propose; valid where the matrices commute with it.
+    has_branches : bool
+        Whether the circuit has parts of a deck, between any two nodes: such a circuit has no design
+        that keeps its numbers apart, so rounding counts at every step, and the poles are counted.
     """
 
     names: tuple[str, ...]
@@ -128,6 +131,7 @@ class Descriptor:
     devices: Devices
     places: dict[str, int] = field(repr=False)
     mirror: Halves | None = field(repr=False)
+    has_branches: bool = False
 
     @property
     def size(self) -> int:

@@ -122,4 +122,5 @@ def _finish(stamper: Stamper, node_count: int, devices: Devices) -> Descriptor:
         devices=devices,
         places=stamper.places,
         mirror=proposed_mirror(names),
+        has_branches=bool(stamper.circuit.branches),
     )

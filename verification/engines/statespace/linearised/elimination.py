@@ -86,9 +86,18 @@ class ReducedEquations:
 
 
 def eliminate(
-    M: Floats, K: Floats, b: Floats, determined: Bools, names: Sequence[str]
+    M: Floats,
+    K: Floats,
+    b: Floats,
+    determined: Bools,
+    names: Sequence[str],
+    *,
+    has_branches: bool = False,
 ) -> ReducedEquations:
     """Eliminate voltages that ideal sources determine, then all other unknowns without charge.
+
+    With `has_branches` the rounding of every step counts in the size of the terms; of a board with
+    a design that of the last step bounds it.
 
     `b` (size, inputs) has columns for the strain currents, for constant sources, and for other
     inputs; `determined` marks rows that state a voltage instead of a current balance; `names` are
@@ -132,9 +141,10 @@ def eliminate(
     terms = np.abs(K[:n, :n]) + np.abs(K[:n, n + inputs :]) @ np.abs(passive[:, :n])
     sizes = np.abs(mass.solve(terms, charged, "the capacitances do not determine the states"))
     rates = mass.solve(right, charged, "the capacitances do not determine the states")
-    cancelling = within.sizes(rates[:, :n], d, a, mass, inner_factor, passive)
     exact = found is not None or split.singular
-    sizes = np.maximum(sizes, cancelling if exact else cancelling / SPARE)
+    if exact or has_branches:
+        cancelling = within.sizes(rates[:, :n], d, a, mass, inner_factor, passive)
+        sizes = np.maximum(sizes, cancelling if exact else cancelling / SPARE)
     decided = decided and not split.singular and within.decide(d, a, mass, inner_factor)
     inner = np.zeros((len(f), n + inputs))
     inner[d, np.arange(n)] = 1.0

@@ -190,9 +190,12 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
 
 
 def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
-    """Eliminate unknowns without charge, and count the states again where rounding has a say."""
+    """Eliminate unknowns without charge, and count the states again where rounding has a say.
+
+    A topology's board is known to have the states that its design gives it.
+    """
     found = _eliminated(descriptor, board, b)
-    if all(block.decided for block in found.blocks):
+    if not descriptor.has_branches or all(block.decided for block in found.blocks):
         return found
     if found.halves is not None:
         found = _eliminated(descriptor, replace(board, halves=None), b)
@@ -220,8 +223,9 @@ def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
 def _eliminated(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
     """Eliminate unknowns without charge, in each half of a board that is its own mirror image."""
     names, determined, halves = descriptor.names, descriptor.determined, board.halves
+    free = descriptor.has_branches
     if halves is None:
-        block = eliminate(board.mass, board.stiffness, b, determined, names)
+        block = eliminate(board.mass, board.stiffness, b, determined, names, has_branches=free)
         if block.places is None:
             charged = tuple(f"charge{k + 1}" for k in range(len(block.A)))
         else:
@@ -232,7 +236,9 @@ def _eliminated(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
     parts = zip(board.blocks, halves.split_vectors(b), strict=True)
     try:
         even, odd = (
-            eliminate(M, K, inputs, determined[halves.first[: len(K)]], first_names)
+            eliminate(
+                M, K, inputs, determined[halves.first[: len(K)]], first_names, has_branches=free
+            )
             for (M, K), inputs in parts
         )
     except EngineError:  # the message must name unknowns of the whole board
