@@ -40,6 +40,7 @@ FLAT = 1e-14  # largest bend of the step in which a locus turns back near the ax
 CLUSTER = 1e-2  # relative width of a cluster of shares where a locus comes near
 ONCE = 0.25  # of the change of its height: largest bend of a locus that crosses once
 NARROW = 1e-12  # relative width of the narrowest step of omega
+FAR = 1e8  # times the highest frequency: where only what has no charge counts
 LARGEST = 5000  # frequencies; with more, the loci still undecided count as near
 PRECISE, ITERATIONS = 1e-14, 60  # of the search of a crossing's frequency
 ON_AXIS = 1e-3  # of the height of a step: largest height of a locus at its crossing
@@ -120,8 +121,16 @@ class PortResponse:
 
     @cached_property
     def _rows(self) -> Floats:
-        """Currents of each part into the rows: an ideal source takes up the current at its node."""
-        return np.where(self.board.descriptor.determined[:, None], 0.0, self._columns)
+        """Currents of each part into the rows that take them up."""
+        descriptor = self.board.descriptor
+        rows = np.zeros((descriptor.size + 1, len(self.parts)))
+        np.add.at(rows, descriptor.balance_rows[:-1], self._columns)
+        return rows[:-1]
+
+    def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
+        """Return ``left d(K - s M) right`` for a relative change of the value, to first order."""
+        weights = self._roots**2 * (-s if self.reactive else 1.0)
+        return complex((left @ self._rows * weights) @ (self._columns.T @ right))
 
     @cached_property
     def _modal(self) -> tuple[Complexes, Complexes, Floats]:
@@ -180,6 +189,11 @@ class LawResponse(PortResponse):
             return in_mass, np.zeros(0), np.zeros(0)
         return in_mass, u, v
 
+    def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
+        """Return ``left d(K - s M) right`` for a relative change of the value."""
+        reactive, u, v = self._change
+        return complex((left @ u) * (v @ right) * (-s if reactive else -1.0))
+
     def at(self, omega: Floats) -> Complexes:
         """Return the response at angular frequencies (P,), 1/s; shape (P, 1, 1)."""
         reactive, u, v = self._change
@@ -188,7 +202,10 @@ class LawResponse(PortResponse):
         X = s * dense.mass - dense.stiffness
         scale = np.abs(X).max(axis=2, keepdims=True)
         scale[scale == 0.0] = 1.0
-        solved = np.linalg.solve(X / scale, u[:, None] / scale)
+        try:
+            solved = np.linalg.solve(X / scale, u[:, None] / scale)
+        except np.linalg.LinAlgError:
+            raise EngineError("a pole of the board is on the imaginary axis") from None
         found = v @ solved
         return np.asarray(s * found[:, None, :] if reactive else found[:, None, :])
 
@@ -253,6 +270,7 @@ class _Trace:
         z = self.loci(omega)
         if not self.ports.reactive:
             self._real_poles(z[0])
+            self._poles_at_infinity(z[-1], float(omega[-1]))
         a, b, za, zb = omega[:-1], omega[1:], z[:-1], _follow(z[:-1], z[1:])
         chord = np.abs(zb - za)
         kept = ~self._avoids(np.stack([za, zb]), chord, chord).all(axis=1)
@@ -337,10 +355,27 @@ class _Trace:
 
     def _real_poles(self, ahead: Complexes) -> None:
         """Find the shares with a pole at zero; `ahead` are the loci at the lowest frequency."""
-        w = np.linalg.eigvals(self.ports.at(np.zeros(1))[0].real)
-        for share in (1.0 - 1.0 / w[(w.imag == 0.0) & (w.real > 1.0)].real).tolist():
+        for share in self._shares(0.0):
             following = ahead[np.argmin(np.abs(ahead - math.log(share)))]
             self._keep([(share, 0.0, -1 if following.imag < 0.0 else 1)])
+
+    def _poles_at_infinity(self, behind: Complexes, omega: float) -> None:
+        """Find the shares at which a real pole passes from one side to the other through infinity.
+
+        `behind` are the loci at the highest frequency `omega`.
+        """
+        for share in self._shares(FAR * omega):
+            before = behind[np.argmin(np.abs(behind - math.log(share)))]
+            self._keep([(share, 0.0, 1 if before.imag < 0.0 else -1)])
+
+    def _shares(self, omega: float) -> list[float]:
+        """Return the shares of the real loci at a frequency, where the response is real."""
+        response = self.ports.at(np.full(1, omega))[0].real
+        if not np.all(np.isfinite(response)):
+            raise EngineError("a pole of the board is on the imaginary axis")
+        w = np.linalg.eigvals(response)
+        real = (w.imag == 0.0) & ((w.real > 1.0) | (w.real < -SMALLEST))
+        return (1.0 - 1.0 / w[real].real).tolist()
 
     def _keep(self, found: Iterable[Crossing | None]) -> None:
         """Keep the crossings in the interval."""

@@ -42,12 +42,15 @@ class PartRow:
     doubt: str = ""
 
 
-def sensitivities(board: LinearBoard, found: Poles) -> dict[str, complex]:
+def sensitivities(
+    board: LinearBoard, found: Poles, families: Mapping[str, Family] | None = None
+) -> dict[str, complex]:
     """Return ``dp / d ln value`` of the rightmost pole p, 1/s, for every knob of parts.
 
     With ``(p M - K) v = 0`` and ``w (p M - K) = 0`` the pole moves by
     ``w (dK - p dM) v / (w M v)``. The matrices are linear in capacitances, conductances and gains;
-    a central difference of `MOVED` errs by 1e-10 where they are not.
+    a central difference of `MOVED` errs by 1e-10 where they are not. `families` are the boards over
+    each knob, where these are known.
 
     Examples
     --------
@@ -69,7 +72,10 @@ def sensitivities(board: LinearBoard, found: Poles) -> dict[str, complex]:
         return {}
     rates = {}
     for knob in board.circuit.knobs:
-        if knob.role:
+        ports = families[knob.name].ports if families and knob.name in families else None
+        if ports is not None and not knob.moves:
+            rates[knob.name] = ports.rate(left, right, p) / complex(scale)
+        elif knob.role:
             own, both = board.circuit.value(knob.name), []
             for factor in (1.0 + MOVED, 1.0 - MOVED):
                 moved = LinearBoard(board.circuit.turned(knob.name, own * factor), point=point)
@@ -100,15 +106,17 @@ def influences(
     The margin is None unless `every` part was to be looked at; else the edges are those of the
     `MOST_MARGINS` parts that move the rightmost pole most.
     """
-    c, rates = board.circuit, sensitivities(board, found)
+    c = board.circuit
+    families = {knob.name: Family.of(board, knob) for knob in c.knobs if knob.role}
+    rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
     looked = (order if every else order[:MOST_MARGINS]) if found.known_stable else []
     rows = []
     for name in order:
-        below, above, doubt = _nearest(board, name, found) if name in looked else (None, None, "")
+        edges = _nearest(families[name], found) if name in looked else (None, None, "")
         rate, unit = rates[name], c.facts[name].unit
         frequency = rate.imag / math.tau
-        rows.append(PartRow(name, c.value(name), unit, rate.real, frequency, below, above, doubt))
+        rows.append(PartRow(name, c.value(name), unit, rate.real, frequency, *edges))
     if not every:
         return None, tuple(rows)
     if not looked:
@@ -116,10 +124,9 @@ def influences(
     return _least(board, rows, found), tuple(rows)
 
 
-def _nearest(board: LinearBoard, name: str, found: Poles) -> tuple[float | None, float | None, str]:
-    """Return the nearest edges below and above a value, and why they are in doubt."""
-    own, knob = board.circuit.value(name), board.circuit.knob(name)
-    family = Family.of(board, knob)
+def _nearest(family: Family, found: Poles) -> tuple[float | None, float | None, str]:
+    """Return the nearest edges below and above the own value, and why they are in doubt."""
+    own = family.own
     if not own > 0.0 or family.ports is None:
         return None, None, ""
     try:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 
+import numpy as np
 import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
@@ -11,7 +13,10 @@ from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.pole_count import finite_poles
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.output_noise import output_noise
+from taction.verification.stability.families import Family
 from taction.verification.stability.poles import Poles, poles
+from taction.verification.studies.part_influence import sensitivities
 from tests.support.nodal_analysis import Pencil, exact_poles
 from tests.support.random_circuits import random_cards
 
@@ -97,3 +102,40 @@ def test_parts_that_cancel_to_the_last_digit_are_refused() -> None:
              "c1 b a 1n", "g2 b 0 a 0 1m"]  # fmt: skip
     with pytest.raises(EngineError):
         poles(circuit(cards))
+
+
+FLOATING = [
+    "v1 in 0 1", "r1 in a 1e3", "c1 a 0 1e-9", "e1 b a a 0 1.0", "r2 b m 1e3", "c2 m 0 1e-9",
+    "r3 b 0 1e3", "r4 m 0 1e4", "g1 0 a m 0 3e-3",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["R2", "R3", "R1", "C1"])
+def test_edges_of_an_active_circuit_are_those_of_its_poles(name: str) -> None:
+    """A real pole crosses at 0 with more of a conductance than the circuit has: R3 = 22/47 kohm.
+
+    At rest v_a (1/R1 + 2/R3) + (2 v_a - v_m)/R2 = g v_m and (v_m - 2 v_a)/R2 + v_m/R4 = 0.
+    """
+    board = LinearBoard(circuit(FLOATING))
+    knob, own = board.circuit.knob(name), board.circuit.value(name)
+    family = Family.of(board, knob)
+    found = [edge.value for edge in family.edges(own / 100.0, own * 100.0).edges]
+    scanned = Family(family.board, own).scan(np.geomspace(own / 100.0, own * 100.0, 41).tolist())
+    assert found == pytest.approx([edge.value for edge in scanned.edges], rel=1e-6)
+    if name == "R3":
+        assert found == pytest.approx([22e3 / 47.0], rel=1e-9)
+
+
+def test_sensitivities_by_ports_are_those_by_differences() -> None:
+    board = LinearBoard(circuit(FLOATING))
+    families = {knob.name: Family.of(board, knob) for knob in board.circuit.knobs}
+    found = poles(board)
+    by_ports, by_differences = (sensitivities(board, found, f) for f in (families, None))
+    assert by_ports == pytest.approx(by_differences, rel=1e-6)
+
+
+def test_noise_of_a_part_at_a_floating_source_counts() -> None:
+    """V2 floats on a node with C: R2 behind it is parallel to R1, and kT/C is left."""
+    cards = ["v1 in 0 1", "r1 in a 1e3", "v2 a b 0.0", "r2 b 0 3e3", "c1 a 0 1e-9"]
+    rms, _ = output_noise(LinearBoard(circuit_of(read_cards(cards), "kT/C", ["a"], {}, 15.0)))
+    assert rms[0] == pytest.approx(math.sqrt(1.380649e-23 * 300.15 / 1e-9), rel=1e-5)

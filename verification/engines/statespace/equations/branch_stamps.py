@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
+from itertools import chain
 
 import numpy as np
 
@@ -82,7 +83,7 @@ class _Branches:
         self._move()
 
     def _place(self, node: str) -> int:
-        return int(self.stamper.nodes([node])[0])
+        return GROUND if node == "0" else self.stamper.places[node]
 
     def _ends(self, part: Branch) -> tuple[int, int]:
         return self._place(part.a), self._place(part.b)
@@ -160,11 +161,11 @@ class _Branches:
             yield self._place(node), gain
 
     def _state(self, row: int, column: int, value: float) -> None:
-        self.stamper.laws.add(np.array([row]), np.array([column]), np.array([value]))
+        self.stamper.laws.add_one(row, column, value)
 
     def _add(self, row: int, column: int, value: float) -> None:
         """Add a current into the node `row`, or to the balance of a current `row`."""
-        self.stamper.currents.add(np.array([row]), np.array([column]), np.array([value]))
+        self.stamper.currents.add_one(row, column, value)
 
     def _through(self, part: Branch, column: int, value: float) -> None:
         """Add a current from `part.a` through the part to `part.b`."""
@@ -174,17 +175,16 @@ class _Branches:
 
     def _coil(self, part: Branch) -> None:
         current, (a, b) = self._current(part.card), self._ends(part)
-        one = np.array([current])
-        self.stamper.mass.add(one, one, np.array([part.value]))
+        self.stamper.mass.add_one(current, current, part.value)
         self._state(current, a, 1.0)
         self._state(current, b, -1.0)
         self._through(part, current, 1.0)
 
     def _coupling(self, part: Branch) -> None:
         henries = part.value * math.sqrt(self.cards[part.a].value * self.cards[part.b].value)
-        one, other = (np.array([self._current(card)]) for card in (part.a, part.b))
-        self.stamper.mass.add(one, other, np.array([henries]))
-        self.stamper.mass.add(other, one, np.array([henries]))
+        one, other = (self._current(card) for card in (part.a, part.b))
+        self.stamper.mass.add_one(one, other, henries)
+        self.stamper.mass.add_one(other, one, henries)
 
     def _source(self, part: CurrentBetween) -> None:
         a, b = self._ends(part)
@@ -206,36 +206,32 @@ class _Branches:
 
     def _move(self) -> None:
         stamper = self.stamper
+        stamper.moved = {k: row for k, row in enumerate(self.rows) if row != k}
         for entries in (stamper.currents, stamper.mass):
-            entries.parts = self._joined(entries.parts)
+            arrays = (zip(*(part.tolist() for part in each), strict=True) for each in entries.parts)
+            entries.single = self._joined([*chain(*arrays), *entries.single])
+            entries.parts = []
         moved: list[tuple[Ints, Floats]] = [
             (self._moved(i), values) for i, values in stamper.constant_currents
         ]
         stamper.constant_currents[:] = moved
 
-    def _joined(self, parts: list[tuple[Ints, Ints, Floats]]) -> list[tuple[Ints, Ints, Floats]]:
+    def _joined(self, entries: list[tuple[int, int, float]]) -> list[tuple[int, int, float]]:
         """Return entries in the rows that take them, without those that cancel.
 
         A part between two nodes that have one row adds exactly nothing to it. The others stay as
         they are, so that their exact sums are known (`pole_count`).
         """
-        sums: dict[tuple[int, int], Counter[float]] = {}
-        for rows, columns, values in parts:
-            triples = zip(
-                self._moved(rows).tolist(), columns.tolist(), values.tolist(), strict=True
-            )
-            for row, column, value in triples:
-                sums.setdefault((row, column), Counter())[value] += 1
-        kept = [
+        rows, sums = [*self.rows, GROUND], dict[tuple[int, int], Counter[float]]()
+        for row, column, value in entries:
+            if (taken := rows[row]) != GROUND != column:
+                sums.setdefault((taken, column), Counter())[value] += 1
+        return [
             (*place, value)
             for place, values in sums.items()
             for value, count in values.items()
             for _ in range(count - values.get(-value, 0))
         ]
-        if not kept:
-            return []
-        i, j, terms = zip(*kept, strict=True)
-        return [(np.array(i, dtype=np.int64), np.array(j, dtype=np.int64), np.array(terms))]
 
 
 _OTHERS: dict[type[Branch], Callable[..., None]] = {

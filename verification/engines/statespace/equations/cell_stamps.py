@@ -92,7 +92,7 @@ def stamp_opamps(stamper: Stamper, pins: Ints) -> list[Devices]:
 
     Return the devices of op-amps at the large-signal level.
     """
-    return _OpAmps(stamper, pins).stamp()
+    return _OpAmps(stamper, pins).stamp() if stamper.circuit.opamps else []
 
 
 class _OpAmps:

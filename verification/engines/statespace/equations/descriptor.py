@@ -118,6 +118,9 @@ class Descriptor:
     has_branches : bool
         Whether the circuit has parts of a deck, between any two nodes: such a circuit has no design
         that keeps its numbers apart, so rounding counts at every step, and the poles are counted.
+    moved : dict
+        The rows that take the currents into nodes whose voltage a source between two nodes
+        determines; `GROUND` where the source's other node is ground.
     """
 
     names: tuple[str, ...]
@@ -132,6 +135,19 @@ class Descriptor:
     places: dict[str, int] = field(repr=False)
     mirror: Halves | None = field(repr=False)
     has_branches: bool = False
+    moved: dict[int, int] = field(default_factory=dict, repr=False)
+
+    @functools.cached_property
+    def balance_rows(self) -> Ints:
+        """Row that takes the current into each unknown, (size + 1,); `size` is ground's.
+
+        An ideal source to ground takes up the current into its node.
+        """
+        rows = np.arange(self.size + 1)
+        for place, row in self.moved.items():
+            rows[place] = row
+        determined = np.append(self.determined, True)
+        return np.where(determined[rows], self.size, rows)
 
     @property
     def size(self) -> int:
@@ -229,6 +245,11 @@ class Entries:
 
     def __init__(self) -> None:
         self.parts: list[tuple[Ints, Ints, Floats]] = []
+        self.single: list[tuple[int, int, float]] = []
+
+    def add_one(self, row: int, column: int, value: float) -> None:
+        """Stamp one entry."""
+        self.single.append((row, column, value))
 
     def add(self, rows: Ints, columns: Ints, values: Floats) -> None:
         """Stamp one entry in each row."""
@@ -243,7 +264,10 @@ class Entries:
     def triplets(self, rows: Bools) -> Triplets:
         """Return the entries of the chosen `rows` (size + 1, the last for ground)."""
         nothing = np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0)
-        parts = zip(nothing, *self.parts, strict=True)
+        single = list(zip(*self.single, strict=True)) or [(), (), ()]
+        types = (np.int64, np.int64, np.float64)
+        ones = tuple(np.array(part, dtype=kind) for part, kind in zip(single, types, strict=True))
+        parts = zip(nothing, *self.parts, ones, strict=True)
         i, j, values = (np.concatenate(part) for part in parts)
         live = np.flatnonzero(rows[i] & (j != GROUND) & (values != 0.0))
         return Triplets(i[live], j[live], values[live])
@@ -260,6 +284,7 @@ class Stamper:
         self.circuit = circuit
         self.places: dict[str, int] = {}
         self.fixed: set[int] = set()
+        self.moved: dict[int, int] = {}
         self.currents, self.laws, self.mass = Entries(), Entries(), Entries()
         self.couplings: list[tuple[Ints, Ints, Floats]] = []
         self.constant_currents: list[tuple[Ints, Floats]] = []

@@ -123,4 +123,5 @@ def _finish(stamper: Stamper, node_count: int, devices: Devices) -> Descriptor:
         places=stamper.places,
         mirror=proposed_mirror(names),
         has_branches=bool(stamper.circuit.branches),
+        moved=stamper.moved,
     )

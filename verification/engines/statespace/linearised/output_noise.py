@@ -68,11 +68,15 @@ def noise_intensities(
     for source in circuit.noises:
         place = descriptor.place(source.node)
         density[place, place] += source.density**2
-    taken = np.append(descriptor.determined, True)  # an ideal source takes up the current
     if point is not None and circuit.transistors:
         _transistors(density, circuit, descriptor, point)
-    density[taken] = 0.0
-    density[:, taken] = 0.0
+    rows = descriptor.balance_rows
+    for place in np.flatnonzero(rows != np.arange(size + 1)).tolist():
+        if rows[place] != size:
+            density[rows[place]] += density[place]
+            density[:, rows[place]] += density[:, place]
+        density[place] = 0.0
+        density[:, place] = 0.0
     for cell in circuit.opamps:
         row, gain = gain_stage(circuit.models[cell.model], cell, descriptor)
         density[row, row] += (gain * circuit.models[cell.model].voltage_noise) ** 2

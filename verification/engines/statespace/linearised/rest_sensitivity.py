@@ -97,8 +97,8 @@ class RestSensitivity:
             into, volts = {}, {}
             for pin in (cell.noninverting, cell.inverting):
                 place = None if pin == GROUND else descriptor.place(pin)
-                taken = place is None or descriptor.determined[place]
-                into[pin] = zero if taken else self.adjoint[:, place]
+                row = descriptor.size if place is None else descriptor.balance_rows[place]
+                into[pin] = zero if row == descriptor.size else self.adjoint[:, row]
                 volts[pin] = 0.0 if place is None else z[pin]
             plus, minus = into[cell.noninverting], into[cell.inverting]
             offset = -gain * self.adjoint[:, row]
@@ -120,9 +120,9 @@ class RestSensitivity:
         places = {GROUND: size} | descriptor.places
         a, b = np.array([[places[node] for node in pair] for pair in ends]).reshape(-1, 2).T
         z = np.append(self.board.equilibrium.values, 0.0)
-        # A node whose voltage a source determines has no current balance to change.
-        felt = np.where(descriptor.determined, 0.0, self.adjoint)
-        felt = np.append(felt, np.zeros((len(felt), 1)), axis=1)
+        # A source to ground takes up the current into its node.
+        felt = np.append(self.adjoint, np.zeros((len(self.adjoint), 1)), axis=1)
+        felt = felt[:, descriptor.balance_rows]
         change = (felt[:, a] - felt[:, b]) * ((z[b] - z[a]) / np.array(ohms))
         return dict(zip(names, change.T, strict=True))
 
