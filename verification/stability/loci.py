@@ -375,7 +375,8 @@ class _Trace:
             raise EngineError("a pole of the board is on the imaginary axis")
         w = np.linalg.eigvals(response)
         real = (w.imag == 0.0) & ((w.real > 1.0) | (w.real < -SMALLEST))
-        return (1.0 - 1.0 / w[real].real).tolist()
+        found: list[float] = (1.0 - 1.0 / w[real].real).tolist()
+        return found
 
     def _keep(self, found: Iterable[Crossing | None]) -> None:
         """Keep the crossings in the interval."""
