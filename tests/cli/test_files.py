@@ -36,6 +36,7 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("verify", ("a.toml",), PICTURES),
     ("verify", ("a.toml",), {"--junit": "x.xml"}),
     ("check", ("filter.cir",), {**PICTURES, "-o": "x.cir"}),
+    ("diff", ("filter.cir", "filter.cir"), PICTURES),
     ("netlist", ("a.toml",), {"-o": "x.cir"}),
     ("bom", ("a.toml",), {"-o": "x.csv"}),
     ("kicad", ("a.toml",), {"-o": "x"}),

@@ -97,8 +97,8 @@ class RestSensitivity:
             into, volts = {}, {}
             for pin in (cell.noninverting, cell.inverting):
                 place = None if pin == GROUND else descriptor.place(pin)
-                row = descriptor.size if place is None else descriptor.balance_rows[place]
-                into[pin] = zero if row == descriptor.size else self.adjoint[:, row]
+                taken = descriptor.size if place is None else descriptor.balance_rows[place]
+                into[pin] = zero if taken == descriptor.size else self.adjoint[:, taken]
                 volts[pin] = 0.0 if place is None else z[pin]
             plus, minus = into[cell.noninverting], into[cell.inverting]
             offset = -gain * self.adjoint[:, row]
