@@ -28,7 +28,7 @@ from taction.verification.engines.statespace.transients.exact import Exact
 from taction.verification.readings.crossings import Crossings
 
 FINENESS = 0.25  # step times |p| of the fastest mode of a resolved interval: 25 points a period
-PER_OCTAVE = 64  # over ln 2: the step is at most this part of the time
+PER_OCTAVE = 128  # over ln 2: the step is at most this part of the time
 PIECES = 64  # largest number of pieces of a refined interval
 MOST = 2_000_000  # points times channels of a board: no refinement above it
 SLACK = 0.1  # of the height of the tangents above the ends; a cubic's top errs by 0.0013 of it

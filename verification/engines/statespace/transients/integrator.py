@@ -38,6 +38,7 @@ COUNTED = 0.01  # of the tolerance: rounding above it is added up
 # Error over last Legendre coefficient of a mode much faster than a step: the stages are all at its
 # end, so that the coefficient is half of its change; a mode that rings may be off by twice that.
 LAYER = 4.0
+RESOLVED = 1.0 / 16.0  # of a coefficient: that of half a step which resolves its modes is 1/256
 KEPT = 12  # levels beside the present one whose steps stay prepared
 
 
@@ -61,8 +62,8 @@ class Dense:
         What rounding left where it was more than the tolerance, V.
     coarse : bool
         Whether it was in a step.
-    tail : float
-        The largest last Legendre coefficient of an accepted step, V, without its rounding.
+    tails : list of float
+        The largest last Legendre coefficient of each accepted step, V, without its rounding.
     """
 
     ends: list[float] = field(default_factory=lambda: [0.0])
@@ -73,15 +74,17 @@ class Dense:
     escaped: bool = False
     rounding: float = 0.0
     coarse: bool = False
-    tail: float = 0.0
+    tails: list[float] = field(default_factory=list)
 
-    @property
-    def unresolved(self) -> float:
-        """What fast modes can do within a step that is too long for them, V.
+    def unresolved(self, whole: Dense) -> float:
+        """Return what fast modes can do within steps that are too long for them, V.
 
-        Half the steps are too long, too, so the difference of two runs does not show it.
+        Half the steps of the run `whole` are too long, too, so the difference of the two runs does
+        not show it. In a step that resolves its modes half of it has a far smaller coefficient.
         """
-        return LAYER * self.tail
+        pairs = zip(whole.tails, self.tails[::2], self.tails[1::2], strict=False)
+        halves = ((one, max(first, second)) for one, first, second in pairs)
+        return LAYER * max((half for one, half in halves if half > RESOLVED * one), default=0.0)
 
     @property
     def steps(self) -> int:
@@ -216,7 +219,7 @@ class Integrator:
                 break
             self.level += max(gain, -LONGEST_JUMP)
             self.out.rejected += 1
-        self.out.tail = max(self.out.tail, tail)
+        self.out.tails.append(tail)
         self._accept(self.state + change, watched, piece, left)
         if contraction > SLOW and not fresh:
             self._linearise(watched[: self.amplifiers.count, -1:])

@@ -202,5 +202,5 @@ def test_a_mode_that_is_too_fast_for_both_runs_is_covered_by_its_last_coefficien
     errors = [np.abs(run.at(t) - wanted).max() for run in (dense, second)]
     apart = np.abs(dense.at(t) - second.at(t)).max()
     assert 1.5 * apart < errors[0]
-    assert errors[1] <= second.unresolved <= 6.0 * errors[1]
-    assert errors[0] <= apart + second.unresolved
+    assert errors[1] <= second.unresolved(dense) <= 6.0 * errors[1]
+    assert errors[0] <= apart + second.unresolved(dense)
