@@ -44,7 +44,7 @@ INSTANT = 1e-9  # of the fastest time constant: a step without charge
 SETTLING_STEPS = 50
 SETTLED = 1e-12  # of the largest unknown: a correction that ends the search for the start
 STALLED = 1e-9  # the same of a correction that does not shrink, which is rounding
-OFTEN = 8  # steps of one length after which matrices take the place of solves
+OFTEN = 4  # steps of one length after which matrices take the place of solves
 
 
 class Amplifiers:
