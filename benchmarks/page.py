@@ -36,10 +36,11 @@ trick that is gone, with no more numbers outside their stated error.
   of 200 channels takes 2.2 s in place of 5.3, and one of 500 channels 5.9 s in place of 47. The
   sensitivities at rest of 200 channels by structured adjoint solves take 0.05 s in place of 2.4,
   and 128 MB in place of 528.
-- The grid of a search for peaks and crossings has 64 instants an octave, no longer 256: intervals
+- The grid of a search for peaks and crossings has 128 instants an octave, no longer 256: intervals
   that may hold one are divided anyway, up to 512 of a board in one round in place of 32, and only
-  what lies between them is copied. A point of a sweep of paper-breadboard takes 0.6 of its time; no
-  reading of it moves by 1e-9.
+  what lies between them is copied. A sweep of 60 values of C takes 0.8 of its processor time on
+  paper-breadboard and 0.86 on eleven-channel, the start of the command with it. With 64 instants
+  two excursions were stated to 6e-8 of the step.
 """
 SIZE = (11.0, 4.5)  # of a plot, in inches
 
