@@ -108,7 +108,7 @@ class Family:
             own = poles(self.ports.board) if found is None else found
             known = own.complete or own.stable  # else the poles are too few to be counted
             count = own.unstable_count if known else count_unstable(self.ports.board)
-            return self._loci(self.ports, low, high, count)
+            return self._confirmed(self._loci(self.ports, low, high, count), count)
         points = 2 + math.ceil(PER_DECADE * math.log10(high / low))
         return self.scan(np.geomspace(low, high, points).tolist())
 
@@ -139,6 +139,40 @@ class Family:
             return found.mapped(lambda share: own * share)
         found = trace_loci(ports, own / high, own / low, unstable)
         return found.mapped(lambda share: own / share)
+
+    def _confirmed(self, found: Edges, unstable: int) -> Edges:
+        """Return the edges without those at which no real pole crosses; `unstable` is of `own`.
+
+        A pole that stays at zero, such as that of a loop of coils, hides a locus there. An edge
+        that rounding hides stays, and its value comes to the near ones.
+        """
+        near, changes = list(found.near), list[tuple[float, float, int]]()
+        for edge in found.edges:
+            crosses = True if edge.frequency else self._crosses(edge.value)
+            if crosses is None:
+                near.append(edge.value)
+            if crosses is not False:
+                changes.append((edge.value, edge.frequency, edge.above - edge.below))
+        if len(changes) == len(found.edges):
+            return found
+        return Edges.counted((found.low, found.high), changes, near, (self.own, unstable))
+
+    def _crosses(self, value: float) -> bool | None:
+        """Return whether the unstable count changes at a value; None where rounding hides it."""
+        counts = list[tuple[int, int]]()
+        for side in (1.0 - BESIDE, 1.0 + BESIDE):
+            try:
+                there = self.poles(value * side)
+            except EngineError:
+                return None
+            if not there.complete:
+                return True
+            real = there.poles.real
+            counts.append((int((real > there.errors).sum()), int((real >= -there.errors).sum())))
+        (least, most), (lower, upper) = counts
+        if most < lower or upper < least:
+            return True
+        return False if least == most == lower == upper else None
 
     def _located(self, low: float, high: float) -> list[float]:
         """Return values on both sides of the edges that the loci show."""

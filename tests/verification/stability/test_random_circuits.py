@@ -15,6 +15,7 @@ from taction.verification.engines.statespace.equations.pole_count import finite_
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.stability.families import Family
+from taction.verification.stability.families import Family
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.studies.part_influence import sensitivities
 from tests.support.nodal_analysis import Pencil, exact_poles
@@ -139,3 +140,20 @@ def test_noise_of_a_part_at_a_floating_source_counts() -> None:
     cards = ["v1 in 0 1", "r1 in a 1e3", "v2 a b 0.0", "r2 b 0 3e3", "c1 a 0 1e-9"]
     rms, _ = output_noise(LinearBoard(circuit_of(read_cards(cards), "kT/C", ["a"], {}, 15.0)))
     assert rms[0] == pytest.approx(math.sqrt(1.380649e-23 * 300.15 / 1e-9), rel=1e-5)
+
+
+def test_an_edge_beside_a_pole_that_stays_at_zero_is_in_doubt() -> None:
+    """The exact count of unstable poles is 3 on both sides of what the loci take for an edge."""
+    cards = random_cards(193)
+    board = LinearBoard(circuit(cards))
+    family = Family.of(board, board.circuit.knob("R01"))
+    own = family.own
+    found = family.edges(0.01 * own, 100.0 * own)
+    for edge in found.edges:
+        counts = set()
+        for side in (1.0 - 1e-6, 1.0 + 1e-6):
+            text = f"r01 n1 0 {edge.value * side!r}"
+            moved = [text if card.startswith("r01 ") else card for card in cards]
+            counts.add(sum(pole.real > 0.0 for pole in exact_poles(moved)))
+        assert len(counts) == 2 or edge.value in found.near
+    assert found.edges

@@ -231,4 +231,6 @@ def halved(first: Waveforms) -> Waveforms:
     levels = [level - 1 for level in curve.dense.levels for _ in range(2)]
     dense = run.integrator(REPEATED).repeat(levels)
     found = _record(run, dense, first.time, began, ())
-    return replace(found, flags=first.flags, rounding=found.rounding + dense.unresolved(curve.dense))
+    return replace(
+        found, flags=first.flags, rounding=found.rounding + dense.unresolved(curve.dense)
+    )
