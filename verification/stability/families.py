@@ -153,7 +153,7 @@ class Family:
                 near.append(edge.value)
             if crosses is not False:
                 changes.append((edge.value, edge.frequency, edge.above - edge.below))
-        if len(changes) == len(found.edges):
+        if len(changes) == len(found.edges) and len(near) == len(found.near):
             return found
         return Edges.counted((found.low, found.high), changes, near, (self.own, unstable))
 

@@ -15,7 +15,6 @@ from taction.verification.engines.statespace.equations.pole_count import finite_
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.stability.families import Family
-from taction.verification.stability.families import Family
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.studies.part_influence import sensitivities
 from tests.support.nodal_analysis import Pencil, exact_poles
