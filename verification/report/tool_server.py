@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import FOLDERS
 from taction.system.foreign_text import shortened
+from taction.verification.engines.ngspice.process import guard
 
 if TYPE_CHECKING:
     from mcp.server.lowlevel import Server
@@ -133,7 +134,7 @@ class Tools:
 
         out, lines, status = b"", list[str](), None
         with tempfile.TemporaryDirectory() as place:
-            line = [sys.executable, "-P", "-m", "taction", *self.words(name, given)]
+            line = [*guard(), sys.executable, "-P", "-m", "taction", *self.words(name, given)]
             own = {FOLDERS: f"{self.folder}{os.pathsep}{place}", "TMPDIR": place, "NO_COLOR": "1"}
             try:
                 process = await anyio.open_process(
