@@ -56,7 +56,7 @@ FAMILIES = {
     "yield": (("montecarlo", "corners"), "See what tolerances of parts do: montecarlo, corners."),
     "export": (
         ("bom", "kicad", "waveforms"),
-        "Write parts list, drawing or waveforms of a board: bom, kicad, waveforms.",
+        "Write parts list, drawing or waveforms: bom, kicad, waveforms.",
     ),
     "self": (("doctor", "accuracy", "stress"), "Examine taction: doctor, accuracy, stress."),
 }
@@ -67,8 +67,9 @@ SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
     "Check": ("check", "regress", "diff", "reproduce"),
-    "Further": ("parts", "self", "demo", "mcp"),
+    "": ("parts", "self", "demo", "mcp"),
 }
+"""The listed commands by their heading; the last ones have none."""
 FIRST_STEPS = """\
 taction demo                  the paper's story on three boards, with a report; no file is needed
 taction new board.toml        write a scene with comments
@@ -150,9 +151,13 @@ class LazyGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the tables, without making them."""
+        width = max(len(name) for name in self.list_commands(ctx))
         for title, names in self.sections.items():
-            with formatter.section(title):
-                formatter.write_dl([(name, EVERY[self.known[name]][1]) for name in names])
+            rows = [(name.ljust(width), EVERY[self.known[name]][1]) for name in names]
+            if not title:
+                formatter.write_paragraph()
+            with formatter.section(title) if title else formatter.indentation():
+                formatter.write_dl(rows)
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         """Find the command as click does; for an unknown name propose the nearest command."""

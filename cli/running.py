@@ -32,8 +32,11 @@ def made(name: str, command: Command) -> click.Command:
     function = command.job.function
     parameters = [*(each.made(function) for each in command.every), as_json]
     about = "\n\n".join(filter(None, (beginning(function), command.ends)))
+    line = " ".join(about.partition("\n\n")[0].split())
     if not command.commands:
-        return click.Command(name, params=parameters, callback=callback, help=about)
+        return click.Command(
+            name, params=parameters, callback=callback, help=about, short_help=line
+        )
     below = {short: made(short, each) for short, each in command.commands.items()}
     return click.Group(
         name,

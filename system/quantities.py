@@ -132,11 +132,14 @@ def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
 def show(value: float, unit: str, digits: int = 4) -> str:
     """Return `value` as text with an SI prefix: ``show(1e-11, "F")`` is ``"10 pF"``.
 
-    A rate has the unit ``1/s``: ``show(-23100.0, "1/s")`` is ``"-23.1 k/s"``.
+    A rate has the unit ``1/s``: ``show(-23100.0, "1/s")`` is ``"-23.1 k/s"``, and below 1 /s it has
+    no prefix, because ``0.57 /s`` would be ``570 m/s``, a speed.
     """
     unit = "/s" if unit == "1/s" else unit
     if value == 0 or not math.isfinite(value):
         return f"{value:g} {unit}".rstrip()
+    if unit == "/s" and abs(value) < 1.0:
+        return f"{value:.{digits}g} /s"
     if unit == "V/s":  # as data sheets have it
         return f"{1e-6 * value:.{digits}g} V/us"
     return str(Quantity(value, unit).render(prec=digits - 1, strip_zeros=True))

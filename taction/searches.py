@@ -146,9 +146,6 @@ def choose(
         In Python the results stay in memory by default.
     jobs : int, optional
         Number of processes; by default one per core.
-
-        Call the function below ``if __name__ == "__main__":`` in a script, since its processes
-        import the script.
     cluster : str, optional
         Address of a Dask scheduler that runs the points.
 

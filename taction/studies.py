@@ -133,9 +133,6 @@ def sweep(
         default.
     jobs : int, optional
         Number of processes; by default one per core.
-
-        Call the function below ``if __name__ == "__main__":`` in a script, since its processes
-        import the script.
     cluster : str, optional
         Address of a Dask scheduler that runs the points.
 
@@ -224,9 +221,6 @@ def montecarlo(
         Database that stores every sample; a later run computes only the missing ones.
     jobs : int, optional
         Number of processes; by default one per core.
-
-        Call the function below ``if __name__ == "__main__":`` in a script, since its processes
-        import the script.
     cluster : str, optional
         Address of a Dask scheduler that runs the points.
 
@@ -380,9 +374,6 @@ def corners(
         ``"auto"``, ``"ngspice"`` or ``"statespace"``.
     jobs : int, optional
         Number of processes; by default one per core.
-
-        Call the function below ``if __name__ == "__main__":`` in a script, since its processes
-        import the script.
     cluster : str, optional
         Address of a Dask scheduler that runs the points.
 

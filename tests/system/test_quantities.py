@@ -118,6 +118,10 @@ def test_any_text_gives_a_number_or_a_message(text: str, unit: str) -> None:
         (0.0, "V", "0 V"),
         (float("inf"), "s", "inf s"),
         (1.786e6, "ohm", "1.786 Mohm"),
+        (-23100.0, "1/s", "-23.1 k/s"),
+        (1.0, "1/s", "1 /s"),
+        (0.5735, "1/s", "0.5735 /s"),  # not 573.5 m/s, a speed
+        (-4.2e-9, "1/s", "-4.2e-09 /s"),
     ],
 )
 def test_shown_for_people(value: float, unit: str, text: str) -> None:

@@ -325,6 +325,8 @@ def fresh_scene(
     notes += [pruning.note] if pruning.entries else []
     head = f"Scaled by taction for a matrix of {_shape(first.values)}; lambda: {rule}."
     text = _commented([head, *notes, f"Limits: {limits}."], with_values(limited, names))
+    if limited.checks.steady_state.tolerance > WANTED:  # else no more than was searched for
+        notes.append(limits)
     return FreshScene(scaling, text, files, rule, tuple(notes))
 
 

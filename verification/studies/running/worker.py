@@ -11,6 +11,7 @@ import math
 import multiprocessing
 import os
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -20,6 +21,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import util
 from multiprocessing.connection import Connection
+from types import ModuleType
 from typing import Any, TypeVar
 
 from taction.system.errors import NoVerdictError
@@ -154,7 +156,7 @@ class Worker:
         with _STARTING:
             _own_socket_folder(os.getpid())
         self._pipe, theirs = self._context.Pipe()
-        with theirs, _STARTING, _environment(self._variables):
+        with theirs, _STARTING, _environment(self._variables), _script_left_out():
             arguments = (theirs, dict(os.environ))
             process = self._context.Process(target=serve, args=arguments, daemon=True)
             # A fork server that does not answer would keep `start` waiting for ever.
@@ -216,6 +218,23 @@ def _environment(variables: Mapping[str, str]) -> Iterator[None]:
         for name in variables:
             del os.environ[name]
         os.environ.update(before)
+
+
+@contextmanager
+def _script_left_out() -> Iterator[None]:
+    """Let a new process import nothing of the user's script, whose top level may start a study.
+
+    multiprocessing imports the file and the name of the module ``__main__``. Calls of a study need
+    neither: what they pass is taction's. Everything else of the module stays in reach.
+    """
+    script = sys.modules["__main__"]
+    stand_in = ModuleType("__main__")
+    stand_in.__dict__.update({**vars(script), "__file__": None, "__spec__": None})
+    sys.modules["__main__"] = stand_in
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 @contextmanager

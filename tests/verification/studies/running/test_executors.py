@@ -51,6 +51,25 @@ def parent_of(pid: int | None) -> int:
     return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")")[1].split()[1])
 
 
+SCRIPT = """
+import sys
+from taction.verification.studies.running.executors import LocalPool
+print("top level", __name__, flush=True)
+pool = LocalPool(1)
+print(pool.submit(pow, 2, 3).result(60), sys.modules["__main__"].__file__ == __file__)
+pool.shutdown(wait=False)
+"""
+
+
+def test_a_script_without_a_guard_runs_once(tmp_path: Path) -> None:
+    script = tmp_path / "study.py"
+    script.write_text(SCRIPT)
+    ended = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, cwd=ROOT, timeout=120, check=True
+    )
+    assert ended.stdout.splitlines() == ["top level __main__", "8 True"]
+
+
 def test_results_and_exceptions_come_back(pool: LocalPool) -> None:
     futures = [pool.submit(pow, 2, k) for k in range(20)]
     assert [future.result(60) for future in futures] == [2**k for k in range(20)]
