@@ -6,6 +6,7 @@ import os
 import shutil
 import signal
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -80,10 +81,14 @@ def _program(name: str, command: str) -> str:
 
 @pytest.fixture
 def quick_stories(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`demo` by the state-space engine, and of `reproduce` the chapters that take no time."""
+    """`demo` by the state-space engine; of `reproduce` and `accuracy` what takes no time."""
     from taction.verification.evidence import demonstration
     from taction.verification.evidence.paper import findings, reproduce
+    from taction.verification.studies.work_precision import ladders, study
 
+    few = tuple(replace(method, ladder=method.ladder[:2]) for method in study.METHODS[::2])
+    monkeypatch.setattr(ladders, "REPEATS", 1)
+    monkeypatch.setitem(study.run_study.__kwdefaults__, "methods", few)
     quick = {name: reproduce.CHAPTERS[name] for name in ("kernels", "equations")}
     monkeypatch.setattr(reproduce, "CHAPTERS", quick)
     monkeypatch.setattr(

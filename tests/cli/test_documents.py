@@ -95,7 +95,7 @@ LINES: dict[str, tuple[str, ...]] = {
     ),
     "regress": ("regress", ".", "--baseline", "b.json", "--jobs", "1"),
     "stress": ("stress", "--only", "one-channel", "--jobs", "1"),
-    "accuracy": ("accuracy", "a.toml", "--budget", "0.5"),
+    "accuracy": ("accuracy", "a.toml"),
     "models": ("models",),
     "models-show": ("models", "show", "ua741"),
     "models-import": (

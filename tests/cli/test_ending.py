@@ -61,19 +61,24 @@ def test_a_closed_stderr_changes_no_verdict() -> None:
     assert done.stdout.rstrip().endswith("PASS")
 
 
+WRITTEN = ("netlist", TUNED, "-o", "a.cir")
+
+
 @pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
-@pytest.mark.parametrize("redirect", [f"2>{FULL}", "2>&-"])
 @pytest.mark.parametrize(
-    ("words", "status"),
+    ("redirect", "words", "status"),
     [
-        (VERIFY, 0),
-        (("verify", "none.toml"), 2),
-        (("verify", "none.toml", "--json"), 2),
-        (("verify",), 2),
-        (("colour",), 2),
-        (("netlist", TUNED, "-o", "a.cir"), 0),
-        ((*VERIFY, "--changes", "0", "--set", "checks.settling_time.max=1ns"), 1),
-        (("diff", "none.json", TUNED), 2),
+        (f"2>{FULL}", VERIFY, 0),
+        (f"2>{FULL}", ("verify", "none.toml"), 2),
+        (f"2>{FULL}", ("verify", "none.toml", "--json"), 2),
+        (f"2>{FULL}", ("verify",), 2),
+        (f"2>{FULL}", ("colour",), 2),
+        (f"2>{FULL}", WRITTEN, 0),
+        (f"2>{FULL}", (*VERIFY, "--changes", "0", "--set", "checks.settling_time.max=1ns"), 1),
+        (f"2>{FULL}", ("diff", "none.json", TUNED), 2),
+        ("2>&-", ("verify", "none.toml"), 2),
+        ("2>&-", ("verify",), 2),
+        ("2>&-", WRITTEN, 0),
     ],
 )
 def test_what_happens_to_messages_changes_no_status(

@@ -82,7 +82,7 @@ COMMAND_LINES: dict[str, tuple[str, ...]] = {
     "sweep": ("a.toml", "--over", "C=1pF:10pF:2", "--over", "opamp=ua741,op27", "--jobs", "1"),
     "regress": (".", "--baseline", "b.json", "--jobs", "1"),
     "stress": ("--only", "one-channel", "--jobs", "1"),
-    "accuracy": ("a.toml", "--budget", "0.5"),
+    "accuracy": ("a.toml",),
     "reproduce": ("--quick",),
     "models": (),
     "models show": ("show", "op27"),
@@ -120,7 +120,7 @@ def test_every_command_is_named_here() -> None:
     assert {name.split()[0] for name in COMMAND_LINES} | set(WITHOUT_TABLES) == set(COMMANDS)
 
 
-@pytest.mark.usefixtures("boards", "quick_paper")
+@pytest.mark.usefixtures("boards", "quick_stories", "quick_paper")
 @pytest.mark.parametrize("name", COMMAND_LINES)
 def test_a_narrow_page_loses_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = printed_objects(monkeypatch, name.split()[0], *COMMAND_LINES[name])
