@@ -42,11 +42,9 @@ DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does no
 
 
 def _verified_document(found: Verified) -> object:
-    from taction.verification.report.documents.verdict import WhatToChange
-
     if found.remedies is None:
         return found.document
-    return found.document | {"what_to_change": WhatToChange.of(found.remedies)}
+    return found.document | {"what_to_change": found.remedies}
 
 
 def _write_report(found: Verified, path: str) -> None:
@@ -91,7 +89,7 @@ def _several(options: Mapping[str, Any]) -> Job | None:
 JUNIT = text_file("junit", "Write a JUnit XML report.", "verification.report.junit:files_junit")
 VERIFY_FILES = Job(
     function="verify_files",
-    document=f"{DOCUMENTS}.verdict:VerifyFilesDocument.of",
+    document=f"{DOCUMENTS}.verdict:VerifyFilesDocument",
     outputs=(JUNIT,),
     schema="verify-files",
     after=lambda found, call: _annotate(found.documents, call),
@@ -110,21 +108,19 @@ SOLUTION = Job(
     lacks="shows a verdict; --solve has none",
 )
 VERIFY = Command(
-    job=Job(
-        function="verify",
-        work=verify_scene,
-        document=_verified_document,
-        text=print_outcome,
-        outputs=(
-            replace(
-                picture("outputs, settling band and recovered stress"),
-                write=lambda found, path: found.verdict.plot(path),
-            ),
-            replace(REPORT, write=_write_report),
+    function="verify",
+    work=verify_scene,
+    document=_verified_document,
+    text=print_outcome,
+    outputs=(
+        replace(
+            picture("outputs, settling band and recovered stress"),
+            write=lambda found, path: found.verdict.plot(path),
         ),
-        after=lambda found, call: _annotate([found.document], call),
-        failed=_annotate_error,
+        replace(REPORT, write=_write_report),
     ),
+    after=lambda found, call: _annotate([found.document], call),
+    failed=_annotate_error,
     other=_several,
     parameters=(
         argument("scenes", metavar="SCENE...", nargs=-1, required=True),
@@ -211,10 +207,8 @@ def _announce(call: Call) -> None:
 
 
 DIFF = Command(
-    job=Job(
-        function="diff",
-        outputs=(picture("the outputs of both over each other"), REPORT),
-    ),
+    function="diff",
+    outputs=(picture("the outputs of both over each other"), REPORT),
     parameters=(
         argument("first", metavar="A", reads=True),
         argument("second", metavar="B", reads=True),
@@ -225,12 +219,10 @@ DIFF = Command(
     " if that is unknown.",
 )
 NETLIST = Command(
-    job=Job(
-        function="netlist",
-        text=_netlist_text,
-        after=_netlist_remarks,
-        files=lambda found, call: found.written,
-    ),
+    function="netlist",
+    text=_netlist_text,
+    after=_netlist_remarks,
+    files=lambda found, call: found.written,
     parameters=(
         SCENE,
         replace(OUTPUT, attributes={**OUTPUT.attributes, "help": "Deck file; by default stdout."}),
@@ -241,45 +233,36 @@ NETLIST = Command(
         option("measure", is_flag=True),
     ),
 )
-BOM = Command(
-    job=Job(function="bom", files=own_file),
-    parameters=(SCENE, OUTPUT),
-)
+BOM = Command(function="bom", files=own_file, parameters=(SCENE, OUTPUT))
 KICAD = Command(
-    job=Job(
-        function="kicad",
-        text=_nothing,
-        after=_kicad_remarks,
-        files=lambda found, call: found.written,
-    ),
+    function="kicad",
+    text=_nothing,
+    after=_kicad_remarks,
+    files=lambda found, call: found.written,
     parameters=(SCENE, folder("output", "-o"), option("channel", metavar="N", type=int)),
 )
 BUILD = Command(
-    job=Job(function="build", files=lambda found, call: [found.folder]),
+    function="build",
+    files=lambda found, call: [found.folder],
     parameters=(SCENE, folder("output", "-o"), ENGINE),
     ends="Exit status: that of the verdict.",
 )
 SOLVE = Command(
-    job=replace(SOLUTION, before=None),
+    function="solve",
+    schema="solve",
+    lacks=SOLUTION.lacks,
     parameters=(SCENE,),
     ends="Exit status: 3 if the solution has no certificate.",
 )
 SIMULATE = Command(
-    job=Job(
-        function="simulate",
-        before=_check_export,
-        files=own_file,
-    ),
-    parameters=(SCENE, ENGINE, OUTPUT),
+    function="simulate", before=_check_export, files=own_file, parameters=(SCENE, ENGINE, OUTPUT)
 )
 EXPLORE = Command(
-    job=Job(
-        function="explore",
-        document=lambda found: iter(()),  # its address was printed when the page opened
-        text=_nothing,
-        before=_announce,
-        after=lambda found, call: say("ended"),
-    ),
+    function="explore",
+    document=lambda found: iter(()),
+    text=_nothing,
+    before=_announce,
+    after=lambda found, call: say("ended"),
     parameters=(
         SCENE,
         option("port", type=click.IntRange(0, 65535)),
@@ -318,12 +301,7 @@ def _rescaled(call: Call) -> None:
         del call.arguments["opamp"]
 
 
-NEW_MATRIX = Job(
-    function="new",
-    schema="new-matrix",
-    before=_new_file,
-    files=_new_files,
-)
+NEW_MATRIX = Job(function="new", schema="new-matrix", before=_new_file, files=_new_files)
 NEW_SCALED = Job(
     function="scale",
     schema="scale",
@@ -331,10 +309,7 @@ NEW_SCALED = Job(
     files=lambda found, call: [call.arguments["output"]],
 )
 NEW_SCHEMA = Job(
-    function="scene_schema",
-    document=dict,
-    text=lambda found: print_json(found, ""),
-    schema=None,
+    function="scene_schema", document=dict, text=lambda found: print_json(found, ""), schema=None
 )
 
 
@@ -352,13 +327,11 @@ def _new_job(options: Mapping[str, Any]) -> Job | None:
 
 
 NEW = Command(
-    job=Job(
-        function="new",
-        document=lambda found: {"file": found.file},
-        text=_nothing,
-        before=_new_file,
-        files=_new_files,
-    ),
+    function="new",
+    document=lambda found: {"file": found.file},
+    text=_nothing,
+    before=_new_file,
+    files=_new_files,
     other=_new_job,
     parameters=(
         argument(
@@ -371,11 +344,7 @@ NEW = Command(
         ),
         replace(OUTPUT, attributes={**OUTPUT.attributes, "help": "The same as FILE."}),
         option("force", is_flag=True),
-        option(
-            "schema",
-            is_flag=True,
-            help="Print the JSON schema of scene files instead.",
-        ),
+        option("schema", is_flag=True, help="Print the JSON schema of scene files instead."),
         option(
             "scene",
             "--from",
@@ -396,24 +365,17 @@ NEW = Command(
     ),
 )
 MODELS = Command(
-    job=Job(
-        function="models",
-        view="verification.report.views.opamp:list_view",
-    ),
-    parameters=(),
+    function="models",
+    view="verification.report.views.opamp:list_view",
     commands={
         "show": Command(
-            job=Job(
-                function="opamp",
-                outputs=(picture("the Bode diagram and the steps of a follower"),),
-            ),
+            function="opamp",
+            outputs=(picture("the Bode diagram and the steps of a follower"),),
             parameters=(argument("name", type=str, reads=False),),
         ),
         "import": Command(
-            job=Job(
-                function="import_model",
-                files=lambda found, call: [found.file],
-            ),
+            function="import_model",
+            files=lambda found, call: [found.file],
             parameters=(
                 argument("file"),
                 option("subckt"),
@@ -425,20 +387,12 @@ MODELS = Command(
         ),
     },
 )
-DOCTOR = Command(
-    job=Job(
-        function="doctor",
-    ),
-    parameters=(),
-    ends="Exit status: 3 if ngspice is missing.",
-)
+DOCTOR = Command(function="doctor", ends="Exit status: 3 if ngspice is missing.")
 MCP = Command(
-    job=Job(
-        function="mcp",
-        document=lambda found: iter(()),  # stdout is the protocol's
-        text=_nothing,
-        schema=None,
-    ),
+    function="mcp",
+    document=lambda found: iter(()),
+    text=_nothing,
+    schema=None,
     parameters=(
         argument("folder"),
         option("limit", metavar="SECONDS", type=click.FloatRange(0, 86400, min_open=True)),

@@ -214,13 +214,11 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Command:
-    """An entry of the table of commands.
+class Command(Job):
+    """An entry of the table of commands: a job with its options.
 
     Attributes
     ----------
-    job : Job
-        What it runs.
     parameters : tuple of Parameter
         Arguments and options, beside ``--json`` and those of the outputs.
     ends : str
@@ -231,8 +229,7 @@ class Command:
         The commands below it.
     """
 
-    job: Job
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...] = ()
     ends: str = ""
     other: Callable[[Mapping[str, Any]], Job | None] | None = None
     commands: Mapping[str, Command] = field(default_factory=dict)
@@ -240,7 +237,7 @@ class Command:
     @property
     def every(self) -> tuple[Parameter, ...]:
         """Its parameters with those of the outputs."""
-        return (*self.parameters, *(output.parameter for output in self.job.outputs))
+        return (*self.parameters, *(output.parameter for output in self.outputs))
 
 
 @cache

@@ -29,7 +29,7 @@ def made(name: str, command: Command) -> click.Command:
 
     text = "Print one JSON document on stdout and everything else on stderr."
     as_json = click.Option(["--json", "as_json"], is_flag=True, help=text)
-    function = command.job.function
+    function = command.function
     parameters = [*(each.made(function) for each in command.every), as_json]
     about = "\n\n".join(filter(None, (beginning(function), command.ends)))
     line = " ".join(about.partition("\n\n")[0].split())
@@ -50,7 +50,7 @@ def made(name: str, command: Command) -> click.Command:
 
 def run(command: Command, given: dict[str, Any]) -> None:
     """Run a command with its options, show the result, and end with the exit status."""
-    job = (command.other and command.other(given)) or command.job
+    job = (command.other and command.other(given)) or command
     # Of an option without a value the function's own default counts.
     known = {name: each.default for name, each in signature(job.function).items()}
     asked = {name: value for name, value in given.items() if name in known}
@@ -115,11 +115,11 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
         for parameter, file in asked.items():
             if not _is_folder(parameter):
                 check_folder(file, parameter.option)
-    for output in command.job.outputs:
+    for output in command.outputs:
         if output.check is not None and given[output.name] is not None:
             load(output.check)(given[output.name])
     able = {output.name for output in job.outputs}
-    for output in command.job.outputs:
+    for output in command.outputs:
         if given[output.name] is not None and output.name not in able:
             complaint = Complaint("FILE", repr(given[output.name]), job.lacks)
             raise InputError(f"--{output.name}", complaint)

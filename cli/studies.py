@@ -47,13 +47,8 @@ SAMPLE = Job(
     lacks="shows many samples; leave out --sample",
 )
 MONTECARLO = Command(
-    job=Job(
-        function="montecarlo",
-        outputs=(
-            picture("histograms with limits, and the components behind the spread,"),
-            REPORT,
-        ),
-    ),
+    function="montecarlo",
+    outputs=(picture("histograms with limits, and the components behind the spread,"), REPORT),
     other=lambda options: None if options["sample"] is None else SAMPLE,
     parameters=(
         SCENE,
@@ -74,27 +69,17 @@ MONTECARLO = Command(
 
 
 CORNERS = Command(
-    job=Job(
-        function="corners",
-        outputs=(REPORT,),
-    ),
-    parameters=(
-        SCENE,
-        option("corner", multiple=True, metavar="KEY=Z,..."),
-        ENGINE,
-        JOBS,
-        CLUSTER,
-    ),
+    function="corners",
+    outputs=(REPORT,),
+    parameters=(SCENE, option("corner", multiple=True, metavar="KEY=Z,..."), ENGINE, JOBS, CLUSTER),
     ends="Exit status: 1 if a corner fails, else 3 if a corner has no verdict.",
 )
 
 
 TUNE = Command(
-    job=Job(
-        function="tune",
-        outputs=(picture("settling time against overshoot"), REPORT),
-        files=own_file,
-    ),
+    function="tune",
+    outputs=(picture("settling time against overshoot"), REPORT),
+    files=own_file,
     parameters=(
         SCENE,
         option("over"),
@@ -142,12 +127,10 @@ def _is_plain(text: str | None) -> bool:
 
 
 CHOOSE = Command(
-    job=Job(
-        function="choose",
-        outputs=(picture("maps of C and gain for every op-amp"), REPORT),
-        before=_ask_limits,
-        files=lambda found, call: found.written.values(),
-    ),
+    function="choose",
+    outputs=(picture("maps of C and gain for every op-amp"), REPORT),
+    before=_ask_limits,
+    files=lambda found, call: found.written.values(),
     parameters=(
         SCENE,
         option("settling", metavar="TIME"),
@@ -169,10 +152,8 @@ CHOOSE = Command(
     ends="Exit status: 0 if a design passes on both engines, 1 if none passes.",
 )
 SCALE = Command(
-    job=Job(
-        function="scale",
-        files=own_file,
-    ),
+    function="scale",
+    files=own_file,
     parameters=(
         SCENE,
         option("share", type=click.FloatRange(0, 0.9, min_open=True)),
@@ -195,11 +176,9 @@ def _ask_axis(call: Call) -> None:
 
 
 ONSET = Command(
-    job=Job(
-        function="onset",
-        outputs=(picture("the pole map and the root locus"), REPORT),
-        before=_ask_axis,
-    ),
+    function="onset",
+    outputs=(picture("the pole map and the root locus"), REPORT),
+    before=_ask_axis,
     parameters=(
         SCENE,
         option("over", metavar="KEY[=LOW:HIGH:N]"),
@@ -210,11 +189,9 @@ ONSET = Command(
 
 
 CHECK = Command(
-    job=Job(
-        function="check",
-        outputs=(picture("step response and poles"), REPORT),
-        files=own_file,
-    ),
+    function="check",
+    outputs=(picture("step response and poles"), REPORT),
+    files=own_file,
     parameters=(
         argument("deck"),
         option("outputs", "--output", metavar="NODE", multiple=True),
@@ -257,21 +234,19 @@ def _sweep_table(found: SweepResult, path: str) -> None:
 
 
 SWEEP = Command(
-    job=Job(
-        function="sweep",
-        document=f"{DOCUMENTS}.studies:SweepDocument.pieces",
-        outputs=(
-            Output(
-                "export",
-                "Write a table (.csv, .parquet) or grid (.nc).",
-                _sweep_table,
-                "verification.studies.sweep.result:check_sweep_export",
-            ),
-            picture("maps over two axes, or curves over one axis,"),
-            REPORT,
+    function="sweep",
+    document=f"{DOCUMENTS}.studies:SweepDocument.pieces",
+    outputs=(
+        Output(
+            "export",
+            "Write a table (.csv, .parquet) or grid (.nc).",
+            _sweep_table,
+            "verification.studies.sweep.result:check_sweep_export",
         ),
-        before=_check_sweep,
+        picture("maps over two axes, or curves over one axis,"),
+        REPORT,
     ),
+    before=_check_sweep,
     parameters=(
         SCENE,
         option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),
@@ -296,19 +271,13 @@ def _regression_markdown(found: RegressionReport) -> str:
 
 
 REGRESS = Command(
-    job=Job(
-        function="regress",
-        outputs=(
-            text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
-            text_file(
-                "markdown",
-                "Write a Markdown summary.",
-                _regression_markdown,
-            ),
-            REPORT,
-        ),
-        files=lambda found, call: [call.options["baseline"]] if found.updated else [],
+    function="regress",
+    outputs=(
+        text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
+        text_file("markdown", "Write a Markdown summary.", _regression_markdown),
+        REPORT,
     ),
+    files=lambda found, call: [call.options["baseline"]] if found.updated else [],
     parameters=(
         argument("folder", metavar="DIR"),
         option("baseline", type=click.Path(), metavar="FILE", reads=True),
@@ -319,13 +288,10 @@ REGRESS = Command(
     " the scene's table [regression] allows. --update accepts differences, but no failed check.",
 )
 STRESS = Command(
-    job=Job(
-        function="stress",
-        document=f"{DOCUMENTS}.studies:StressDocument.of",
-        outputs=(
-            text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:stress_junit"),
-            text_file("page", "Write a page in Markdown.", STRESS_PAGE),
-        ),
+    function="stress",
+    outputs=(
+        text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:stress_junit"),
+        text_file("page", "Write a page in Markdown.", STRESS_PAGE),
     ),
     parameters=(option("only", multiple=True, metavar="NAME"), JOBS),
     ends="Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.",
@@ -338,12 +304,9 @@ def _say_unknown(found: WorkPrecisionStudy, call: Call) -> None:
 
 
 ACCURACY = Command(
-    job=Job(
-        function="accuracy",
-        document=f"{DOCUMENTS}.studies:AccuracyDocument.of",
-        outputs=(picture("error against run time"), REPORT),
-        after=_say_unknown,
-    ),
+    function="accuracy",
+    outputs=(picture("error against run time"), REPORT),
+    after=_say_unknown,
     parameters=(SCENE, option("budget", type=click.FloatRange(min=0.5))),
     ends="Exit status: 3 if no run of the board ended within the budget.",
 )
@@ -366,12 +329,9 @@ def _write_paper(found: Any, call: Call) -> list[str]:
 
 
 REPRODUCE = Command(
-    job=Job(
-        function="reproduce",
-        document=f"{DOCUMENTS}.studies:ReproduceDocument.of",
-        before=_make_folder,
-        files=_write_paper,
-    ),
+    function="reproduce",
+    before=_make_folder,
+    files=_write_paper,
     parameters=(
         folder(
             "output",
@@ -386,11 +346,9 @@ REPRODUCE = Command(
     " claim could not be tested.",
 )
 DEMO = Command(
-    job=Job(
-        function="demo",
-        outputs=(picture("the outputs of the three boards"),),
-        files=lambda found, call: [found.file] if found.file else [],
-    ),
+    function="demo",
+    outputs=(picture("the outputs of the three boards"),),
+    files=lambda found, call: [found.file] if found.file else [],
     parameters=(OUTPUT,),
     ends="Exit status: 0 if the boards behave as told.",
 )

@@ -86,7 +86,14 @@ class OpAmp:
         A figure is out of its range; the text has its name, its value and the accepted range.
     """
 
-    DOCUMENT = "taction.verification.report.documents.plain:Preset.of"
+    DOCUMENT = (
+        *("dc_gain", "gbw [Hz]", "second_pole [Hz]", "input_resistance [ohm]"),
+        *("differential_capacitance [F]", "input_capacitance [F]", "output_resistance [ohm]"),
+        *("slew_rate [V/s]", "output_current [A]", "saturation [V]", "least_supply [V]"),
+        *("most_supply [V]", "voltage_noise [V/rtHz]", "current_noise [A/rtHz]"),
+        *("supply_current [A]", "channels_per_package", "offset_voltage [V]", "bias_current [A]"),
+        *("offset_current [A]", "common_mode_rejection [dB]", "source"),
+    )
 
     name: str  # of the subcircuit: a letter, then letters, digits and '_'
     dc_gain: float  # A0, V/V; finite and above 1

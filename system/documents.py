@@ -9,16 +9,19 @@ field stand beside it in the document; `HIDDEN`, the field is not part of it; `O
 of it only where it is not None. The class variable ``SHOWN`` names properties that are part of it.
 
 A class whose document has another order, or parts of its parts, states it in the class variable
-``DOCUMENT``: a tuple of texts ``"key? [unit] = attribute.of.an.attribute # note"``; all but the key
-may be missing, and ``?`` is `OPTIONAL`. A name on the right is a field, a property or a method
-without arguments; a dotted key is a document in the document; after ``*`` the parts stand beside
-the others. Or ``DOCUMENT`` is the place of a function (`results.load`) that makes the document, for
-a class below the room of its document.
+``DOCUMENT``: a tuple of texts ``"key? [unit] = attribute.of.an.attribute # note"``; all but the
+key may be missing, and ``?`` is `OPTIONAL`. A name on the right is a field, a property, a method
+without arguments, or the key of a mapping; a dotted key is a document in the document; after ``*``
+the parts stand beside the others. On the right may also stand ``'text'``, ``attribute or null``
+for null in the place of what is empty, and ``place:function(attribute)``, or ``place:function()``
+of the whole value, for what is made above the class's room; the place is below `taction`. Or
+``DOCUMENT`` is the place of a function (`results.load`) that makes the document.
 """
 
 from __future__ import annotations
 
 import ast
+import builtins
 import dataclasses
 import enum
 import inspect
@@ -39,7 +42,6 @@ from typing import (
     Union,
     get_args,
     get_origin,
-    get_type_hints,
 )
 
 from taction.system.errors import listed
@@ -59,7 +61,6 @@ Ohms = Annotated[float | None, "ohm"]
 Farads = Annotated[float | None, "F"]
 Amperes = Annotated[float | None, "A"]
 Siemens = Annotated[float | None, "S"]
-Watts = Annotated[float | None, "W"]
 Number = float | None
 """A number without a unit; null: unknown, or infinite."""
 
@@ -85,6 +86,7 @@ class Note:
     text: str
 
 
+PACKAGE = __name__.partition(".")[0]
 MOST_INTEGER = 10**300
 INLINE = Inline()
 HIDDEN = object()
@@ -102,6 +104,18 @@ class Part:
     note: str
     inline: Inline | None
     required: bool
+    place: str = ""  # of a function that makes it from the attribute
+    text: str | None = None  # in the place of an attribute
+    filled: bool = False  # null where it is empty
+
+    def of(self, value: Any) -> Any:
+        """Return the field of the document of `value`."""
+        if self.text is not None:
+            return self.text
+        found = _at(value, self.attribute) if self.attribute else value
+        if self.place:
+            found = load(f"{PACKAGE}.{self.place}")(found)
+        return (found or None) if self.filled else found
 
 
 @cache
@@ -109,38 +123,59 @@ def parts_of(kind: Any) -> tuple[Part, ...]:
     """Return what is in the document of a dataclass: ``DOCUMENT``, or its fields and ``SHOWN``."""
     if hasattr(kind, "DOCUMENT"):
         return tuple(_stated(kind, entry) for entry in kind.DOCUMENT)
-    hints = get_type_hints(kind, include_extras=True)
+    names = (*(field.name for field in dataclasses.fields(kind)), *getattr(kind, "SHOWN", ()))
     found = []
-    for field in dataclasses.fields(kind):
-        inner, notes = _unwrapped(hints[field.name])
+    for name in names:
+        inner, notes = _unwrapped(_hint(kind, name))
         if HIDDEN not in notes:
-            found.append(_part(field.name, inner, notes))
-    for name in getattr(kind, "SHOWN", ()):
-        returned = get_type_hints(getattr(kind, name).fget, include_extras=True)["return"]
-        found.append(_part(name, *_unwrapped(returned)))
+            found.append(_part(name, inner, notes))
     return tuple(found)
 
 
+ENTRY = re.compile(
+    r"(?P<key>[\w.*]+)(?P<missing>\??)(?: \[(?P<unit>.*?)\])?"
+    r"(?: = (?:'(?P<text>[^']*)'|(?P<place>[\w.]+:[\w.]+)\((?P<given>[\w.]*)\)|(?P<path>[\w.]+)"
+    r"(?P<filled> or null)?))?(?: # (?P<note>.*))?"
+)
+"""An entry of ``DOCUMENT``."""
+
+
 def _stated(kind: Any, entry: str) -> Part:
-    found = re.fullmatch(r"([\w.*]+)(\??)(?: \[(.*?)\])?(?: = ([\w.]+))?(?: # (.*))?", entry)
+    found = ENTRY.fullmatch(entry)
     if found is None:
         raise ValueError(f"{kind.__name__}.DOCUMENT: {entry!r} is no entry")
-    key, missing, unit, path, note = found.groups(default="")
-    inner, notes, optional = kind, tuple[Any, ...](), False
-    for name in (path or key).split("."):
-        if get_origin(inner) in (Union, types.UnionType):
-            (inner,) = (each for each in get_args(inner) if each is not types.NoneType)
-            optional = True
-        inner, notes = _unwrapped(_hint(inner, name))
-    part = _part(path or key, inner | None if optional else inner, notes)
+    key, place, filled = found["key"], found["place"] or "", bool(found["filled"])
+    path = found["given"] if place else found["path"] or key
+    if found["text"] is not None:
+        inner, notes, optional = str, tuple[Any, ...](), False
+    elif place:
+        (inner, notes), optional = _unwrapped(_returned(load(f"{PACKAGE}.{place}"))), False
+    else:
+        inner, notes, optional = _kind_at(kind, path)
+    part = _part(path, inner | None if optional or filled else inner, notes)
     return dataclasses.replace(
         part,
         key=key,
-        unit=unit or part.unit,
-        note=note or part.note,
-        inline=INLINE if key == "*" else part.inline,
-        required=part.required and not missing,
+        unit=found["unit"] or part.unit,
+        note=found["note"] or part.note,
+        inline=part.inline or INLINE if key.endswith("*") else part.inline,
+        required=part.required and not found["missing"],
+        place=place,
+        text=found["text"],
+        filled=filled,
     )
+
+
+def _kind_at(kind: Any, path: str) -> tuple[Any, tuple[Any, ...], bool]:
+    """Return the type of an attribute of an attribute, its notes, and whether it may be missing."""
+    inner, notes, optional = kind, tuple[Any, ...](), False
+    for name in path.split("."):
+        if get_origin(inner) in (Union, types.UnionType):
+            (inner,) = (each for each in get_args(inner) if each is not types.NoneType)
+            optional = True
+        is_mapping = get_origin(inner) is not None and issubclass(get_origin(inner), Mapping)
+        inner, notes = _unwrapped(get_args(inner)[1] if is_mapping else _hint(inner, name))
+    return inner, notes, optional
 
 
 def _hint(kind: Any, name: str) -> Any:
@@ -149,7 +184,10 @@ def _hint(kind: Any, name: str) -> Any:
         if name in inspect.get_annotations(base):
             return _evaluated(inspect.get_annotations(base)[name], base.__module__)
     found = inspect.getattr_static(kind, name)
-    function = getattr(found, "fget", None) or getattr(found, "func", found)
+    return _returned(getattr(found, "fget", None) or getattr(found, "func", found))
+
+
+def _returned(function: Any) -> Any:
     return _evaluated(function.__annotations__["return"], function.__module__)
 
 
@@ -163,17 +201,26 @@ class _Guarded(dict[str, Any]):
     """The names that a module imports for type checking alone, each imported when it is used."""
 
     def __init__(self, module: str) -> None:
-        self._places: dict[str, tuple[str, str]] = {}
-        for node in ast.parse(inspect.getsource(sys.modules[module])).body:
-            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-                for each in node.body:
-                    if isinstance(each, ast.ImportFrom) and each.module is not None:
-                        for name in each.names:
-                            self._places[name.asname or name.name] = each.module, name.name
+        self._module = module
 
     def __missing__(self, key: str) -> Any:
-        module, name = self._places[key]
+        if key in vars(sys.modules[self._module]) or hasattr(builtins, key):
+            raise KeyError(key)
+        module, name = _guarded_names(self._module)[key]
         return getattr(import_module(module), name)
+
+
+@cache
+def _guarded_names(module: str) -> dict[str, tuple[str, str]]:
+    """Return the module and the name behind each name of an ``if TYPE_CHECKING``."""
+    places: dict[str, tuple[str, str]] = {}
+    for node in ast.parse(inspect.getsource(sys.modules[module])).body:
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            for each in node.body:
+                if isinstance(each, ast.ImportFrom) and each.module is not None:
+                    for name in each.names:
+                        places[name.asname or name.name] = each.module, name.name
+    return places
 
 
 def document_of(kind: Any) -> Any:
@@ -181,8 +228,7 @@ def document_of(kind: Any) -> Any:
     place = getattr(kind, "DOCUMENT", ())
     if not isinstance(place, str):
         return kind
-    function = load(place)
-    return _evaluated(function.__annotations__["return"], function.__module__)
+    return _returned(load(place))
 
 
 def _at(value: Any, path: str) -> Any:
@@ -190,7 +236,7 @@ def _at(value: Any, path: str) -> Any:
     for name in path.split("."):
         if value is None:
             return None
-        value = getattr(value, name)
+        value = value.get(name) if isinstance(value, Mapping) else getattr(value, name)
         value = value() if inspect.ismethod(value) else value
     return value
 
@@ -248,16 +294,16 @@ def _plain_parts(value: Any, sparse: bool) -> dict[str, Any]:
     for part in parts_of(kind):
         if sparse and part.attribute in getattr(kind, "SHOWN", ()):
             continue
-        item = plain(_at(value, part.attribute), sparse=sparse)
+        item = plain(part.of(value), sparse=sparse)
         if item is None and not part.required:
             continue
+        inside, (*places, key) = found, part.key.split(".")
+        for place in places:
+            inside = inside.setdefault(place, {})
         if part.inline is None:
-            inside, (*places, key) = found, part.key.split(".")
-            for place in places:
-                inside = inside.setdefault(place, {})
             inside[key] = item
         elif item is not None:
-            found |= item
+            inside |= item
     if sparse:
         return {key: item for key, item in found.items() if item not in (None, "", [], {})}
     return found
@@ -511,21 +557,20 @@ def _any_of(found: list[dict[str, Any]]) -> dict[str, Any]:
 def _object(kind: type, shared: dict[str, Any]) -> dict[str, Any]:
     first = (kind.__doc__ or "").partition("\n")[0]
     found = _no_parts(first)
-    properties, required = found["properties"], found["required"]
     for part in parts_of(kind):
+        inside, (*places, key) = found, part.key.split(".")
+        for place in places:
+            if place not in inside["properties"]:
+                inside["properties"][place] = _no_parts("")
+                inside["required"].append(place)
+            inside = inside["properties"][place]
+        properties, required = inside["properties"], inside["required"]
         if part.inline is None:
             made = _schema(part.kind, shared)
             more = {"unit": part.unit} if part.unit else {}
-            *places, key = part.key.split(".")
-            inside = found
-            for place in places:
-                if place not in inside["properties"]:
-                    inside["properties"][place] = _no_parts("")
-                    inside["required"].append(place)
-                inside = inside["properties"][place]
             note = {"description": part.note} if part.note else {}
-            inside["properties"][key] = made | more | note
-            inside["required"] += [key] * part.required
+            properties[key] = made | more | note
+            required += [key] * part.required
         elif part.inline.units:
             for name, unit in part.inline.units.items():
                 properties[name] = {"type": ["number", "null"]} | ({"unit": unit} if unit else {})

@@ -46,6 +46,10 @@ class PartLine:
         The nearest preferred value; None for a standard value.
     """
 
+    DOCUMENT = (
+        *("kind", "value", "references", "tolerance", "preferred", "unit", "count", "standard"),
+    )
+
     kind: str
     value: float
     references: tuple[str, ...]
@@ -56,6 +60,16 @@ class PartLine:
     def unit(self) -> str:
         """Unit of `value`."""
         return UNITS[self.kind]
+
+    @property
+    def count(self) -> int:
+        """Number of parts."""
+        return len(self.references)
+
+    @property
+    def standard(self) -> bool:
+        """Whether the value is a standard value."""
+        return self.preferred is None
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,10 @@ class Project:
 class KicadProject:
     """The drawing of a channel, and the files that were written."""
 
-    DOCUMENT = "taction.verification.report.documents.plain:KicadDocument.of"
+    DOCUMENT = (
+        *("scene = scene.name", "files = written", "channel = project.channel # from 1"),
+        *("row = project.row # from 1", "not_drawn = project.not_drawn"),
+    )
 
     scene: Scene = field(repr=False)
     project: Project = field(repr=False)

@@ -80,7 +80,7 @@ def jobs() -> Iterator[tuple[str, Job]]:
     for module in (boards, studies):
         yield from ((n, job) for n, job in vars(module).items() if isinstance(job, Job))
     for name in CALLS:
-        yield name, entry(name).job
+        yield name, entry(name)
 
 
 @pytest.fixture
@@ -95,13 +95,13 @@ def test_every_command_is_called() -> None:
 
 @pytest.mark.parametrize("name", CALLS)
 def test_a_command_calls_the_function_of_its_name(name: str) -> None:
-    function = entry(name).job.function
+    function = entry(name).function
     assert function == NAMES.get(name, name)
     assert function in taction.__all__
 
 
 def stated(name: str, parameter: Parameter) -> inspect.Parameter | None:
-    return signature(parameter.of or entry(name).job.function).get(parameter.name)
+    return signature(parameter.of or entry(name).function).get(parameter.name)
 
 
 @pytest.mark.parametrize("name", CALLS)
@@ -109,7 +109,7 @@ def test_options_and_keywords_are_the_same(name: str) -> None:
     """With their defaults; the options of what shows the result are the only others."""
     command = entry(name)
     made = {p.name: p for p in running.made(name, command).params}
-    shown = {output.name for output in command.job.outputs} | {"junit"}
+    shown = {output.name for output in command.outputs} | {"junit"}
     for parameter in command.parameters:
         known = stated(name, parameter)
         if known is None:
@@ -120,7 +120,7 @@ def test_options_and_keywords_are_the_same(name: str) -> None:
             assert made[parameter.name].required or parameter.of
         elif parameter.flags and parameter.name != "retry_failed":  # `--retry failed`
             assert (default or None) == (known.default or None)
-    own = signature(command.job.function)
+    own = signature(command.function)
     given = {parameter.name for parameter in command.parameters if not parameter.of}
     missing = set(own) - given - PYTHON
     assert missing == ({"scene"} if name == "verify" else set())
@@ -133,7 +133,7 @@ def test_every_option_has_the_sentence_of_the_docstring(name: str) -> None:
     for parameter in command.parameters:
         if parameter.flags:
             text = made[parameter.name].to_info_dict()["help"]
-            known = sentences(parameter.of or command.job.function).get(parameter.name)
+            known = sentences(parameter.of or command.function).get(parameter.name)
             assert text
             assert text.endswith((".", "*10."))
             assert "help" in parameter.attributes or text == known
@@ -169,7 +169,7 @@ def test_the_exit_status_of_a_result(values: dict[str, Any], status: int) -> Non
 
 def failing(monkeypatch: pytest.MonkeyPatch, name: str, error: BaseException) -> None:
     """Let the function of a command end with `error`."""
-    function = entry(name).job.function
+    function = entry(name).function
     real = signature(function)
 
     def ends(*_: Any, **__: Any) -> None:

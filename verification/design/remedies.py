@@ -49,10 +49,20 @@ class Change:
         R of the changed board where it differs from the scene's, ohm.
     """
 
+    DOCUMENT = (
+        *("values", "mends", "left # checks that do not pass with the change"),
+        *("resistance [ohm]", "verified", "engine = 'statespace'"),
+    )
+
     values: dict[str, Value]
     mends: tuple[str, ...]
     left: tuple[str, ...]
     resistance: float | None = None
+
+    @property
+    def verified(self) -> bool:
+        """Whether the verdict is a pass."""
+        return not self.left
 
 
 Tell = Callable[[tuple[StableRange, ...] | Change], None]
@@ -85,6 +95,12 @@ class Remedies:
         Time limit, s.
     """
 
+    DOCUMENT = (
+        *("failed", "stable_ranges = by_path", "stable_opamps = opamps", "changes", "without"),
+        "not_searched = cut # the time limit ended these searches",
+        *("unmendable", "trials", "time_limit [s] = limit"),
+    )
+
     failed: tuple[str, ...]
     stability: tuple[StableRange, ...]
     changes: tuple[Change, ...]
@@ -94,6 +110,11 @@ class Remedies:
     opamps: tuple[str, ...]
     trials: int
     limit: float
+
+    @property
+    def by_path(self) -> dict[str, StableRange]:
+        """`stability` by the path of the key."""
+        return {each.path: each for each in self.stability}
 
 
 def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:

@@ -168,7 +168,13 @@ class Scaled(Result):
     """The scalings, and the verdict of the board with them."""
 
     VIEW = "taction.verification.report.views.scaling:view"
-    DOCUMENT = "taction.verification.report.documents.verdict:ScaleDocument.of"
+    DOCUMENT = (
+        *("outcome = verdict.outcome", "unit_conductance [S] = scaling.unit_conductance"),
+        *("unit_voltage [V] = scaling.unit_voltage", "gain [ohm] = scaling.gain"),
+        *("resistance [ohm] = scaling.resistance", "capacitance [F] = scaling.capacitance"),
+        *("lambda = scaling.lam", "matrix_resistors [ohm] = scaling.matrix_ohms"),
+        *("headroom = scaling.loads", "notes = scaling.notes", "verification = verdict"),
+    )
 
     scaling: Scaling = field(repr=False)
     verdict: Verdict

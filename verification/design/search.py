@@ -41,6 +41,8 @@ class Searched:
         Whether the time sufficed.
     """
 
+    DOCUMENT = ("keys = paths", "from = least", "to = most")
+
     paths: tuple[str, ...]
     found: Trial | None
     least: float | None = None

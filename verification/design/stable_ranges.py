@@ -44,6 +44,12 @@ class StableRange:
         Why the range is not known, or empty.
     """
 
+    DOCUMENT = (
+        *("path", "unit", "own", "least # the search began here", "most # and ended here"),
+        *("low", "high", "found", "reason", "edge", "factor # from the own value to the edge"),
+        *("text = verification.report.views.remedies:distance_text()", "doubt = ''"),
+    )
+
     path: str
     unit: str
     own: float

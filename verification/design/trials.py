@@ -13,7 +13,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
@@ -54,6 +54,11 @@ class Trial:
     estimated : bool
         Whether the checks are estimates of a design that fails by far.
     """
+
+    DOCUMENT: ClassVar[tuple[str, ...]] = (
+        *("values = plain_values", "settling_time [s]", "overshoot [step]"),
+        *("left # checks that do not pass", "refused"),
+    )
 
     values: dict[str, Any]  # numbers and names
     record: Record

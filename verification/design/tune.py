@@ -55,6 +55,11 @@ class Tuning:
     ranges: tuple[Range, ...]
 
     @property
+    def ends(self) -> dict[str, tuple[float, ...]]:
+        """The ends of the ranges, by dotted path."""
+        return {each.path: (each.low, each.high) for each in self.ranges}
+
+    @property
     def at_edges(self) -> dict[str, float]:
         """The ends of the ranges at which the best design lies, by dotted path."""
         edges = {each.path: each.edge_of(self.after.values[each.path]) for each in self.ranges}
@@ -66,7 +71,14 @@ class Tuned(Result):
     """A search, and the verdict of the best design."""
 
     VIEW = "taction.verification.report.views.tune:view"
-    DOCUMENT = "taction.verification.report.documents.verdict:TuneDocument.of"
+    DOCUMENT = (
+        *("outcome = verdict.outcome", "before = tuning.before", "after = tuning.after"),
+        "resistance [ohm] = verdict.circuit.facts.R.value",
+        "lambda = verdict.circuit.facts.lambda.value",
+        *("overshoot_limit [step] = tuning.overshoot_limit", "margin = tuning.margin"),
+        *("tried = tuning.tried", "ranges = tuning.ends", "at_edges = tuning.at_edges"),
+        *("frontier = tuning.frontier", "verification = verdict"),
+    )
 
     tuning: Tuning = field(repr=False)
     verdict: Verdict

@@ -172,7 +172,12 @@ class Solution(Result):
     """
 
     VIEW = "taction.verification.report.views.solution:view"
-    DOCUMENT = "taction.verification.report.documents.plain:SolveDocument.of"
+    DOCUMENT = (
+        *("outcome", "u [V]", "v [V]", "lambda = lam", "objective"),
+        *("certificate.kind = certificate_kind", "certificate.value = certificate"),
+        *("certificate.bound = bound", "error_bound", "condition", "iterations", "trusted"),
+        *("reason", "seconds [s]"),
+    )
 
     problem: Problem | ToeplitzProblem
     u: Floats

@@ -379,10 +379,10 @@ class Page:
 
     title: str
     command: str
-    outcome: Outcome
-    summary: str
-    lines: tuple[str, ...]
-    sections: tuple[Section, ...]
+    outcome: Outcome = ""
+    summary: str = ""
+    lines: tuple[str, ...] = ()
+    sections: tuple[Section, ...] = ()
     foot: tuple[str, ...] = ()
     sheet: Callable[[], Sheet] | None = None
 

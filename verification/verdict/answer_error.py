@@ -65,6 +65,15 @@ class AnswerError:
         simulated.
     """
 
+    DOCUMENT = (
+        *("board_error [stress] = board_share", "board_error_uncertainty [stress] = board_doubt"),
+        "boards # share of the boards that keep it; null: the one simulated",
+        *("true_error [stress]", "true_error_uncertainty [stress] = true_doubt"),
+        *("regularisation [stress]", "noise [stress]", "channel = number # from 1"),
+        "largest_stress [V] = unit # the true one; if it is not known, that of the answer",
+        "text = verification.report.views.answer:answer_text()",
+    )
+
     network: IdealNetwork
     target: Floats
     target_error: float
@@ -146,6 +155,26 @@ class AnswerError:
         if self.stress is None or math.isinf(self.target_error) or not self.unit:
             return None
         return worst_channel(self.target - self.stress)
+
+    @property
+    def number(self) -> int | None:
+        """`channel` from 1."""
+        return None if self.channel is None else self.channel + 1
+
+    @property
+    def board_share(self) -> float | None:
+        """`board` as a fraction of `unit`."""
+        return None if self.board is None else self.board / (self.unit or math.inf)
+
+    @property
+    def board_doubt(self) -> float | None:
+        """Bound on the error of `board_share`."""
+        return None if self.board is None else self.board_error / (self.unit or math.inf)
+
+    @property
+    def true_doubt(self) -> float | None:
+        """Bound on the error of `true_error`."""
+        return None if self.channel is None else self.target_error / (self.unit or math.inf)
 
     @property
     def true_error(self) -> float | None:

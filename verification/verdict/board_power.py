@@ -31,6 +31,10 @@ class BoardPower:
         Of the supply that carries more: quiescent current and load currents.
     """
 
+    DOCUMENT = (
+        *("supply_current [A]", "quiescent [W]", "outputs [W]", "resistors [W]", "total [W]"),
+    )
+
     quiescent: float
     outputs: float
     resistors: float
@@ -47,7 +51,11 @@ class PartsList(Result):
     """The parts of a board to buy, and its power at rest."""
 
     VIEW = "taction.verification.report.views.parts:view"
-    DOCUMENT = "taction.verification.report.documents.plain:BomDocument.of"
+    DOCUMENT = (
+        *("scene = scene.name", "parts = parts.lines", "opamps.preset = parts.opamp"),
+        *("opamps.packages = parts.packages", "opamps.spare = parts.spare", "power"),
+        "not_listed = parts.not_listed",
+    )
 
     scene: Scene = field(repr=False)
     parts: BillOfMaterials = field(repr=False)

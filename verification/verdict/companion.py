@@ -15,12 +15,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import Floats
+from taction.system.documents import Inline
 from taction.system.errors import EngineError
+from taction.system.reading_definitions import READINGS
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -244,7 +247,9 @@ class StepError:
     """
 
     steady_state: float
-    readings: Mapping[str, float]
+    readings: Annotated[
+        Mapping[str, float], Inline({name: kind.unit for name, kind in READINGS.items()})
+    ]
 
 
 def bounded(

@@ -77,12 +77,20 @@ class Netlist(Deck):
         The files that were written.
     """
 
-    DOCUMENT = "taction.verification.report.documents.plain:NetlistDocument.of"
+    DOCUMENT = (
+        *("files = written", "deck = printed", "omissions = circuit.omissions", "pruning"),
+        *("warnings", "lambda = circuit.facts.lambda.value"),
+    )
 
     circuit: Circuit = field(kw_only=True, repr=False)
     warnings: tuple[str, ...] = field(default=(), repr=False)
     pruning: Pruning | None = field(default=None, repr=False)
     written: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def printed(self) -> str | None:
+        """The text; None where it is in files."""
+        return None if self.written else self.text
 
 
 def deck_of(

@@ -50,6 +50,11 @@ class Load:
         Bound on the error of `peak`, in the quantity's unit.
     """
 
+    DOCUMENT = (
+        *("part", "quantity", "peak", "limit", "rest", "error"),
+        *("time [s] = at # of the peak; null at rest", "share", "unit"),
+    )
+
     part: str
     quantity: Quantity
     peak: float

@@ -94,6 +94,11 @@ class OutputNoise:
         Op-amps with 1/f noise, and named ones whose sheet has no corner of it.
     """
 
+    DOCUMENT = (
+        *("rms", "uncertainties = error", "unit = 'V'", "ngspice = simulated"),
+        *("reason = unknown", "lowest [Hz]"),
+    )
+
     rms: tuple[float, ...] = ()
     error: tuple[float, ...] = ()
     unknown: str = ""

@@ -84,6 +84,11 @@ class Pruning:
         matrix can load the channels too much.
     """
 
+    DOCUMENT = (
+        *("entries = effect.entries", "change [V] = effect.change", "bound [V] = effect.bound"),
+        *("resistors", "opamps"),
+    )
+
     effect: PruningEffect
     resistors: int | None = None
     opamps: int | None = None

@@ -183,13 +183,26 @@ class MeasuredTransient(Result):
     """Waveforms of one transient, their measurements, and their file, if there is one."""
 
     VIEW = "taction.verification.report.views.solution:transient_view"
-    DOCUMENT = "taction.verification.report.documents.verdict:SimulateDocument.of"
+    DOCUMENT = (
+        *("scene = circuit.name", "simulator = waveforms.engine"),
+        *("solver = waveforms.solver or null", "method = waveforms.method or null"),
+        *("points = waveforms.cost.points", "seconds [s] = waveforms.cost.seconds", "stop [s]"),
+        *("step_amplitude [V] = measurements.amplitude",),
+        "settling_time [s] = measurements.settling_time.value",
+        "channels = verification.verdict.record:channels_of(measurements)",
+        "output",
+    )
 
     circuit: Circuit
     transient: Transient
     waveforms: Waveforms
     measurements: Measurements
     output: str | None = None
+
+    @property
+    def stop(self) -> float:
+        """The last instant, s."""
+        return float(self.waveforms.time[-1])
 
     def __repr__(self) -> str:
         settled = self.measurements.settling_time

@@ -19,7 +19,6 @@ from taction.verification.design.remedies import Remedies, find_remedies
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import Trials
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.report.documents.verdict import WhatToChange
 from taction.verification.report.views.remedies import (
     distance_text,
     remedies_text,
@@ -190,6 +189,6 @@ def test_margins_of_an_unstable_board(tmp_path: Path) -> None:
 
 def test_the_document_has_values_for_a_scene() -> None:
     scene, found = unstable()
-    document = plain(WhatToChange.of(found))
+    document = plain(found)
     assert document["changes"][0]["verified"]
     assert with_values(scene, document["changes"][0]["values"]).design.capacitance < 1e-11

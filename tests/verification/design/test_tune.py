@@ -16,11 +16,11 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.documents import plain
 from taction.system.errors import EngineError, InputError
 from taction.verification.design import tune as tune_module
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuning, frontier, tune
-from taction.verification.report.documents.verdict import Candidate
 from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.views.tune import sheet
 from taction.verification.verdict.verify import verify
@@ -98,8 +98,8 @@ def test_lambda_is_held_and_the_resistance_follows() -> None:
 def test_the_same_search_finds_the_same() -> None:
     again = tune(scene(), overshoot=0.02, margin=1.3)
     for one, other in zip(again.frontier, tuned().frontier, strict=True):
-        assert Candidate.of(one) == Candidate.of(other)
-    assert Candidate.of(again.after) == Candidate.of(tuned().after)
+        assert plain(one) == plain(other)
+    assert plain(again.after) == plain(tuned().after)
     assert again.tried == tuned().tried
 
 

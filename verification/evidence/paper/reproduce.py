@@ -26,6 +26,7 @@ from taction.verification.evidence.paper.pictures import Picture
 from taction.verification.evidence.paper.reconstruction import reconstruction
 from taction.verification.evidence.paper.simnon import simnon
 from taction.verification.evidence.paper.speed import speed
+from taction.verification.studies.running.versions import describe_machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,13 @@ CHAPTERS: dict[str, Task] = {
 class Judged:
     """A claim with its finding."""
 
+    DOCUMENT = (
+        *("id = claim.id", "claim = claim.claim", "place = claim.place", "run = finding.run"),
+        *("printed = claim.printed", "ours = finding.ours", "verdict = finding.outcome"),
+        *("expected = claim.expected", "as_expected"),
+        "values = finding.values # behind `ours`, in SI base units",
+    )
+
     claim: Claim
     finding: Finding
 
@@ -73,6 +81,8 @@ class Judged:
 class Section:
     """One chapter of the report; `seconds` is its wall time."""
 
+    DOCUMENT = ("title", "seconds [s]")
+
     title: str
     judged: tuple[Judged, ...]
     pictures: tuple[Picture, ...]
@@ -84,11 +94,25 @@ class Reproduction(Result):
     """The result of all chapters; `left_out` are the claims that only a full run judges."""
 
     VIEW = "taction.verification.report.views.paper:view"
+    DOCUMENT = (
+        *("outcome", "quick", "seconds [s]", "machine", "claims = judged"),
+        *("left_out = omitted", "chapters = sections"),
+    )
 
     sections: tuple[Section, ...]
     left_out: tuple[Claim, ...]
     quick: bool
     seconds: float
+
+    @property
+    def machine(self) -> dict[str, str | int | float | None]:
+        """Versions, processor, load and threads."""
+        return describe_machine()
+
+    @property
+    def omitted(self) -> tuple[str, ...]:
+        """The names of the claims that were left out."""
+        return tuple(claim.id for claim in self.left_out)
 
     @property
     def judged(self) -> tuple[Judged, ...]:

@@ -40,6 +40,8 @@ class Comparison:
         The error that the scene allows, in `unit`.
     """
 
+    DOCUMENT = ("name", "value", "uncertainty", "truth", "error", "unit", "outside", "wrong")
+
     name: str
     value: float
     uncertainty: float

@@ -56,6 +56,14 @@ class CaseRun:
         Wall time.
     """
 
+    DOCUMENT = (
+        *("case = case.name", "family = case.family", "engine"),
+        "why = case.why # what makes the case hard",
+        "known = case.known # how the true values are known",
+        *("judgement", "outcome", "right_outcomes", "reason", "seconds [s]"),
+        *("checks", "numbers = comparisons"),
+    )
+
     case: Case
     engine: str
     outcome: str
@@ -64,6 +72,11 @@ class CaseRun:
     comparisons: tuple[Comparison, ...] = ()
     reason: str = ""
     seconds: float = 0.0
+
+    @property
+    def right_outcomes(self) -> tuple[str, ...]:
+        """Those of the case on this engine."""
+        return tuple(self.case.outcome[self.engine])
 
     @property
     def worst(self) -> Comparison | None:
@@ -81,6 +94,7 @@ class StressReport(Result):
     """The runs of all cases; `versions` are those of the programs that were used."""
 
     VIEW = "taction.verification.report.views.stress:view"
+    DOCUMENT = ("runs", "count", "numbers", "outside", "versions = known_versions")
 
     runs: tuple[CaseRun, ...]
     versions: tuple[tuple[str, str], ...]
@@ -104,6 +118,11 @@ class StressReport(Result):
         if self.wrong:
             return 1
         return 3 if any(run.judgement is Judgement.NOT_RUN for run in self.runs) else 0
+
+    @property
+    def known_versions(self) -> dict[str, str | None]:
+        """`versions` by name."""
+        return dict(self.versions)
 
     @property
     def numbers(self) -> int:

@@ -6,13 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from taction.netlist_gen.board.bill_of_materials import Package, Preferred
-from taction.netlist_gen.board.circuit import Omission
-from taction.netlist_gen.kicad.project import KicadProject
 from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
-from taction.system.array_types import Floats
 from taction.system.documents import (
     OPTIONAL,
     Amperes,
@@ -22,9 +18,7 @@ from taction.system.documents import (
     Note,
     Number,
     Ohms,
-    Seconds,
     Volts,
-    Watts,
     taken,
 )
 from taction.verification.characterise.characterise import (
@@ -32,126 +26,7 @@ from taction.verification.characterise.characterise import (
     OpAmpFigures,
     supply_of,
 )
-from taction.verification.reference import Solution
-from taction.verification.report.documents.verdict import Certificate
 from taction.verification.report.views.opamp import TITLES, stated_figures
-from taction.verification.verdict.board_power import PartsList
-from taction.verification.verdict.deck import Netlist
-from taction.verification.verdict.pruning import Pruning
-
-
-@dataclass(frozen=True, slots=True)
-class PruningPart:
-    """What pruning changes and saves; null: unknown."""
-
-    entries: int
-    change: Volts
-    bound: Volts
-    resistors: int | None
-    opamps: int | None
-
-    @classmethod
-    def of(cls, found: Pruning) -> PruningPart:
-        """Return an effect."""
-        effect = found.effect
-        return taken(cls, found, entries=effect.entries, change=effect.change, bound=effect.bound)
-
-
-@dataclass(frozen=True, slots=True)
-class NetlistDocument:
-    """``taction netlist``."""
-
-    files: tuple[str, ...]
-    deck: str | None
-    omissions: tuple[Omission, ...]
-    pruning: PruningPart | None
-    warnings: tuple[str, ...]
-    lam: Annotated[Number, Key("lambda")]
-
-    @classmethod
-    def of(cls, found: Netlist) -> NetlistDocument:
-        """Return a deck, or the files that hold it."""
-        return cls(
-            files=found.written,
-            deck=None if found.written else found.text,
-            omissions=found.circuit.omissions,
-            pruning=None if found.pruning is None else PruningPart.of(found.pruning),
-            warnings=found.warnings,
-            lam=found.circuit.value("lambda"),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """Equal parts."""
-
-    kind: str
-    value: Number
-    references: tuple[str, ...]
-    tolerance: Number
-    preferred: Preferred | None
-    unit: str
-    count: int
-    standard: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Packages:
-    """All packages of op-amps."""
-
-    preset: str
-    packages: tuple[Package, ...]
-    spare: int
-
-
-@dataclass(frozen=True, slots=True)
-class Power:
-    """Supply current, A, and dissipation at rest, W."""
-
-    supply_current: Amperes
-    quiescent: Watts
-    outputs: Watts
-    resistors: Watts
-    total: Watts
-
-
-@dataclass(frozen=True, slots=True)
-class BomDocument:
-    """``taction export bom``."""
-
-    scene: str
-    parts: tuple[Line, ...]
-    opamps: Packages
-    power: Power
-    not_listed: tuple[str, ...]
-
-    @classmethod
-    def of(cls, found: PartsList) -> BomDocument:
-        """Return the parts of a board."""
-        parts = found.parts
-        lines = tuple(
-            taken(Line, line, count=len(line.references), standard=not line.preferred)
-            for line in parts.lines
-        )
-        opamps = Packages(parts.opamp, parts.packages, parts.spare)
-        power = taken(Power, found.power)
-        return cls(found.scene.name, lines, opamps, power, parts.not_listed)
-
-
-@dataclass(frozen=True, slots=True)
-class KicadDocument:
-    """``taction export kicad``; `channel` and `row` count from 1."""
-
-    scene: str
-    files: tuple[str, ...]
-    channel: int
-    row: int
-    not_drawn: tuple[str, ...]
-
-    @classmethod
-    def of(cls, found: KicadProject) -> KicadDocument:
-        """Return what was drawn."""
-        return taken(cls, found.project, scene=found.scene.name, files=found.written)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,69 +36,8 @@ class ExploreDocument:
     address: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SolveDocument:
-    """``taction verify --solve``."""
-
-    outcome: str
-    u: Annotated[Floats, "V"]
-    v: Annotated[Floats | None, "V"]
-    lam: Annotated[Number, Key("lambda")]
-    objective: Number
-    certificate: Certificate
-    error_bound: Number
-    condition: Number
-    iterations: int
-    trusted: bool
-    reason: str
-    seconds: Seconds
-
-    @classmethod
-    def of(cls, solution: Solution) -> SolveDocument:
-        """Return a solution."""
-        value = solution.certificate
-        return taken(
-            cls,
-            solution,
-            outcome="pass" if solution.trusted else "inconclusive",
-            certificate=Certificate(solution.certificate_kind, value, solution.bound),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Preset:
-    """The figures of a preset; null or 0: the part has none."""
-
-    dc_gain: Number
-    gbw: Hertz
-    second_pole: Hertz
-    input_resistance: Ohms
-    differential_capacitance: Farads
-    input_capacitance: Farads
-    output_resistance: Ohms
-    slew_rate: Annotated[Number, "V/s"]
-    output_current: Amperes
-    saturation: Volts
-    least_supply: Volts
-    most_supply: Volts
-    voltage_noise: Annotated[Number, "V/rtHz"]
-    current_noise: Annotated[Number, "A/rtHz"]
-    supply_current: Amperes
-    channels_per_package: int
-    offset_voltage: Volts
-    bias_current: Amperes
-    offset_current: Amperes
-    common_mode_rejection: Annotated[Number, "dB"]
-    source: str
-
-    @classmethod
-    def of(cls, opamp: OpAmp) -> Preset:
-        """Return the figures of an op-amp."""
-        return taken(cls, opamp)
-
-
-ModelsDocument = dict[str, Preset]
-"""``taction parts``: the figures of each preset, by its name."""
+ModelsDocument = dict[str, OpAmp]
+"""``taction parts``: the figures of each preset, by its name; null or 0: the part has none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,6 @@ def view(study: WorkPrecisionStudy) -> Page:
     return Page(
         title=study.scene.name,
         command="taction self accuracy",
-        outcome="",
         summary=_summary(study),
         lines=(study.extent.text,),
         sections=(

@@ -25,7 +25,6 @@ def view(found: Demonstration) -> Page:
         command="taction demo",
         outcome=found.outcome if found.outcome == "fail" else "pass",
         summary=f"Three boards, {told}, in {found.seconds:.0f} s.",
-        lines=(),
         sections=(
             *(
                 part

@@ -36,7 +36,6 @@ def view(files: VerifiedFiles) -> Page:
         command="taction verify",
         outcome=_outcome(files.outcome),
         summary=f"{len(files.documents)} scenes: {counts}",
-        lines=(),
         sections=(
             Section("Scenes", (Table.of("Scenes", files.documents, columns),), media=BOTH),
             Section("Remarks", tuple(remarks), media=BOTH),

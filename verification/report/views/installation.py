@@ -13,9 +13,7 @@ def view(result: Installation) -> Page:
     return Page(
         title="installation",
         command="taction self doctor",
-        outcome="",
         summary=f"missing: {missing}" if missing else "nothing is missing",
-        lines=(),
         sections=(Section("Parts", (Notes("", lines),), media=EVERYWHERE),),
     )
 

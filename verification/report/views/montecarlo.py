@@ -61,9 +61,7 @@ def view(result: YieldReport) -> Page:
     return Page(
         title=scene.name,
         command="taction yield montecarlo",
-        outcome="",
         summary=_summary(result),
-        lines=(),
         sections=(
             Section("Yield", (_interval(result),)),
             Section("Samples", (_shares(result),), media=(NOTEBOOK,)),

@@ -124,9 +124,6 @@ def view(result: OpAmpFigures) -> Page:
     return Page(
         title=opamp.name,
         command="taction parts show",
-        outcome="",
-        summary="",
-        lines=(),
         sections=(
             Section("Figures", (table, Notes("", tuple(sources))), "", EVERYWHERE),
             Section("Open loop and follower", lambda: sum(columns(), ())),
@@ -339,9 +336,6 @@ def list_view(models: Mapping[str, OpAmp]) -> Page:
     return Page(
         title="op-amps",
         command="taction parts",
-        outcome="",
-        summary="",
-        lines=(),
         sections=(Section("Op-amps", (table,), media=EVERYWHERE),),
         foot=(more,),
     )
@@ -379,9 +373,6 @@ def imported_view(result: ImportedModel) -> Page:
     return Page(
         title=f"{model['name']}, simulated at \N{PLUS-MINUS SIGN}{show(model['supply'], 'V')}",
         command="taction parts import",
-        outcome="",
-        summary="",
-        lines=(),
         sections=(Section("Figures", (Notes("", tuple(lines)),), media=EVERYWHERE),),
     )
 

@@ -32,9 +32,7 @@ def view(result: PartsList) -> Page:
     return Page(
         title=result.scene.name,
         command="taction export bom",
-        outcome="",
         summary=counts_text(parts),
-        lines=(),
         sections=(
             Section("Parts", (Table.of("Parts", parts.lines, columns),), media=BOTH),
             Section("Board", (Notes("", tuple(_lines(parts, power))),), media=BOTH),

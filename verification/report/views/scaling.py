@@ -19,8 +19,6 @@ def view(result: Scaled) -> Page:
         title=scaling.scene.name,
         command="taction new --from",
         outcome=result.verdict.outcome.value,
-        summary="",
-        lines=(),
         sections=(Section("Scalings", (Notes("", tuple(_lines(result))),), media=EVERYWHERE),),
         foot=("verified by the state-space engine",),
     )

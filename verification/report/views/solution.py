@@ -15,9 +15,6 @@ def view(result: Solution) -> Page:
     return Page(
         title="numerical solution",
         command="taction verify --solve",
-        outcome="",
-        summary="",
-        lines=(),
         sections=(Section("Solution", (Notes("", tuple(_lines(result))),), media=EVERYWHERE),),
     )
 
@@ -41,9 +38,6 @@ def transient_view(result: MeasuredTransient) -> Page:
     return Page(
         title=result.circuit.name,
         command="taction export waveforms",
-        outcome="",
-        summary="",
-        lines=(),
         sections=(Section("Channels", (channel_table(result.measurements),), media=EVERYWHERE),),
         foot=(f"{result.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s",),
     )

@@ -34,7 +34,6 @@ def view(report: StressReport) -> Page:
         command="taction self stress",
         outcome=outcome,
         summary=headline(report),
-        lines=(),
         sections=(
             Section("Results", (_results(report.runs),), media=BOTH),
             Section("Wrong", (Notes("Wrong", wrong, "fail"),), media=BOTH),

@@ -104,7 +104,6 @@ def view(result: SweepResult) -> Page:
     return Page(
         title=plan.scene.name,
         command="taction sweep",
-        outcome="",
         summary=f"{count.done} of {count.total} points: {outcomes}.",
         lines=(f"Over {names}; engines: {', '.join(map(ENGINES.__getitem__, plan.engines))}.",),
         sections=(

@@ -55,8 +55,6 @@ def screen(verdict: Verdict, margins: Sequence[str] = (), *, searched: bool = Fa
         title=headline,
         command="taction verify",
         outcome=verdict.outcome.value,
-        summary="",
-        lines=(),
         sections=(Section("", blocks, media=(TERMINAL,)),),
         foot=(f"{verdict.waveforms.simulator}: {seconds}; more: {more}, --report FILE",),
     )

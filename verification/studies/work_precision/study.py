@@ -260,10 +260,59 @@ class SettingResult:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Ladder:
+    """A method with the results of its settings, and its order of convergence."""
+
+    DOCUMENT = (
+        *("name = method.name", "engine = method.engine", "problem = method.problem"),
+        *("setting = method.setting", "order = order.value", "order_uncertainty = order.sigma"),
+        *("order_theory = method.order", "order_theory_says = method.theory"),
+        *("order_points = fitted # settings that the fit used", "order_reason = order.reason"),
+        "points",
+    )
+
+    method: Method
+    order: Order
+    points: tuple[SettingResult, ...]
+
+    @property
+    def fitted(self) -> tuple[float, ...]:
+        """The settings that the fit of the order used."""
+        return tuple(self.points[place].setting for place in self.order.points)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CheapestSetting:
+    """The setting with the least run time below an error."""
+
+    DOCUMENT = (
+        *("method = point.method.name", "setting = point.known_setting"),
+        *("seconds [s] = point.seconds", "achieved = point.errors.maximum"),
+    )
+
+    point: SettingResult
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cheapest:
+    """The cheapest setting below an error: of any engine, and of ngspice."""
+
+    error: float
+    any: CheapestSetting | None
+    ngspice: CheapestSetting | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class WorkPrecisionStudy(Result):
     """A work-precision study of one scene."""
 
     VIEW = "taction.verification.report.views.accuracy:view"
+    DOCUMENT = (
+        *("scene = scene.name", "file = scene.file", "stop [s] = extent.transient.stop"),
+        *("whole_stop [s] = extent.whole", "stretch = extent.text", "period [s] = extent.period"),
+        *("pole [1/s] = extent.pole", "norms", "problems", "methods = ladders"),
+        *("cheapest = cheapest_settings", "omissions", "machine", "seconds [s]"),
+    )
 
     scene: Scene
     points: tuple[SettingResult, ...]  # by method and setting, coarse to fine
@@ -278,6 +327,27 @@ class WorkPrecisionStudy(Result):
     def outcome(self) -> str:
         """``pass`` if a run of the board has a known error, else ``inconclusive``."""
         return "pass" if self.conclusive else "inconclusive"
+
+    @property
+    def norms(self) -> tuple[str, ...]:
+        """The names of the errors."""
+        return tuple(NORMS)
+
+    @property
+    def ladders(self) -> tuple[Ladder, ...]:
+        """The methods with their results."""
+        methods = dict.fromkeys(point.method for point in self.points)
+        return tuple(Ladder(each, self.orders[each.name], self.of(each)) for each in methods)
+
+    @property
+    def cheapest_settings(self) -> tuple[Cheapest, ...]:
+        """The cheapest settings below each of `ERRORS`."""
+
+        def found(error: float, engines: Iterable[str] | None) -> CheapestSetting | None:
+            point = self.cheapest(error, engines=engines)
+            return None if point is None else CheapestSetting(point)
+
+        return tuple(Cheapest(e, found(e, None), found(e, ["ngspice"])) for e in ERRORS)
 
     @property
     def conclusive(self) -> bool:

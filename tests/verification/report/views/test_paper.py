@@ -14,7 +14,6 @@ from taction.verification.evidence.paper.findings import Chapter, Finding, load_
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.reproduce import Task
 from taction.verification.report.charts import SERIES, Curve
-from taction.verification.report.documents.studies import ReproduceDocument
 from taction.verification.report.views.paper import panel_chart, write_paper
 
 PNG = b"\x89PNG\r\n"
@@ -82,6 +81,6 @@ def test_a_style_of_the_paper_is_colour_line_and_mark(style: str, look: tuple[st
 
 @pytest.mark.usefixtures("short")
 def test_the_document_names_verdict_and_expectation() -> None:
-    found = plain(ReproduceDocument.of(reproduce.reproduce(quick=True)))
+    found = plain(reproduce.reproduce(quick=True))
     assert found["quick"] is True
     assert all(each["as_expected"] for each in found["claims"])

@@ -13,7 +13,6 @@ from taction.verification.evidence.stress.catalogue import load_catalogue, selec
 from taction.verification.evidence.stress.compare import Comparison
 from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
 from taction.verification.report.blocks import TERMINAL, Table
-from taction.verification.report.documents.studies import StressDocument
 from taction.verification.report.junit import stress_junit
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.stress import stress_page, view
@@ -79,7 +78,7 @@ def test_the_table_says_what_is_wrong_and_counts() -> None:
 
 
 def test_the_document_has_every_number() -> None:
-    document = json.loads(json.dumps(plain(StressDocument.of(REPORT))))
+    document = json.loads(json.dumps(plain(REPORT)))
     assert document["count"] == {"right": 2, "wrong outcome": 1, "wrong number": 1, "not run": 1}
     assert (document["numbers"], document["outside"]) == (3, 2)
     run = document["runs"][2]

@@ -17,7 +17,6 @@ import pytest
 from taction.system.array_types import Floats
 from taction.system.documents import plain
 from taction.system.errors import EngineError, SimulatorNotFound
-from taction.verification.report.documents.studies import AccuracyDocument
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.views.accuracy import view
 from taction.verification.studies.running.worker import Worker
@@ -145,7 +144,7 @@ def test_the_cheapest_setting_reaches_the_error_and_is_the_cheapest(
 
 
 def test_document_and_picture(found: WorkPrecisionStudy, tmp_path: Path) -> None:
-    document = plain(AccuracyDocument.of(found))
+    document = plain(found)
     assert [m["name"] for m in document["methods"]] == [m.name for m in FEW]
     assert document["norms"] == list(NORMS)
     assert document["machine"]["ngspice"] is not None
