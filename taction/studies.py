@@ -283,6 +283,7 @@ def montecarlo(
         remedy=found,
         min_yield=min_yield,
         complete=complete,
+        scene=study.scene,
     )
     if not complete:
         raise Interrupted("the report holds the finished samples", report)
@@ -330,19 +331,15 @@ def verify_sample(
     >>> found.outcome == found.sample.outcome
     True
     """
-    from taction.netlist_gen.board.variation import draw, vary
+    from taction.netlist_gen.board.variation import draw
     from taction.verification.reference.ideal_answer import read_scene
-    from taction.verification.studies.tolerance.varied_board import (
-        VerifiedSample,
-        evaluate,
-        prepare,
-    )
+    from taction.verification.studies.tolerance.samples import evaluate
+    from taction.verification.studies.tolerance.varied_board import VerifiedSample, prepare
     from taction.verification.verdict.verify import verify
 
     study = prepare(read_scene(scene, engine))
-    tolerances = study.scene.tolerances
-    z = draw(tolerances, study.varied, seed, sample)
-    board = vary(study.nominal, tolerances, z)
+    z = draw(study.tolerances, study.varied, seed, sample)
+    board = study.at(z)
     verdict = verify(study.scene, problem=study.problem, circuit=board, ideal=study.ideal)
     deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
     return VerifiedSample(verdict, evaluate(study, sample, z), seed, deviations)
@@ -415,7 +412,8 @@ def corners(
     named = [deviations_of(each) for each in corner]
     if named:
         study = prepare(scene, full_margin=True)
-        return CornerStudy(scene, tuple(named_corner(study, *each) for each in named))
+        found = tuple(named_corner(study, *each) for each in named)
+        return CornerStudy(study.name, study.quantities, found, scene=scene)
     with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
         return worst_corners(scene, workers, progress)
 

@@ -14,7 +14,8 @@ from taction.system.documents import plain
 from taction.verification.studies.regression.baseline import baseline_text, load_baseline
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.tolerance.drawing import SampleStore
-from taction.verification.studies.tolerance.varied_board import BoardSample, prepare
+from taction.verification.studies.tolerance.samples import BoardSample
+from taction.verification.studies.tolerance.varied_board import prepare
 from tests.fuzz.edits import BYTE_EDITS, IN_PLACE, VALUE_EDIT, edited
 from tests.fuzz.target import Target
 from tests.support.entries import entry

@@ -8,7 +8,7 @@ from typing import Any
 from taction.netlist_gen.scene.axes import parse_axes
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Plan, Requests
-from taction.verification.studies.tolerance.varied_board import BoardSample
+from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import FIGURES, TRANSIENT_READINGS, Figure, Record
 from tests.support.studying import small_scene

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
-from taction.netlist_gen.scene.scene import Scene
 from taction.verification.report.blocks import (
     BOTH,
     PAGE,
@@ -25,8 +24,7 @@ from taction.verification.report.texts import counted, number_cell, outcome_cell
 from taction.verification.report.views.montecarlo import value_range
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
-from taction.verification.studies.tolerance.varied_board import Quantity, quantities
-from taction.verification.studies.tolerance.yield_report import limits_of
+from taction.verification.studies.tolerance.samples import Quantity
 
 WORST = ("fail", "inconclusive", "pass")
 MOST = 200  # deviations in a table
@@ -35,33 +33,35 @@ SHOWN = 4  # worst-case directions in a terminal
 
 def view(study: CornerStudy) -> Page:
     """Return the page of the corners of a scene."""
-    scene, corners = study.scene, study.corners
+    corners = study.corners
     outcomes = [corner.result.outcome for corner in corners]
     outcome = next((each for each in WORST if each in outcomes), "")
     counts = ", ".join(f"{outcomes.count(each)} {each}" for each in WORST if each in outcomes)
     return Page(
-        title=scene.name,
+        title=study.name,
         command="taction yield corners",
         outcome=outcome,
         summary=f"{counted(len(corners), 'corner')}: {counts}.",
         lines=("Every component at an end of its tolerance, as it makes a quantity worst.",),
         sections=(
-            Section("Least, typical and largest values", lambda: _ranges(scene, corners)),
-            Section("Corners", tuple(tables(quantities(scene), corners)), media=BOTH),
+            Section("Least, typical and largest values", lambda: ranges(study)),
+            Section("Corners", tuple(tables(study.quantities, corners)), media=BOTH),
             Section("Channels at rest", (directions(study),), media=BOTH),
             Section("Deviations", (_deviations(corners),)),
-            origin_section(scene),
+            origin_section(study.scene),
         ),
     )
 
 
-def _ranges(scene: Scene, corners: Sequence[Corner]) -> Iterator[Block]:
-    rows = [row for each in quantities(scene) if (row := _range(scene, each, corners)) is not None]
+def ranges(study: CornerStudy) -> Iterator[Block]:
+    """Yield the least, typical and largest values of the corners, against the limits."""
+    found = (_range(each, study.corners) for each in study.quantities)
+    rows = [row for row in found if row is not None]
     note = "The line in the bar is the nominal board, the black line the limit."
     yield Ranges("", tuple(rows), note)
 
 
-def _range(scene: Scene, quantity: Quantity, corners: Sequence[Corner]) -> Range | None:
+def _range(quantity: Quantity, corners: Sequence[Corner]) -> Range | None:
     found = [corner.result.value(quantity.name) for corner in corners]
     values = [value for value in found if value is not None and math.isfinite(value)]
     if not values:
@@ -70,9 +70,7 @@ def _range(scene: Scene, quantity: Quantity, corners: Sequence[Corner]) -> Range
     count = len(found) - len(values)
     shown = {"least": min(values), "typical": nominal, "largest": max(values)}
     missing = f"{count} corners without a value" if count else ""
-    return value_range(
-        quantity.name, quantity.unit, shown, limits_of(scene, quantity.name), missing
-    )
+    return value_range(quantity.name, quantity.unit, shown, quantity.limits, missing)
 
 
 def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Block]:

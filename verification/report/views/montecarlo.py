@@ -55,11 +55,10 @@ Limits = tuple[float | None, float | None]  # the least and the largest accepted
 
 def view(result: YieldReport) -> Page:
     """Return the page of a yield."""
-    scene, seed = result.scene, result.seed
-    rows = (("seed", str(seed)), ("samples", str(result.samples)))
+    rows = (("seed", str(result.seed)), ("samples", str(result.samples)))
     remedy = () if result.remedy is None else (remedy_text(result.remedy),)
     return Page(
-        title=scene.name,
+        title=result.name,
         command="taction yield montecarlo",
         summary=_summary(result),
         sections=(
@@ -72,7 +71,7 @@ def view(result: YieldReport) -> Page:
             Section("Quantities", (_quantities(result),), media=EVERYWHERE),
             Section("Histograms", lambda: _histograms(result)),
             Section("Causes", (_sensitivities(result),), media=EVERYWHERE),
-            origin_section(scene, rows),
+            origin_section(result.scene, rows),
         ),
         foot=remedy,
         sheet=lambda: sheet(result),
@@ -86,9 +85,7 @@ def sheet(result: YieldReport) -> Sheet:
         foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction)}"
     limited = (each for each in _histograms(result) if isinstance(each, Chart) and each.legend)
     blocks = [*limited, _culprits(result)]
-    return Sheet.of(
-        f"{result.scene.name}: {_summary(result)}", blocks, ACROSS, PANEL, (0.0, 0.5), foot
-    )
+    return Sheet.of(f"{result.name}: {_summary(result)}", blocks, ACROSS, PANEL, (0.0, 0.5), foot)
 
 
 def _summary(result: YieldReport) -> str:

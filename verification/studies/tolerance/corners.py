@@ -23,20 +23,19 @@ from taction.system.errors import Complaint, InputError
 from taction.system.results import Result
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.worker import Workers
+from taction.verification.studies.tolerance.samples import (
+    BoardSample,
+    Quantity,
+    Varied,
+    evaluate,
+    evaluate_all,
+)
 from taction.verification.studies.tolerance.steady_directions import (
     Direction,
     largest_parts,
     steady_directions,
 )
-from taction.verification.studies.tolerance.varied_board import (
-    BoardSample,
-    Quantity,
-    VariedBoard,
-    evaluate,
-    evaluate_all,
-    prepare,
-    quantities,
-)
+from taction.verification.studies.tolerance.varied_board import prepare
 
 PROBE = 0.25  # of the tolerance: large against rounding errors, small against curvature
 NAMED = 5  # components listed with each corner, and corners in a `repr`
@@ -60,11 +59,13 @@ class CornerStudy(Result):
     """Verified corners of a scene, and the worst-case direction of every channel at rest."""
 
     VIEW = "taction.verification.report.views.corners:view"
-    DOCUMENT = ("scene = scene.name", "corners", "directions")
+    DOCUMENT = ("scene = name", "corners", "directions")
 
-    scene: Scene
+    name: str
+    quantities: tuple[Quantity, ...]
     corners: tuple[Corner, ...]
     directions: tuple[Direction, ...] = ()
+    scene: Scene | None = None
 
     @property
     def outcome(self) -> str:
@@ -85,6 +86,14 @@ class CornerStudy(Result):
 def worst_corners(
     scene: Scene, workers: Workers, progress: Callable[[str], None] = lambda stage: None
 ) -> CornerStudy:
+    """Return the worst corners of the board of a scene; errors as `prepare` and `worst_of`."""
+    board = prepare(scene, full_margin=True)
+    return replace(worst_of(board, workers, progress), scene=scene)
+
+
+def worst_of(
+    board: Varied, workers: Workers, progress: Callable[[str], None] = lambda stage: None
+) -> CornerStudy:
     """Return the nominal board, for every quantity the corner that makes it worst, and directions.
 
     Parameters
@@ -94,14 +103,13 @@ def worst_corners(
 
     Raises
     ------
-    InputError
-        The scene cannot be built, or nothing varies.
+    EngineError
+        The nominal board, or one at a corner, has no equilibrium.
     NoVerdictError
-        The problem has no answer, or the cluster does not answer any more.
+        The cluster does not answer any more.
     """
-    board = prepare(scene, full_margin=True)
-    reported = quantities(scene)
-    gradient = _gradient(replace(board, scene=scene.with_engine("statespace")), workers, progress)
+    reported = board.quantities
+    gradient = _gradient(board.by_statespace(), workers, progress)
     progress("sensitivities of the steady state")
     directions = steady_directions(board)
     gradient["steady_state"] = directions[0].slopes
@@ -126,12 +134,10 @@ def worst_corners(
         )
         for quantity, corner in zip(reported, worst, strict=True)
     ]
-    return CornerStudy(scene, (nominal, *named), directions)
+    return CornerStudy(board.name, reported, (nominal, *named), directions)
 
 
-def _largest(
-    gradient: Floats, board: VariedBoard, deviations: Mapping[str, float]
-) -> tuple[str, ...]:
+def _largest(gradient: Floats, board: Varied, deviations: Mapping[str, float]) -> tuple[str, ...]:
     signs = np.array([deviations.get(parameter.name, 0.0) for parameter in board.varied])
     return largest_parts(gradient, board.varied, signs, NAMED)
 
@@ -165,7 +171,7 @@ def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, 
     return corner, deviations
 
 
-def named_corner(board: VariedBoard, name: str, ends: Mapping[str, float]) -> Corner:
+def named_corner(board: Varied, name: str, ends: Mapping[str, float]) -> Corner:
     """Verify a corner that the user gives.
 
     Parameters
@@ -188,14 +194,14 @@ def named_corner(board: VariedBoard, name: str, ends: Mapping[str, float]) -> Co
     return _corner(board, name, np.array(z))
 
 
-def _corner(board: VariedBoard, name: str, z: Floats) -> Corner:
+def _corner(board: Varied, name: str, z: Floats) -> Corner:
     values = zip(board.varied, z.tolist(), strict=True)
     deviations = {parameter.name: value for parameter, value in values if value}
     return Corner(name, "", evaluate(board, 0, z), (), deviations)
 
 
 def _gradient(
-    board: VariedBoard, workers: Workers, progress: Callable[[str], None]
+    board: Varied, workers: Workers, progress: Callable[[str], None]
 ) -> dict[str, Floats]:
     """Return the change of each quantity, positive if worse, by component, (components,) each."""
     count = len(board.varied)
@@ -210,7 +216,7 @@ def _gradient(
         quantity.name: np.array(
             [_worse(quantity, samples[index], samples[NOMINAL]) for index in range(count)]
         )
-        for quantity in quantities(board.scene)
+        for quantity in board.quantities
     }
 
 

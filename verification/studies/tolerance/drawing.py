@@ -20,11 +20,8 @@ from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.versions import digest
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store, StoredResult
-from taction.verification.studies.tolerance.varied_board import (
-    BoardSample,
-    VariedBoard,
-    evaluate_all,
-)
+from taction.verification.studies.tolerance.samples import BoardSample, Varied, evaluate_all
+from taction.verification.studies.tolerance.varied_board import VariedBoard
 from taction.verification.studies.tolerance.yield_report import MIN_SAMPLES, interval
 from taction.verification.verdict.progress import Progress
 
@@ -96,7 +93,7 @@ class SampleCollection:
 
 
 def run_samples(
-    board: VariedBoard,
+    board: Varied,
     numbers: Iterable[int],
     seed: int,
     workers: Workers,
@@ -110,7 +107,7 @@ def run_samples(
     Raises
     ------
     InputError, NoVerdictError, OutOfDisk
-        As `taction.verification.studies.tolerance.varied_board.evaluate_all` and `SampleStore`.
+        As `taction.verification.studies.tolerance.samples.evaluate_all` and `SampleStore`.
     """
 
     def missing() -> Iterator[tuple[int, Floats]]:
@@ -122,7 +119,7 @@ def run_samples(
             else:
                 if store is not None and store.is_damaged(number):
                     collection.damaged.append(number)
-                yield number, draw(board.scene.tolerances, board.varied, seed, number)
+                yield number, draw(board.tolerances, board.varied, seed, number)
 
     for sample in evaluate_all(
         board, missing(), workers, collection.limit, lambda: collection.enough

@@ -28,14 +28,14 @@ from taction.system.errors import EngineError
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.tolerance.drawing import SampleCollection, draw_samples
+from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.studies.tolerance.steady_directions import rest_slopes
-from taction.verification.studies.tolerance.varied_board import BoardSample, Quantity, VariedBoard
+from taction.verification.studies.tolerance.varied_board import VariedBoard
 from taction.verification.studies.tolerance.yield_report import (
     MIN_SAMPLES,
     SIGNIFICANT,
     Remedy,
     interval,
-    limits_of,
     yield_sentence,
 )
 from taction.verification.verdict.progress import Notice, Progress
@@ -47,11 +47,7 @@ TARGET = 0.99  # the yield that a remedy is looked for, and wanted from it
 EXPLAINED = {
     *("steady_state", *READINGS, "stability", "noise"),
 }
-PREDICTED = (
-    *(Quantity(name, kind.unit) for name, kind in READINGS.items()),
-    Quantity("growth_rate", "1/s"),
-    Quantity("noise", "V"),
-)
+PREDICTED = (*READINGS, "growth_rate", "noise")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +83,7 @@ class YieldForecast:
         EngineError
             The nominal board has no equilibrium.
         """
-        tolerances = board.scene.tolerances
+        tolerances = board.tolerances
         z = np.array([draw(tolerances, board.varied, seed, sample.number) for sample in samples])
         channels = len(board.nominal.outputs)
         nowhere = (math.nan,) * channels
@@ -97,9 +93,10 @@ class YieldForecast:
         limit = min(checks.steady_state.tolerance, checks.settling_time.band)
         rest = rest_slopes(board) / board.step_amplitude / limit
         margins, slopes = [errors / limit, -errors / limit], [rest, -rest]
-        for quantity in PREDICTED:
-            values = np.array([_number(sample.value(quantity.name)) for sample in samples])
-            for margin in _margins(values, *limits_of(board.scene, quantity.name)):
+        limits = {quantity.name: quantity.limits for quantity in board.quantities}
+        for name in PREDICTED:
+            values = np.array([_number(sample.value(name)) for sample in samples])
+            for margin in _margins(values, *limits.get(name, (None, None))):
                 margins.append(margin[:, None])
                 slopes.append(_regression(z, margin)[:, None])
         table = np.concatenate(margins, axis=1)

@@ -13,18 +13,18 @@ from typing import Annotated
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import INPUT_ERROR, Parameter, vary
+from taction.netlist_gen.board.variation import INPUT_ERROR, Parameter
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
-from taction.verification.studies.tolerance.varied_board import VariedBoard
+from taction.verification.studies.tolerance.samples import Varied
 
 PROBE = 1e-3  # of the tolerance: the error of a central difference is its square
 DYNAMIC = ("capacitor", "stray", "opamp_gbw")  # kinds that move no equilibrium
 
 
-def rest_slopes(board: VariedBoard) -> Floats:
+def rest_slopes(board: Varied) -> Floats:
     """Return the change of each output for a deviation of one tolerance, V, (components, N).
 
     Resistors are exact, by adjoint sensitivities. For the others the equations, not their solution,
@@ -53,11 +53,10 @@ def rest_slopes(board: VariedBoard) -> Floats:
     return np.array(rows)
 
 
-def _probed(board: VariedBoard, sensitivity: RestSensitivity, place: int) -> Floats:
+def _probed(board: Varied, sensitivity: RestSensitivity, place: int) -> Floats:
     z = np.zeros(len(board.varied))
     z[place] = PROBE
-    tolerances = board.scene.tolerances
-    up, down = (sensitivity.towards(vary(board.nominal, tolerances, s * z)) for s in (1.0, -1.0))
+    up, down = (sensitivity.towards(board.at(s * z)) for s in (1.0, -1.0))
     return np.asarray((up - down) / (2.0 * PROBE))
 
 
@@ -108,7 +107,7 @@ class Direction:
         return np.sign(self.slopes)
 
 
-def steady_directions(board: VariedBoard) -> tuple[Direction, ...]:
+def steady_directions(board: Varied) -> tuple[Direction, ...]:
     """Return the directions of all channels and both signs, the largest error first.
 
     Raises
@@ -143,8 +142,8 @@ def steady_directions(board: VariedBoard) -> tuple[Direction, ...]:
     return tuple(sorted(found, key=lambda direction: -direction.sign * direction.solved))
 
 
-def _errors(board: VariedBoard, z: Floats) -> Floats:
+def _errors(board: Varied, z: Floats) -> Floats:
     """Return the error of every channel at rest with deviations `z`, in step amplitudes."""
-    rest = LinearBoard(vary(board.nominal, board.scene.tolerances, z)).equilibrium
+    rest = LinearBoard(board.at(z)).equilibrium
     outputs = [output.sign * rest[output.node] for output in board.nominal.outputs]
-    return (np.array(outputs) - board.ideal.target) / board.step_amplitude
+    return (np.array(outputs) - board.target) / board.step_amplitude

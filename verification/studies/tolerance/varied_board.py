@@ -1,4 +1,4 @@
-"""Boards whose components deviate from their nominal values, for Monte Carlo and for corners.
+"""The boards of a scene whose components deviate, for Monte Carlo and for corners.
 
 All samples share the problem, its ideal answer and the nominal board, which are prepared once.
 """
@@ -6,86 +6,31 @@ All samples share the problem, its ideal answer and the nominal board, which are
 from __future__ import annotations
 
 import math
-import pickle
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, lru_cache, partial
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.variation import Parameter, parameters, vary
+from taction.netlist_gen.board.variation import Parameter, parameters
+from taction.netlist_gen.scene.checks import Tolerances
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.documents import INLINE
-from taction.system.errors import MACHINE_FAILURES, Complaint, InputError, TactionError
+from taction.system.errors import Complaint, InputError
 from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import Result
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.studies.running.collecting import (
-    collected_together,
-    repeated_if_killed,
-    together,
-)
 from taction.verification.studies.running.versions import Versions, own_versions
-from taction.verification.studies.running.worker import Workers
-from taction.verification.verdict.checks import Outcome
+from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
 from taction.verification.verdict.progress import Effort
-from taction.verification.verdict.record import ERROR, Record, finite, signed_errors
+from taction.verification.verdict.record import Record, signed_errors
 from taction.verification.verdict.simulation import choose_engine
 from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
 
 SAMPLE_EFFORT = Effort(details=False, full_margin=False)
-
-
-@dataclass(frozen=True, slots=True)
-class BoardSample:
-    """One board with deviating components, and the record of its verdict.
-
-    Attributes
-    ----------
-    number : int
-        In the study; number and seed determine the deviations.
-    record : Record
-        Of the whole board.
-    errors : tuple of float
-        Equilibrium minus reference by channel, fractions of the step amplitude; empty where they
-        are not known.
-    """
-
-    number: int
-    record: Annotated[Record, INLINE]
-    errors: Annotated[tuple[float, ...], "step"] = ()
-
-    @property
-    def outcome(self) -> str:
-        """Outcome of the record."""
-        return self.record.outcome
-
-    @property
-    def failed(self) -> tuple[str, ...]:
-        """Checks that do not pass."""
-        return self.record.failed
-
-    @property
-    def undecided(self) -> bool:
-        """Whether the checks decide nothing, or no verdict was reached."""
-        return self.record.outcome in (Outcome.INCONCLUSIVE.value, ERROR)
-
-    @property
-    def lost(self) -> str:
-        """Why no verdict was reached, in one line; empty of a verdict."""
-        return self.record.reason.partition("\n")[0] if self.record.failure else ""
-
-    def value(self, name: str) -> float | None:
-        """Return a `Quantity` of the board, by its name; None where the board lacks it."""
-        if name == "rise_time":  # of the channel that the scene checks
-            check = self.record.check(name)
-            return None if check is None else finite(check.value)
-        return self.record.value("steady_state_error" if name == "steady_state" else name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,36 +57,35 @@ class VerifiedSample(Result):
         return str(self.verdict.outcome.value)
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """A reported quantity, its unit, and the direction that is worse (1: larger, -1: smaller)."""
-
-    name: str
-    unit: str
-    worse: float = 1.0
-
-
 def quantities(scene: Scene) -> tuple[Quantity, ...]:
-    """Return the quantities that are reported of the samples of `scene`."""
-    reported = [Quantity("settling_time", "s")]
-    reported += [Quantity(name, "step") for name in (*EXCURSIONS, "steady_state")]
-    reported.append(Quantity("growth_rate", "1/s"))
-    if scene.checks.rise_time is not None:
-        reported.append(Quantity("rise_time", "s"))
-    if scene.checks.stability.margin > 1:
-        reported.append(Quantity("margin", "ratio", -1.0))
-    if scene.checks.noise is not None:
-        reported.append(Quantity("noise", "V"))
+    """Return the quantities that are reported of the samples of `scene`, with their limits."""
+    checks = scene.checks
+    steady = Quantity("steady_state", "step", at_most=checks.steady_state.tolerance)
+    reported = [
+        _limited(scene, Quantity("settling_time", "s")),
+        *(_limited(scene, Quantity(name, "step")) for name in EXCURSIONS),
+        steady,
+        Quantity("growth_rate", "1/s", at_most=0.0),
+    ]
+    if checks.rise_time is not None:
+        reported.append(_limited(scene, Quantity("rise_time", "s")))
+    if checks.stability.margin > 1:
+        reported.append(Quantity("margin", "ratio", -1.0, at_least=checks.stability.margin))
+    if checks.noise is not None:
+        reported.append(_limited(scene, Quantity("noise", "V")))
     return tuple(reported)
 
 
-@dataclass(frozen=True, eq=False)
-class VariedBoard:
-    """A nominal board, its varied parameters, and the data that all its samples share.
+def _limited(scene: Scene, quantity: Quantity) -> Quantity:
+    """Return a quantity with the limits of the scene's check of its name."""
+    check = getattr(scene.checks, quantity.name, None)
+    least, most = getattr(check, "min", None), getattr(check, "max", None)
+    return replace(quantity, at_least=least, at_most=most)
 
-    Every call to a worker sends it. It is pickled once and each worker unpickles it once, because
-    pickling takes as long as varying the board.
-    """
+
+@dataclass(frozen=True, eq=False)
+class VariedBoard(Varied):
+    """The nominal board of a scene, its varied parameters, and what all its samples share."""
 
     scene: Scene
     problem: InverseProblem
@@ -152,31 +96,63 @@ class VariedBoard:
     versions: Versions  # of the process that runs the study
 
     @property
+    def name(self) -> str:
+        """The name of the scene."""
+        return self.scene.name
+
+    @property
+    def engine(self) -> str:
+        """The engine of the scene."""
+        return self.scene.analysis.engine
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """The table of the scene."""
+        return self.scene.tolerances
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Those of the scene."""
+        return quantities(self.scene)
+
+    @property
+    def target(self) -> Floats:
+        """The reference solution, V."""
+        return self.ideal.target
+
+    @property
     def step_amplitude(self) -> float:
         """Largest step of any output of the ideal network, V; not a number without a step."""
         return float(np.abs(self.ideal.target - self.ideal.start).max()) or math.nan
+
+    @property
+    def runs_alone(self) -> bool:
+        """Whether ngspice simulates the samples."""
+        return choose_engine(self.scene) == "ngspice"
+
+    def by_statespace(self) -> VariedBoard:
+        """Return the same board with samples by the state-space engine."""
+        return replace(self, scene=self.scene.with_engine("statespace"))
 
     def request(self, z: Floats) -> dict[str, Any]:
         """Return the arguments of `verify` for the board with deviations `z`."""
         return {
             "scene": self.scene,
             "problem": self.problem,
-            "circuit": vary(self.nominal, self.scene.tolerances, z),
+            "circuit": self.at(z),
             "ideal": self.ideal,
             "effort": replace(SAMPLE_EFFORT, full_margin=self.full_margin),
         }
 
-    @cached_property
-    def _packed(self) -> bytes:
-        return pickle.dumps(tuple(getattr(self, field.name) for field in fields(self)))
+    def measured(self, number: int, z: Floats) -> BoardSample:
+        """Return the sample with deviations `z`; errors as `verify`."""
+        return sample_of(verify(**self.request(z)), number)
 
-    def __reduce__(self) -> tuple[Callable[[bytes], VariedBoard], tuple[bytes]]:
-        return _unpickled, (self._packed,)
-
-
-@lru_cache(maxsize=2)
-def _unpickled(packed: bytes) -> VariedBoard:
-    return VariedBoard(*pickle.loads(packed))  # noqa: S301 - part of a pickle
+    def measured_together(self, requests: Sequence[tuple[int, Floats]]) -> list[BoardSample | None]:
+        """Return several samples, None for each one that needs a call of its own."""
+        asked = [Request(**self.request(z)) for _, z in requests]
+        found = {k: sample_of(verdict, requests[k][0]) for k, verdict in verify_together(asked)}
+        return [found.get(k) for k in range(len(requests))]
 
 
 def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
@@ -200,85 +176,9 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, versions)
 
 
-def evaluate_together(
-    *requests: tuple[VariedBoard, int, Floats],
-) -> list[BoardSample | None]:
-    """Evaluate several boards; None for each one that needs a call of its own.
-
-    Raises
-    ------
-    OtherVersionsError, SimulatorNotFound, SimulatorTooOld, OutOfDisk
-        As `evaluate`.
-    """
-    if len(requests) == 1:
-        return [evaluate(*requests[0])]
-    requests[0][0].versions.check_here()
-    asked = [Request(**board.request(z)) for board, _, z in requests]
-    found = {k: sample_of(verdict, requests[k][1]) for k, verdict in verify_together(asked)}
-    return [found.get(k) for k in range(len(requests))]
-
-
-def evaluate(board: VariedBoard, number: int, z: Floats) -> BoardSample:
-    """Verify the board with deviations `z`; a verification that fails gives a sample, too.
-
-    Raises
-    ------
-    OtherVersionsError
-        This process has other versions of taction or ngspice than `board`.
-    SimulatorNotFound, SimulatorTooOld, OutOfDisk
-        This machine can compute no sample; the sample itself may be right.
-    """
-    board.versions.check_here()
-    try:
-        verdict = repeated_if_killed(partial(verify, **board.request(z)))
-    except MACHINE_FAILURES:
-        raise
-    except TactionError as error:
-        return without_verdict(number, error, str(error), board)
-    except Exception as error:  # a defect at one sample must not end a study of ten thousand
-        reason = f"unforeseen: {type(error).__name__}: {error}"
-        return without_verdict(number, error, reason, board)
-    return sample_of(verdict, number)
-
-
 def sample_of(verdict: Verdict, number: int) -> BoardSample:
     """Return the sample with the figures of a verdict."""
     errors = signed_errors(verdict)
     known = errors if all(map(math.isfinite, errors)) else ()
     record = Record.of(verdict, channels=False).without_run_time()
     return BoardSample(number, record, known)
-
-
-def without_verdict(
-    number: int, error: BaseException, reason: str, board: VariedBoard
-) -> BoardSample:
-    """Return the sample of a verification that `error` ended."""
-    engine = board.scene.analysis.engine
-    return BoardSample(number, Record.without_verdict(type(error).__name__, reason, engine))
-
-
-def evaluate_all(
-    board: VariedBoard,
-    requests: Iterable[tuple[int, Floats]],
-    workers: Workers,
-    count: int,
-    stopped: Callable[[], bool] = lambda: False,
-) -> Iterator[BoardSample]:
-    """Yield the samples of `requests`, (number, z) each, as they end, until `stopped` is true.
-
-    There are at most `count` of them.
-
-    A sample whose worker was killed several times has no verdict.
-
-    Raises
-    ------
-    InputError, NoVerdictError
-        As `taction.verification.studies.running.collecting.collected`.
-    """
-    calls = ((number, (board, number, z)) for number, z in requests)
-    size = 1 if choose_engine(board.scene) == "ngspice" else together(count, workers)
-    for number, sample in collected_together(workers, evaluate_together, calls, size, stopped):
-        if isinstance(sample, BaseException):
-            reason = f"its worker was killed: {sample}"
-            sample = without_verdict(number, sample, reason, board)
-        yield sample

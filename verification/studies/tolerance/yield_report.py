@@ -17,12 +17,7 @@ from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.results import Result
-from taction.verification.studies.tolerance.varied_board import (
-    BoardSample,
-    Quantity,
-    VariedBoard,
-    quantities,
-)
+from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
 
 CONFIDENCE = 0.95
 MIN_SAMPLES = 30  # for the test of the interval's width, and for sensitivities
@@ -124,8 +119,8 @@ class YieldReport(Result):
 
     Attributes
     ----------
-    scene : Scene
-        The board.
+    name, engine : str
+        Of the board, and of its samples.
     seed : int
         Of the samples.
     boards : tuple of BoardSample
@@ -138,17 +133,20 @@ class YieldReport(Result):
         Smallest yield that passes.
     complete : bool
         Whether all samples were drawn; False after Ctrl-C.
+    scene : Scene or None
+        The board; None of a deck.
     """
 
     VIEW = "taction.verification.report.views.montecarlo:view"
     CARD = "Yield"
     DOCUMENT = (
-        *("scene = scene.name", "engine", "seed", "complete", "samples", "passed"),
+        *("scene = name", "engine", "seed", "complete", "samples", "passed"),
         *("without_verdict", "fraction", "low", "high", "failures", "reasons", "quantities"),
         *("sensitivities", "remedy"),
     )
 
-    scene: Scene = field(compare=False)
+    name: str
+    engine: str
     seed: int
     boards: tuple[BoardSample, ...] = field(compare=False)
     samples: int
@@ -164,11 +162,7 @@ class YieldReport(Result):
     remedy: Remedy | None = None
     min_yield: float | None = None
     complete: bool = True
-
-    @property
-    def engine(self) -> str:
-        """Engine of the samples."""
-        return self.scene.analysis.engine
+    scene: Scene | None = field(default=None, compare=False)
 
     @property
     def outcome(self) -> str:
@@ -196,15 +190,16 @@ def _listed(failures: Mapping[str, int]) -> str:
     return f"; {', '.join(words)}" if words else ""
 
 
-def summarise_samples(board: VariedBoard, samples: list[BoardSample], seed: int) -> YieldReport:
+def summarise_samples(board: Varied, samples: list[BoardSample], seed: int) -> YieldReport:
     """Return the yield with its interval, failed checks, spreads and ranked sensitivities."""
     passed = sum(sample.outcome == "pass" for sample in samples)
     low, high = interval(passed, len(samples))
     failures = Counter(name for sample in samples for name in sample.failed)
     undecided = [sample for sample in samples if sample.undecided]
-    reported = quantities(board.scene)
+    reported = board.quantities
     return YieldReport(
-        scene=board.scene,
+        name=board.name,
+        engine=board.engine,
         seed=seed,
         boards=tuple(samples),
         samples=len(samples),
@@ -215,7 +210,7 @@ def summarise_samples(board: VariedBoard, samples: list[BoardSample], seed: int)
         high=high,
         failures=dict(failures.most_common()),
         reasons=dict(Counter(s.lost for s in undecided if s.lost).most_common()),
-        quantities=tuple(_spread(board.scene, quantity, samples) for quantity in reported),
+        quantities=tuple(_spread(quantity, samples) for quantity in reported),
         sensitivities=tuple(_sensitivities(board, reported, samples, seed)),
     )
 
@@ -247,7 +242,7 @@ def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple
     return low, high
 
 
-def _spread(scene: Scene, quantity: Quantity, samples: list[BoardSample]) -> Spread:
+def _spread(quantity: Quantity, samples: list[BoardSample]) -> Spread:
     values = [sample.value(quantity.name) for sample in samples if not sample.lost]
     missing = sum(value is None for value in values)
     never = math.inf if quantity.unit == "s" else math.nan
@@ -256,36 +251,23 @@ def _spread(scene: Scene, quantity: Quantity, samples: list[BoardSample]) -> Spr
     low = median = high = math.nan
     if len(known):
         low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
-    least, most = limits_of(scene, quantity.name)
+    least, most = quantity.limits
     return Spread(quantity.name, quantity.unit, least, most, low, median, high, missing)
 
 
-def limits_of(scene: Scene, name: str) -> tuple[float | None, float | None]:
-    """Return the least and the largest value that the scene's check of a quantity accepts."""
-    checks = scene.checks
-    table: dict[str, tuple[float | None, float | None]] = {
-        "steady_state": (None, checks.steady_state.tolerance),
-        "growth_rate": (None, 0.0),
-        "margin": (checks.stability.margin, None),
-    }
-    check = getattr(checks, name, None)
-    limits = getattr(check, "min", None), getattr(check, "max", None)
-    return table.get(name, limits)
-
-
 def _sensitivities(
-    board: VariedBoard, reported: tuple[Quantity, ...], samples: list[BoardSample], seed: int
+    board: Varied, reported: tuple[Quantity, ...], samples: list[BoardSample], seed: int
 ) -> list[Sensitivity]:
     """Return the correlations beyond `SIGNIFICANT` standard errors, of quantities with a limit.
 
     Those of the check that costs most yield come first, and of one check the strongest.
     """
-    tolerances = board.scene.tolerances
+    tolerances = board.tolerances
     sensitivities = []
     for quantity in reported:
         check = CHECK_OF.get(quantity.name, quantity.name)
         lost = sum(check in sample.failed for sample in samples) / max(len(samples), 1)
-        limited = any(limit is not None for limit in limits_of(board.scene, quantity.name))
+        limited = any(limit is not None for limit in quantity.limits)
         # A margin is computed only up to the limit of the check.
         if quantity.name == "margin" or not (limited or lost):
             continue

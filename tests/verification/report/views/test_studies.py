@@ -167,7 +167,8 @@ SAMPLES = [
 ]
 TIME = Spread("settling_time", "s", None, 1.76e-5, 1e-5, 1.5e-5, 2e-5, 0)
 REPORT = YieldReport(
-    scene=make_scene({"channels": 3}),
+    name="three",
+    engine="statespace",
     seed=1,
     boards=tuple(SAMPLES),
     samples=40,

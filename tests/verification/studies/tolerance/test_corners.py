@@ -21,8 +21,9 @@ from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.corners import view
 from taction.verification.studies.tolerance.corners import Corner, named_corner, worst_corners
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
+from taction.verification.studies.tolerance.samples import evaluate
 from taction.verification.studies.tolerance.steady_directions import rest_slopes, steady_directions
-from taction.verification.studies.tolerance.varied_board import evaluate, prepare
+from taction.verification.studies.tolerance.varied_board import prepare
 from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_scene
 
 WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}

@@ -24,13 +24,8 @@ from taction.verification.studies.tolerance.drawing import (
     run_samples,
 )
 from taction.verification.studies.tolerance.remedy import YieldForecast
-from taction.verification.studies.tolerance.varied_board import (
-    BoardSample,
-    VariedBoard,
-    evaluate,
-    prepare,
-    quantities,
-)
+from taction.verification.studies.tolerance.samples import BoardSample, evaluate
+from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare, quantities
 from taction.verification.studies.tolerance.yield_report import summarise_samples
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify

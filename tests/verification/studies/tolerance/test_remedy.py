@@ -25,13 +25,9 @@ from taction.verification.studies.tolerance.remedy import (
     improved,
     verified_remedy,
 )
+from taction.verification.studies.tolerance.samples import BoardSample, evaluate
 from taction.verification.studies.tolerance.steady_directions import rest_slopes
-from taction.verification.studies.tolerance.varied_board import (
-    BoardSample,
-    VariedBoard,
-    evaluate,
-    prepare,
-)
+from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
 from taction.verification.studies.tolerance.yield_report import (
     Remedy,
     draw,

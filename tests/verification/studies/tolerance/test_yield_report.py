@@ -21,12 +21,8 @@ from taction.verification.studies.running.executors import local
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.tolerance import varied_board, yield_report
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
-from taction.verification.studies.tolerance.varied_board import (
-    BoardSample,
-    VariedBoard,
-    evaluate,
-    prepare,
-)
+from taction.verification.studies.tolerance.samples import BoardSample, evaluate
+from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
 from taction.verification.studies.tolerance.yield_report import interval, summarise_samples
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
 from tests.support.sweeping import make_sample

@@ -1,0 +1,247 @@
+"""Boards whose parts deviate from their nominal values, and what is known of each of them.
+
+Monte Carlo and corners see a `Varied` board only: a scene (`varied_board`), or a deck
+(`verification.studies.varied_deck`).
+"""
+
+from __future__ import annotations
+
+import pickle
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property, lru_cache, partial
+from typing import Annotated, Any, ClassVar
+
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.variation import Parameter, vary
+from taction.netlist_gen.scene.checks import Tolerances
+from taction.system.array_types import Floats
+from taction.system.documents import INLINE
+from taction.system.errors import MACHINE_FAILURES, TactionError
+from taction.verification.studies.running.collecting import (
+    collected_together,
+    repeated_if_killed,
+    together,
+)
+from taction.verification.studies.running.versions import Versions
+from taction.verification.studies.running.worker import Workers
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.record import ERROR, Record, finite
+
+
+@dataclass(frozen=True, slots=True)
+class BoardSample:
+    """One board with deviating components, and the record of its verdict.
+
+    Attributes
+    ----------
+    number : int
+        In the study; number and seed determine the deviations.
+    record : Record
+        Of the whole board.
+    errors : tuple of float
+        Equilibrium minus reference by channel, fractions of the step amplitude; empty where they
+        are not known.
+    """
+
+    number: int
+    record: Annotated[Record, INLINE]
+    errors: Annotated[tuple[float, ...], "step"] = ()
+
+    @property
+    def outcome(self) -> str:
+        """Outcome of the record."""
+        return self.record.outcome
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Checks that do not pass."""
+        return self.record.failed
+
+    @property
+    def undecided(self) -> bool:
+        """Whether the checks decide nothing, or no verdict was reached."""
+        return self.record.outcome in (Outcome.INCONCLUSIVE.value, ERROR)
+
+    @property
+    def lost(self) -> str:
+        """Why no verdict was reached, in one line; empty of a verdict."""
+        return self.record.reason.partition("\n")[0] if self.record.failure else ""
+
+    def value(self, name: str) -> float | None:
+        """Return a `Quantity` of the board, by its name; None where the board lacks it."""
+        if name == "rise_time":  # of the channel that the scene checks
+            check = self.record.check(name)
+            return None if check is None else finite(check.value)
+        return self.record.value("steady_state_error" if name == "steady_state" else name)
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A reported quantity, its unit, the direction that is worse, and what its check accepts."""
+
+    name: str
+    unit: str
+    worse: float = 1.0  # 1: larger, -1: smaller
+    at_least: float | None = None
+    at_most: float | None = None
+
+    @property
+    def limits(self) -> tuple[float | None, float | None]:
+        """The least and the largest value that its check accepts."""
+        return self.at_least, self.at_most
+
+
+class Varied(ABC):
+    """A nominal board, its varied parameters, and the data that all its samples share.
+
+    Its subclasses are frozen dataclasses. Every call to a worker sends it: it is pickled once and
+    each worker unpickles it once, because pickling takes as long as varying the board.
+
+    Attributes
+    ----------
+    nominal : Circuit
+        The board without deviations.
+    varied : tuple of Parameter
+        In the order of the deviations z.
+    versions : Versions
+        Of the process that runs the study.
+    """
+
+    nominal: Circuit
+    varied: tuple[Parameter, ...]
+    versions: Versions
+    __dataclass_fields__: ClassVar[dict[str, Any]]  # of the subclass
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What the study is called."""
+
+    @property
+    @abstractmethod
+    def engine(self) -> str:
+        """Engine of the samples."""
+
+    @property
+    @abstractmethod
+    def tolerances(self) -> Tolerances:
+        """Of the parts."""
+
+    @property
+    @abstractmethod
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What is reported of the samples."""
+
+    @property
+    @abstractmethod
+    def target(self) -> Floats:
+        """The outputs at rest that are wanted, V, (N,)."""
+
+    @property
+    @abstractmethod
+    def step_amplitude(self) -> float:
+        """Largest step of any output, V; not a number without a step."""
+
+    @abstractmethod
+    def by_statespace(self) -> Varied:
+        """Return the same board with samples by the state-space engine."""
+
+    @abstractmethod
+    def measured(self, number: int, z: Floats) -> BoardSample:
+        """Return the sample with deviations `z`; any error ends it."""
+
+    @abstractmethod
+    def measured_together(self, requests: Sequence[tuple[int, Floats]]) -> list[BoardSample | None]:
+        """Return several samples, None for each one that needs a call of its own."""
+
+    @property
+    def runs_alone(self) -> bool:
+        """Whether each sample is computed in a call of its own."""
+        return False
+
+    def at(self, z: Floats) -> Circuit:
+        """Return the board with deviations `z`, (components,), in tolerances."""
+        return vary(self.nominal, self.tolerances, z)
+
+    @cached_property
+    def _packed(self) -> bytes:
+        return pickle.dumps(tuple(getattr(self, each.name) for each in fields(self)))
+
+    def __reduce__(self) -> tuple[Callable[..., Varied], tuple[type[Varied], bytes]]:
+        return _unpickled, (type(self), self._packed)
+
+
+@lru_cache(maxsize=2)
+def _unpickled(kind: type[Varied], packed: bytes) -> Varied:
+    return kind(*pickle.loads(packed))  # noqa: S301 - part of a pickle
+
+
+def evaluate_together(*requests: tuple[Varied, int, Floats]) -> list[BoardSample | None]:
+    """Evaluate several boards; None for each one that needs a call of its own.
+
+    Raises
+    ------
+    OtherVersionsError, SimulatorNotFound, SimulatorTooOld, OutOfDisk
+        As `evaluate`.
+    """
+    if len(requests) == 1:
+        return [evaluate(*requests[0])]
+    board = requests[0][0]
+    board.versions.check_here()
+    return board.measured_together([(number, z) for _, number, z in requests])
+
+
+def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
+    """Verify the board with deviations `z`; a verification that fails gives a sample, too.
+
+    Raises
+    ------
+    OtherVersionsError
+        This process has other versions of taction or ngspice than `board`.
+    SimulatorNotFound, SimulatorTooOld, OutOfDisk
+        This machine can compute no sample; the sample itself may be right.
+    """
+    board.versions.check_here()
+    try:
+        return repeated_if_killed(partial(board.measured, number, z))
+    except MACHINE_FAILURES:
+        raise
+    except TactionError as error:
+        return without_verdict(number, error, str(error), board)
+    except Exception as error:  # a defect at one sample must not end a study of ten thousand
+        reason = f"unforeseen: {type(error).__name__}: {error}"
+        return without_verdict(number, error, reason, board)
+
+
+def without_verdict(number: int, error: BaseException, reason: str, board: Varied) -> BoardSample:
+    """Return the sample of a verification that `error` ended."""
+    return BoardSample(number, Record.without_verdict(type(error).__name__, reason, board.engine))
+
+
+def evaluate_all(
+    board: Varied,
+    requests: Iterable[tuple[int, Floats]],
+    workers: Workers,
+    count: int,
+    stopped: Callable[[], bool] = lambda: False,
+) -> Iterator[BoardSample]:
+    """Yield the samples of `requests`, (number, z) each, as they end, until `stopped` is true.
+
+    There are at most `count` of them.
+
+    A sample whose worker was killed several times has no verdict.
+
+    Raises
+    ------
+    InputError, NoVerdictError
+        As `taction.verification.studies.running.collecting.collected`.
+    """
+    calls = ((number, (board, number, z)) for number, z in requests)
+    size = 1 if board.runs_alone else together(count, workers)
+    for number, sample in collected_together(workers, evaluate_together, calls, size, stopped):
+        if isinstance(sample, BaseException):
+            reason = f"its worker was killed: {sample}"
+            sample = without_verdict(number, sample, reason, board)
+        yield sample
