@@ -18,6 +18,9 @@ def check(
     checks: str | Iterable[str] = (),
     expect: str | Iterable[str] = (),
     over: str | Iterable[str] = (),
+    tolerances: str | Path | None = None,
+    samples: int = 300,
+    seed: int = 1,
     ngspice: bool = True,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
@@ -43,6 +46,13 @@ def check(
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.
+    tolerances : path, optional
+        TOML file of tolerances: resistor = "1%", and a table [parts] with R1 = "0.1%". The worst
+        corners and the yield are found; without --check a board has to be stable.
+    samples : int
+        Boards that are drawn within the tolerances.
+    seed : int
+        Seed of these boards.
     ngspice : bool
         Compare with ngspice's own transient.
     output : path, optional
@@ -53,13 +63,13 @@ def check(
     Returns
     -------
     BoardCheck
-        Poles with bounds, the parts that move them, readings of the outputs, noise, checks;
-        `plot` draws the step response and the poles.
+        Poles with bounds, the parts that move them, readings of the outputs, noise, checks, worst
+        corners and yield; `plot` draws the step response and the poles.
 
     Raises
     ------
     InputError
-        The deck, a node, a check or a value cannot be used.
+        The deck, a node, a check, a value or a tolerance cannot be used.
     NoVerdictError
         ngspice is missing, or the circuit has no equilibrium or no state space.
 
@@ -76,17 +86,25 @@ def check(
     """
     from taction.verification.studies.board_check import check_board
     from taction.verification.studies.foreign_board import read_board
+    from taction.verification.studies.varied_deck import Samples
     from taction.verification.studies.wanted_checks import wanted
 
     asked = wanted(_listed(checks), _listed(expect), _listed(over))
     progress("deck")
     board = read_board(deck, _listed(outputs))
+    spread = None
+    if tolerances is not None:
+        from taction.netlist_gen.deck.part_tolerances import read_tolerances
+
+        spread = read_tolerances(tolerances, board.circuit)
     found = check_board(
         board.circuit,
         asked,
         initial=board.initial,
         witness=board.witness if ngspice else None,
         build=board.moved,
+        tolerances=spread,
+        samples=Samples(samples, seed),
         notes=board.notes,
         progress=progress,
     )

@@ -189,6 +189,14 @@ class Part:
         """Its name in the deck."""
         return self.letter + self.name
 
+    @property
+    def label(self) -> str:
+        """Its name as its designer wrote it: that in the deck, or ``x1.Rin`` in a subcircuit."""
+        path, _, last = self.name.rpartition(".")
+        if not path:
+            return self.card
+        return f"{path[1:]}.{last[:1].upper()}{last[1:]}"
+
 
 @dataclass(frozen=True, slots=True)
 class OpAmpCell(Part):

@@ -22,6 +22,8 @@ from taction.system.errors import Complaint, InputError
 
 TEMPERATURE = "temperature"  # name and kind
 INPUT_ERROR = "input_error"  # kind
+BRANCHES = {"L": "coil", "E": "gain", "F": "gain", "G": "gain", "H": "gain"}
+"""Kinds of the branches that vary, by their letter; no table of a scene has them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,28 +43,32 @@ def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...
     InputError
         ``tolerances.parts`` names a part that the board does not have.
     """
-    pairs, own = dict(_names(circuit)), tolerances.parts
+    pairs, own = dict(varying_parts(circuit)), tolerances.parts
     if unknown := [name for name in own if name not in pairs or name == TEMPERATURE]:
         known = difflib.get_close_matches(unknown[0], pairs, n=1, cutoff=0.0)
         text = f"the board has no such part; the nearest name is {known[0]!r}"
         raise InputError("scene", Complaint(f"tolerances.parts.{unknown[0]}", "", text))
     every = (
-        Parameter(name, kind, own.get(name, getattr(tolerances, kind)))
+        Parameter(name, kind, own.get(name, getattr(tolerances, kind, 0.0)))
         for name, kind in pairs.items()
     )
     tolerated = (parameter for parameter in every if parameter.tolerance > 0)
     return (*tolerated, *_input_errors(circuit))
 
 
-def _names(circuit: Circuit) -> Iterator[tuple[str, str]]:
+def varying_parts(circuit: Circuit) -> Iterator[tuple[str, str]]:
+    """Yield the names and kinds of the values that a tolerance can have."""
     for matrix in circuit.matrices:
         for k, n in np.argwhere(np.isfinite(matrix.ohms)).tolist():
             yield f"{matrix.name}_{k + 1}_{n + 1}", "resistor"
     for resistor in circuit.resistors:
-        yield f"R{resistor.name}", "resistor"
+        yield resistor.label, "resistor"
     strays = circuit.named(Role.STRAY)
     for capacitor in circuit.capacitors:
-        yield f"C{capacitor.name}", "stray" if capacitor.card in strays else "capacitor"
+        yield capacitor.label, "stray" if capacitor.card in strays else "capacitor"
+    for branch in circuit.branches:
+        if kind := BRANCHES.get(branch.letter):
+            yield branch.label, kind
     for cell in circuit.opamps:
         if circuit.models[cell.model].imported is not None:
             continue  # a vendor's netlist is as it is
@@ -129,8 +135,12 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
         with_resistors_at(_with_own_models(circuit, varied_opamp), scale, hot_r),
         temperature=circuit.temperature + kelvin,
         capacitors=tuple(
-            replace(part, farads=part.farads * scale.get(f"C{part.name}", 1.0) * hot_c)
+            replace(part, farads=part.farads * scale.get(part.label, 1.0) * hot_c)
             for part in circuit.capacitors
+        ),
+        branches=tuple(
+            replace(part, value=part.value * scale[part.label]) if part.label in scale else part
+            for part in circuit.branches
         ),
     )
 
@@ -162,7 +172,7 @@ def with_resistors_at(circuit: Circuit, scale: Mapping[str, float], every: float
         circuit,
         matrices=tuple(_matrix(matrix, scale, every) for matrix in circuit.matrices),
         resistors=tuple(
-            replace(part, ohms=part.ohms * scale.get(f"R{part.name}", 1.0) * every)
+            replace(part, ohms=part.ohms * scale.get(part.label, 1.0) * every)
             for part in circuit.resistors
         ),
     )

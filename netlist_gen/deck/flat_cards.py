@@ -76,8 +76,7 @@ def shown(card: str) -> str:
     letter, dot, rest = card.partition(".")
     if not dot or len(letter) != 1:
         return card[:1].upper() + card[1:]
-    path, _, last = rest.rpartition(".")
-    return f"{path}.{last[:1].upper()}{last[1:]}"
+    return Part(f".{rest}").label
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ def load_scene(path: str | Path) -> Scene:
     (1e-11, 7)
     """
     path = Path(path)
-    data, text = _read_toml(path)
+    data, text = read_toml(path, "a scene file in TOML; `taction new` writes one")
     if complaints := key_mistakes(data):
         raise with_places(InputError(path, *complaints), text)
     from taction.netlist_gen.scene.scene import parse_scene  # its models take 0.3 s to load
@@ -49,9 +49,14 @@ def load_scene(path: str | Path) -> Scene:
         raise with_places(error, text) from None
 
 
-def _read_toml(path: Path) -> tuple[dict[str, Any], str]:
-    """Return the data of a file, and its text."""
-    accepted = "a scene file in TOML; `taction new` writes one"
+def read_toml(path: Path, accepted: str) -> tuple[dict[str, Any], str]:
+    """Return the data of a file, and its text.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or is not TOML; the text ends with what would be `accepted`.
+    """
     try:
         text = read_text(path, MAX_BYTES)
         if _DEEP.search(text):  # tomllib takes quadratic time

@@ -7,10 +7,9 @@ board at the record's own instants, and both are measured by the same functions.
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,40 +19,41 @@ from taction.netlist_gen.board.circuit import Capacitor, Circuit, Resistor
 from taction.netlist_gen.deck.flat_cards import shown
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.errors import Complaint, EngineError, InputError
+from taction.system.errors import Complaint, InputError
 from taction.system.foreign_raw import read_transient
 from taction.system.quantities import quantity
 from taction.system.reading_definitions import READINGS, SETTLING_BAND
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.time_scales import time_scales
-from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.ideal_answer import read_scene
-from taction.verification.stability.poles import poles
-from taction.verification.studies.board_check import ends, measure, step_response
 from taction.verification.studies.difference import (
     CHANNEL_FIGURES,
-    DECKS,
     FIGURES,
     RECORDS,
     Curves,
     Key,
     VerdictDifference,
+    ends_with,
+    is_circuit,
     key_differences,
 )
-from taction.verification.studies.foreign_board import ForeignBoard, Start, read_board
+from taction.verification.studies.foreign_board import ForeignBoard, read_board
+from taction.verification.studies.measured_board import (
+    MeasuredBoard,
+    Start,
+    measure_board,
+    step_response,
+)
 from taction.verification.verdict.companion import Companion, state_space_companion
 from taction.verification.verdict.compare import Difference, compare, relative, within_uncertainties
 from taction.verification.verdict.deck import deck_of
-from taction.verification.verdict.record import Channel, Figure, Record, finite
+from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.simulation import state_space_tolerance
 from taction.verification.verdict.verify import Verdict
 
 GROUPS = ("states", "figures", "channels")
-INSTANTS = 2000  # of a drawn response
-EARLIEST = 1e-4  # of a drawn response: its first instant after 0
 UNITS_OF_SOURCES = {"V": "V", "I": "A"}
 Place = str | Path | Scene
 Given = Place | Verdict
@@ -80,7 +80,7 @@ def compare_circuits(first: Given, second: Given, agree: float) -> VerdictDiffer
     """
     places = [_place(first, second), _place(second, first)]
     names = (_name(first), _name(second))
-    recorded = [_ends_with(each, RECORDS) for each in places]
+    recorded = [ends_with(each, RECORDS) for each in places]
     if all(recorded):
         text = "a second record; expected the scene or the deck of the board (.toml, .cir)"
         raise InputError(names[1], Complaint("file", "", text))
@@ -94,10 +94,10 @@ def compare_circuits(first: Given, second: Given, agree: float) -> VerdictDiffer
 def _place(given: Given, other: Given) -> Place:
     if isinstance(given, Verdict):
         return given.scene
-    if _ends_with(given, (".json",)):
+    if ends_with(given, (".json",)):
         text = f"a stored verdict has no circuit to compare with {_name(other)}; expected its scene"
         raise InputError(str(given), Complaint("file", "", text))
-    if isinstance(given, Scene) or _ends_with(given, (*DECKS, *RECORDS)):
+    if isinstance(given, Scene) or is_circuit(given):
         return read_scene(given) if isinstance(given, Scene) else given
     return read_scene(given)
 
@@ -108,10 +108,6 @@ def _name(given: Given) -> str:
         if isinstance(given, str | Path)
         else (given.scene.name if isinstance(given, Verdict) else given.name)
     )
-
-
-def _ends_with(given: object, endings: tuple[str, ...]) -> bool:
-    return isinstance(given, str | Path) and Path(given).suffix.lower() in endings
 
 
 def compare_decks(first: Place, second: Place, names: tuple[str, str]) -> VerdictDifference:
@@ -139,13 +135,13 @@ def compare_decks(first: Place, second: Place, names: tuple[str, str]) -> Verdic
     if not isinstance(first, Scene) and not isinstance(second, Scene):
         others = boards[1].flat.nodes
         shared = [node for node in shared if node in others] or shared
-    sides = [_side(_with_outputs(each, shared)) for each in boards]
+    sides = [_measured(_with_outputs(each, shared)) for each in boards]
     return VerdictDifference(
         *names,
         tuple(key_differences(_parts(boards[0]), _parts(boards[1]))),
         compare(
-            sides[0].record,
-            sides[1].record,
+            sides[0].record(),
+            sides[1].record(),
             within_uncertainties(),
             groups=GROUPS,
             figures=FIGURES,
@@ -153,7 +149,7 @@ def compare_decks(first: Place, second: Place, names: tuple[str, str]) -> Verdic
         ),
         tuple(shared),
         tuple(dict.fromkeys(note for each in boards for note in each.notes)),
-        (sides[0].curves, sides[1].curves),
+        (sides[0].curve, sides[1].curve),
     )
 
 
@@ -221,12 +217,6 @@ def compare_with_record(
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Side:
-    record: Record
-    curves: Curves
-
-
 def _board(given: Place) -> ForeignBoard:
     """Read a deck, or the deck that a scene writes."""
     if not isinstance(given, Scene):
@@ -254,49 +244,8 @@ def _with_outputs(board: ForeignBoard, nodes: Sequence[str]) -> ForeignBoard:
     return replace(board, circuit=replace(board.circuit, outputs=made))
 
 
-def _side(board: ForeignBoard) -> _Side:
-    linear = LinearBoard(board.circuit)
-    found = poles(linear)
-    measured = measure(linear, found, SETTLING_BAND, board.initial)
-    _, rest, error = ends(linear, board.initial)
-    lead = found.rightmost if len(found.poles) else None
-    bound = finite(found.resolution)
-    record = Record(
-        "",
-        "statespace",
-        figures={
-            "growth_rate": None if lead is None else lead.real,
-            "frequency": None if lead is None else abs(lead.imag) / math.tau,
-            "step_amplitude": measured.amplitude,
-        },
-        uncertainties={
-            "growth_rate": bound,
-            "frequency": None if bound is None else bound / math.tau,
-            "step_amplitude": 2.0 * error,
-        },
-        channels=tuple(
-            Channel.of(channel, Figure(value, "V", error))
-            for channel, value in zip(measured.channels, rest.tolist(), strict=True)
-        ),
-    )
-    return _Side(record, _step_curves(linear, board.initial))
-
-
-def _step_curves(board: LinearBoard, initial: Start) -> Curves:
-    def curves() -> tuple[Floats, Floats] | None:
-        scales = time_scales(board, initial=initial)
-        stop = min(scales.stop, scales.growth_time)
-        if not (math.isfinite(stop) and stop > 0.0):
-            return None
-        late = np.linspace(0.0, stop, INSTANTS)
-        time = np.union1d(late, np.geomspace(EARLIEST * stop, stop, INSTANTS))
-        signs = np.array([out.sign for out in board.circuit.outputs])
-        try:
-            return time, exact_solution(board, initial=initial).at(time) * signs
-        except EngineError:
-            return None
-
-    return curves
+def _measured(board: ForeignBoard) -> MeasuredBoard:
+    return measure_board(LinearBoard(board.circuit), board.initial, SETTLING_BAND)
 
 
 def _curves(time: Floats, u: Floats) -> Curves:

@@ -89,7 +89,12 @@ class VerdictDifference(Result):
 
 def is_circuit(given: object) -> bool:
     """Return whether something is a file of a deck, or of a record of waveforms, by its ending."""
-    return isinstance(given, str | Path) and Path(given).suffix.lower() in (*DECKS, *RECORDS)
+    return ends_with(given, (*DECKS, *RECORDS))
+
+
+def ends_with(given: object, endings: tuple[str, ...]) -> bool:
+    """Return whether something is a file with one of these endings."""
+    return isinstance(given, str | Path) and Path(given).suffix.lower() in endings
 
 
 def compare_verdicts(

@@ -28,6 +28,11 @@ class Wanted:
     expected: tuple[tuple[str, float, float], ...] = ()  # node, V, and accepted deviation, V
     over: tuple[str, ...] = ()
 
+    @property
+    def lowest(self) -> float | None:
+        """Lowest frequency of the noise, Hz, where it was given."""
+        return None if self.limits.noise is None else self.limits.noise.lowest
+
 
 def wanted(
     checks: Iterable[str] = (), expect: Iterable[str] = (), over: Iterable[str] = ()

@@ -182,7 +182,7 @@ class Channel:
         found = {name: rule.figure(measure) for name, rule in CHANNEL_FIGURES.items()}
         found["equilibrium"] = equilibrium or Figure(None, "V")
         reason = measure.reason or measure.rise_reason
-        return cls(measure.index + 1, measure.state.value, *_three(found), reason)
+        return cls(measure.index + 1, measure.state.value, *three(found), reason)
 
     def figure(self, name: str) -> Figure:
         """Return a figure; one that the channel lacks has the value None."""
@@ -240,7 +240,7 @@ class Record:
             decisive_reason(verdict),
             state.value,
             verdict.poles.stable,
-            *_three(found),
+            *three(found),
             verdict.checks,
             _channels(verdict) if channels else (),
         )
@@ -315,7 +315,7 @@ def _channels(verdict: Verdict) -> tuple[Channel, ...]:
     )
 
 
-def _three(
+def three(
     found: Mapping[str, Figure],
 ) -> tuple[Bounds, Bounds, Bounds]:
     """Return values, bounds and alternatives by name."""

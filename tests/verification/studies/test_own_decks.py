@@ -11,8 +11,8 @@ import taction
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.poles import poles
-from taction.verification.studies.board_check import measure
 from taction.verification.studies.foreign_board import read_board
+from taction.verification.studies.measured_board import measure_board
 
 READABLE = ("ngspice", "ltspice", "hspice")  # the dialects that ngspice can read
 LINEAR = ("integrator", "passive")
@@ -56,10 +56,7 @@ def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
         left.remove(nearest)
         assert abs(nearest - pole) <= 1e-9 * abs(pole)
     assert found.known_stable
-    first, second = (
-        measure(each, each_poles, 0.01, board.initial)
-        for each, each_poles in ((one, found), (other, again))
-    )
+    first, second = (measure_board(each, board.initial, 0.01).measurements for each in (one, other))
     signs = np.array([out.sign for out in deck.circuit.outputs])
     for n, (a, b) in enumerate(zip(first.channels, second.channels, strict=True)):
         assert b.final == pytest.approx(signs[n] * a.final, rel=1e-9, abs=1e-12)

@@ -5,10 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-import numpy as np
-
-from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.blocks import (
     BOTH,
     Bars,
@@ -27,15 +23,21 @@ from taction.verification.report.texts import (
     number_cell,
     outcome_cell,
     quantity,
+    spaced,
+    titled,
     with_error,
 )
+from taction.verification.report.views.corners import directions, ranges
+from taction.verification.report.views.corners import tables as corner_tables
+from taction.verification.report.views.montecarlo import causes, failures, histograms, spreads
 from taction.verification.report.views.stability import pole_map, ranges_text
 from taction.verification.report.views.verdict import MARGINS, check_bar, decisive_text
-from taction.verification.studies.board_check import BoardCheck, Sweep
+from taction.verification.studies.board_check import BoardCheck
+from taction.verification.studies.board_sweep import Sweep
 from taction.verification.studies.part_influence import PartRow
+from taction.verification.verdict.checks import overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
-INSTANTS = 600  # of the drawn response
 PART_WORDS = (
     "Moves the pole by: the change of the rightmost pole, 1/s and Hz, for 1 % more of the value."
     " Unstable below and above: the nearest values with a pole on the imaginary axis, within a"
@@ -59,6 +61,7 @@ def view(found: BoardCheck) -> Page:
             Section("Step response", lambda: (_response(found),)),
             Section("Parts", lambda: _parts(found), media=BOTH),
             *(_swept(each) for each in found.sweeps),
+            *_varied(found),
         ),
         foot=(_witness(found),),
         sheet=lambda: _sheet(found),
@@ -77,7 +80,14 @@ def _summary(found: BoardCheck) -> str:
         text = f"Stable: the slowest mode decays with {rate}{at}."
     else:
         text = f"Not stable: the fastest mode grows with {rate}{at}."
-    return f"{text} {decisive_text(found.checks, found.outcome.value)}" if found.asked else text
+    if found.asked:
+        text += f" {decisive_text(found.checks, overall(found.checks).value)}"
+    if found.corners is None or found.yields is None:
+        return text
+    worst = {name: None for corner in found.corners.corners for name in corner.result.failed}
+    failing = f"{', '.join(map(spaced, worst))} not kept" if worst else "all checks pass"
+    share = found.yields
+    return f"{text} Worst cases: {failing}; {share.sentence}."
 
 
 def _checks(found: BoardCheck) -> Iterator[Block]:
@@ -178,19 +188,28 @@ def _sweep(found: Sweep) -> Iterator[Block]:
     yield Table.of("Values", found.points, points, most={"terminal": POINTS}, more="--json has all")
 
 
+def _varied(found: BoardCheck) -> Iterator[Section]:
+    """Yield the worst corners and the yield, where there are tolerances."""
+    study, share = found.corners, found.yields
+    if study is None or share is None:
+        return
+    nodes = [out.node for out in found.circuit.outputs]
+    yield Section("Worst cases", lambda: corner_tables(study.quantities, study.corners), media=BOTH)
+    yield Section("Least, typical and largest values", lambda: ranges(study))
+    yield Section("Outputs at rest, worst case", lambda: (directions(study, nodes),), media=BOTH)
+    yield Section("Yield", lambda: (Notes("", (f"{titled(share.sentence)}.",)),), media=BOTH)
+    yield Section("Checks that do not pass", lambda: failures(share), media=BOTH)
+    yield Section("Spread", lambda: (spreads(share),), media=BOTH)
+    yield Section("Histograms", lambda: histograms(share))
+    yield Section("Causes", lambda: (causes(share),), media=BOTH)
+
+
 def _response(found: BoardCheck) -> Chart | None:
     """Return the step response of the outputs, from the exact solution."""
-    from taction.verification.engines.statespace.transients.exact import exact_solution
-
-    stop = min(found.scales.stop, found.scales.growth_time)
-    if not (math.isfinite(stop) and stop > 0.0 and found.amplitude):
+    drawn = found.measured.curve() if found.amplitude else None
+    if drawn is None:
         return None
-    try:
-        solution = exact_solution(LinearBoard(found.circuit), initial=found.initial)
-    except EngineError:
-        return None
-    time = np.linspace(0.0, stop, INSTANTS)
-    values = solution.at(time)
+    time, values = drawn
     curves = tuple(
         Curve(time, values[:, k], out.node, SERIES[k % len(SERIES)])
         for k, out in enumerate(found.circuit.outputs)

@@ -105,10 +105,12 @@ def _remark(corner: Corner) -> str:
     return f"{_name(corner)}: {'; '.join(filter(None, remarks))}" if any(remarks) else ""
 
 
-def directions(study: CornerStudy) -> Table:
-    """Return the errors of the channels at rest, the largest first."""
+def directions(study: CornerStudy, names: Sequence[str] = ()) -> Table:
+    """Return the errors of the channels at rest, the largest first; `names` are those of decks."""
     columns = {
-        "channel": lambda each: Cell(f"u{each.channel}", each.channel),
+        "channel": lambda each: Cell(
+            names[each.channel - 1] if names else f"u{each.channel}", each.channel
+        ),
         "side of the reference": lambda each: "above" if each.sign > 0 else "below",
         "first order": lambda each: number_cell(each.predicted, "step"),
         "solved": lambda each: number_cell(each.solved, "step"),

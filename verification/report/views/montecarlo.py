@@ -64,13 +64,13 @@ def view(result: YieldReport) -> Page:
         sections=(
             Section("Yield", (_interval(result),)),
             Section("Samples", (_shares(result),), media=(NOTEBOOK,)),
-            Section("Checks that do not pass", tuple(_failures(result)), media=EVERYWHERE),
+            Section("Checks that do not pass", tuple(failures(result)), media=EVERYWHERE),
             Section("What to buy better", (Notes("", remedy),)),
             Section("What costs yield", lambda: (_culprits(result),)),
             Section("Spread and limits", (_ranges(result),)),
-            Section("Quantities", (_quantities(result),), media=EVERYWHERE),
-            Section("Histograms", lambda: _histograms(result)),
-            Section("Causes", (_sensitivities(result),), media=EVERYWHERE),
+            Section("Quantities", (spreads(result),), media=EVERYWHERE),
+            Section("Histograms", lambda: histograms(result)),
+            Section("Causes", (causes(result),), media=EVERYWHERE),
             origin_section(result.scene, rows),
         ),
         foot=remedy,
@@ -83,7 +83,7 @@ def sheet(result: YieldReport) -> Sheet:
     foot = ""
     if result.remedy is not None and result.remedy.what:
         foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction)}"
-    limited = (each for each in _histograms(result) if isinstance(each, Chart) and each.legend)
+    limited = (each for each in histograms(result) if isinstance(each, Chart) and each.legend)
     blocks = [*limited, _culprits(result)]
     return Sheet.of(f"{result.name}: {_summary(result)}", blocks, ACROSS, PANEL, (0.0, 0.5), foot)
 
@@ -121,7 +121,8 @@ def _shares(result: YieldReport) -> Shares:
     return Shares("", tuple((name, count) for name, count in counts if count))
 
 
-def _failures(result: YieldReport) -> Iterator[Block]:
+def failures(result: YieldReport) -> Iterator[Block]:
+    """Yield the checks that do not pass, and the samples without a verdict."""
     columns = {
         "check": lambda each: spaced(each[0]),
         "samples": lambda each: each[1],
@@ -195,7 +196,9 @@ def value_range(
     )
 
 
-def _quantities(result: YieldReport) -> Table:
+def spreads(result: YieldReport) -> Table:
+    """Return the spread of each quantity."""
+
     def number(name: str) -> Callable[[Spread], Cell]:
         return lambda each: number_cell(getattr(each, name), each.unit)
 
@@ -212,7 +215,7 @@ def _quantities(result: YieldReport) -> Table:
     return Table.of("Quantities", shown, columns, "5 % and 95 %: percentiles of the samples.")
 
 
-def _histograms(result: YieldReport) -> Iterator[Block]:
+def histograms(result: YieldReport) -> Iterator[Block]:
     """Yield a histogram of each quantity, those first whose check costs most yield."""
 
     def place(spread: Spread) -> tuple[bool, int]:
@@ -338,7 +341,8 @@ def _culprits(result: YieldReport) -> Block:
     )
 
 
-def _sensitivities(result: YieldReport) -> Table:
+def causes(result: YieldReport) -> Table:
+    """Return the parts behind the spread."""
     columns = {
         "quantity": lambda each: (
             spaced(each.quantity) + ("" if each.channel is None else f", channel {each.channel}")

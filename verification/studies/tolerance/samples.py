@@ -71,9 +71,9 @@ class BoardSample:
 
     def value(self, name: str) -> float | None:
         """Return a `Quantity` of the board, by its name; None where the board lacks it."""
-        if name == "rise_time":  # of the channel that the scene checks
+        if name == "rise_time":  # of the channel that a scene checks
             check = self.record.check(name)
-            return None if check is None else finite(check.value)
+            return self.record.value(name) if check is None else finite(check.value)
         return self.record.value("steady_state_error" if name == "steady_state" else name)
 
 

@@ -77,7 +77,7 @@ class RestSensitivity:
             found |= self._branches(names, ends, [ohms for *_, ohms in elements])
         parts = self.board.circuit.resistors
         ends, ohms = [(part.a, part.b) for part in parts], [part.ohms for part in parts]
-        return found | self._branches([f"R{part.name}" for part in parts], ends, ohms)
+        return found | self._branches([part.label for part in parts], ends, ohms)
 
     def input_errors(self) -> dict[str, Floats]:
         """Return ``dy / dp`` (N,) of every input error p of an op-amp that varies.

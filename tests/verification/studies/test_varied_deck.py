@@ -1,0 +1,115 @@
+"""Worst cases and yield of decks against closed forms."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import taction
+from taction.cli.main import main
+from taction.verification.studies.board_check import BoardCheck
+
+pytestmark = pytest.mark.usefixtures("ngspice")
+RC = "RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n.end\n"
+DIVIDER = "divider\nV1 in 0 PULSE(0 2)\nR1 in out 1k\nR2 out 0 1k\nC1 out 0 1n\n.end\n"
+TAU = 1e-6
+
+
+def checked(folder: Path, deck: str, spread: str, **more: object) -> BoardCheck:
+    (folder / "deck.cir").write_text(deck)
+    (folder / "parts.toml").write_text(spread)
+    return taction.check(
+        folder / "deck.cir",
+        tolerances=folder / "parts.toml",
+        ngspice=False,
+        **more,  # type: ignore[arg-type]
+    )
+
+
+def worst(found: BoardCheck, quantity: str) -> float:
+    assert found.corners is not None
+    (corner,) = (each for each in found.corners.corners if each.quantity == quantity)
+    value = corner.result.value(quantity)
+    assert value is not None
+    return value
+
+
+def test_the_corners_of_an_rc_are_its_slowest_and_fastest(tmp_path: Path) -> None:
+    """With R and C at their upper ends tau is 1.01 * 1.05 times its value."""
+    found = checked(tmp_path, RC, "resistor = 0.01\ncapacitor = 0.05\n", samples=1)
+    slow = 1.01 * 1.05 * TAU
+    assert worst(found, "growth_rate") == pytest.approx(-1.0 / slow, rel=1e-9)
+    assert worst(found, "settling_time") == pytest.approx(slow * math.log(100.0), rel=1e-5)
+    assert worst(found, "rise_time") == pytest.approx(slow * math.log(9.0), rel=1e-5)
+
+
+def test_a_divider_rests_where_its_worst_resistors_say(tmp_path: Path) -> None:
+    found = checked(tmp_path, DIVIDER, 'resistor = "1%"\n', samples=1)
+    above = 1.01 / (1.01 + 1.0 / 1.01) - 0.5  # of 2 V, in steps of 1 V: twice this
+    assert worst(found, "steady_state") == pytest.approx(2.0 * above, rel=1e-6)
+    assert found.corners is not None
+    solved = sorted(direction.solved for direction in found.corners.directions)
+    assert solved == pytest.approx([-2.0 * above, 2.0 * above], rel=1e-6)
+
+
+def test_the_yield_is_the_share_of_slow_capacitors(tmp_path: Path) -> None:
+    """C is C0 1.05^z with z from -1 to 1: it is below 1.02 C0 in (1 + ln 1.02 / ln 1.05) / 2."""
+    limit = 1.02 * TAU * math.log(100.0)
+    found = checked(
+        tmp_path,
+        RC,
+        'capacitor = 0.05\ndistribution = "uniform"\n',
+        samples=400,
+        checks=f"settling={limit!r}@1%",
+    )
+    assert found.yields is not None
+    share = 0.5 * (1.0 + math.log(1.02) / math.log(1.05))
+    assert found.yields.low <= share <= found.yields.high
+    assert found.yields.samples == 400
+    assert found.outcome.value == "fail"  # a corner is beyond the limit, though the board passes
+    assert {check.outcome.value for check in found.checks} == {"pass"}
+
+
+def test_without_checks_the_boards_have_to_be_stable(tmp_path: Path) -> None:
+    """A gain of 2.9 with a tolerance of 5 % passes 3, from which the bridge oscillates."""
+    text = "Wien\nVn p x PULSE(0 1m)\nE1 out 0 p 0 2.9\nR1 out a 10k\nC1 a x 10n\nR2 x 0 10k\n"
+    text += "C2 x 0 10n\n.end\n"
+    spread = '[parts]\nE1 = "5%"\n'
+    found = checked(tmp_path, text, spread + "", samples=200)
+    assert found.poles.stable
+    assert found.yields is not None
+    assert found.yields.failures.keys() == {"stability"}
+    # z is normal with a third: it passes ln(3 / 2.9) / ln 1.05
+    beyond = 3.0 * math.log(3.0 / 2.9) / math.log(1.05)
+    share = 0.5 * (1.0 + math.erf(beyond / math.sqrt(2.0)))
+    assert found.yields.low <= share <= found.yields.high
+    assert worst(found, "growth_rate") > 0.0
+
+
+def test_a_sample_is_the_same_in_every_study(tmp_path: Path) -> None:
+    few = checked(tmp_path, RC, "capacitor = 0.05\n", samples=3, seed=7)
+    more = checked(tmp_path, RC, "capacitor = 0.05\n", samples=5, seed=7)
+    other = checked(tmp_path, RC, "capacitor = 0.05\n", samples=3, seed=8)
+    assert few.yields is not None
+    assert more.yields is not None
+    assert other.yields is not None
+    assert [each.value("growth_rate") for each in few.yields.boards] == [
+        each.value("growth_rate") for each in more.yields.boards[:3]
+    ]
+    assert few.yields.boards[0] != other.yields.boards[0]
+
+
+def test_the_command_says_worst_cases_and_yield(tmp_path: Path) -> None:
+    (tmp_path / "deck.cir").write_text(RC)
+    (tmp_path / "parts.toml").write_text("capacitor = 0.05\n")
+    call = ["check", str(tmp_path / "deck.cir"), "--tolerances", str(tmp_path / "parts.toml")]
+    result = CliRunner().invoke(main, [*call, "-n", "40", "--no-ngspice"])
+    assert result.exit_code == 0, result.output
+    assert "worst settling time" in result.output
+    assert "40 of 40 boards pass" in result.output
+    result = CliRunner().invoke(main, [*call, "--check", "settling=4.7us@1%", "--no-ngspice"])
+    assert result.exit_code == 1
+    assert "settling time not kept" in result.output
