@@ -39,6 +39,9 @@ def cell(value: Shown) -> Cell:
     return Cell("–" if value is None else str(value), value if isinstance(value, int) else None)
 
 
+ALIKE = 3  # rows with the same value, which `Table.folded` says once
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
     """A table; the first cell of a row is its header.
@@ -49,6 +52,8 @@ class Table:
         The number of rows that a medium shows; all, if it is not named.
     more : str
         What is added to `note` if it does not show all: text with ``{}`` for the number left out.
+    heads : int
+        The number of first columns that say what a row is about.
     """
 
     kind: ClassVar[str] = "table"
@@ -58,6 +63,7 @@ class Table:
     note: str = ""
     most: Mapping[str, int] = field(default_factory=dict)
     more: str = ""
+    heads: int = 1
 
     @classmethod
     def of(
@@ -78,6 +84,30 @@ class Table:
         """
         rows = tuple(tuple(cell(shown(each)) for shown in columns.values()) for each in records)
         return cls(title, tuple(columns), rows, note, most or {}, more)
+
+    def folded(self) -> Table:
+        """Return the table with a note in the place of columns that have one value in all rows.
+
+        Examples
+        --------
+        >>> rows = [("1 pF", "fail"), ("2 pF", "fail"), ("3 pF", "fail")]
+        >>> table = Table.of("", rows, {"C": lambda row: row[0], "outcome": lambda row: row[1]})
+        >>> table.folded().columns, table.folded().note
+        (('C',), 'In each row: outcome fail.')
+        """
+        columns = tuple(zip(*self.rows, strict=True))
+        if len(self.rows) < ALIKE:
+            return self
+        same = [len({each.text for each in column}) == 1 for column in columns]
+        kept = [place for place, one in enumerate(same) if place < self.heads or not one]
+        moved = [place for place in range(len(same)) if place not in kept]
+        texts = ", ".join(f"{self.columns[k]} {columns[k][0].text}" for k in moved)
+        return replace(
+            self,
+            columns=tuple(self.columns[place] for place in kept),
+            rows=tuple(tuple(row[place] for place in kept) for row in self.rows),
+            note=f"{self.note} In each row: {texts}.".strip() if moved else self.note,
+        )
 
     def shortened(self, medium: str) -> Table:
         """Return the first rows of the table, as many as the medium shows."""

@@ -29,6 +29,8 @@ SHORT = 20  # letters of a cell that stays in one line wherever the page is wide
 LIMIT_AT, BEYOND = 12, 4  # letters of a drawn bar up to its limit, and beyond it
 UNMET = {"fail": "FAILS", "inconclusive": "undecided"}
 MOST_LINES = 8  # of a cell; a table of narrow columns is harder to read than a list
+WIDE_GAP, GAP = 3, 2  # columns between two cells of a table
+MOST_PARTS = 3  # of a table that is too wide for the page
 GLUE = "\ue000"  # stands between a number and its unit while lines are broken
 SMALL = str.maketrans({"µ": "u", "Ω": "ohm"})
 
@@ -173,12 +175,12 @@ class FittedTable:
     """A table that fits the width of its page and loses nothing.
 
     A cell is broken between words, never inside a word, and never between a number and its unit.
-    Where even that does not fit, every row becomes a list of titles and values, one below the
-    other.
+    Where the page is too narrow, the columns stand in two or three tables. Where even these do not
+    fit, every row becomes a list of titles and values, one below the other.
     """
 
     def __init__(self, block: blocks.Table) -> None:
-        self.title, self.note = plain(block.title), plain(block.note)
+        self.title, self.note, self.heads = plain(block.title), plain(block.note), block.heads
         self.titles = [glued(plain(title), GLUE) for title in block.columns]
         self.rows = [
             [outcome_text(glued(plain(cell.text), GLUE), cell.outcome) for cell in row]
@@ -190,40 +192,67 @@ class FittedTable:
         ] or [False] * len(self.titles)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Yield the table, or the list where the table would be too wide or too long."""
+        """Yield the table, in several parts where it is too wide, or the list."""
         if self.title:
             yield Text(f"\n{self.title}", style="italic")
-        room = options.max_width - 3 * len(self.titles) + 1
-        widths = self._widths(room, self.short) or self._widths(room, [False] * len(self.titles))
-        lines = None if widths is None else console.render_lines(self._table(widths), options)
-        if lines is None or len(lines) > MOST_LINES * (len(self.rows) + 2):
+        tables = [console.render_lines(part, options) for part in self._parts(options.max_width)]
+        if not tables or any(len(lines) > MOST_LINES * (len(self.rows) + 2) for lines in tables):
             yield from self._records(options.max_width)
-            lines = []
-        for line in lines:
-            left = len("".join(segment.text for segment in line).rstrip())
-            for text, style, control in line:
-                yield Segment(text[: max(left, 0)].replace(GLUE, " "), style, control)
-                left -= len(text)
-            yield Segment.line()
+            tables = []
+        for lines in tables:
+            for line in lines:
+                left = len("".join(segment.text for segment in line).rstrip())
+                for text, style, control in line:
+                    yield Segment(text[: max(left, 0)].replace(GLUE, " "), style, control)
+                    left -= len(text)
+                yield Segment.line()
         if self.note:
             yield Text(f"{self.note}\n", style="dim")
 
-    def _widths(self, width: int, whole: Sequence[bool]) -> list[int] | None:
+    def _parts(self, width: int) -> list[Table]:
+        """Return the table in the first form that fits: in one piece, in parts, with broken cells.
+
+        Empty if none fits.
+        """
+        every = list(range(len(self.titles)))
+        for gap in (WIDE_GAP, GAP):
+            if widths := self._widths(every, width, gap, self.short):
+                return [self._table(every, widths, gap)]
+        several = [(part, self._widths(part, width, GAP, self.short)) for part in self._cut(width)]
+        if len(several) <= MOST_PARTS and all(widths for _, widths in several):
+            return [self._table(part, widths, GAP) for part, widths in several if widths]
+        broken = self._widths(every, width, GAP, [False] * len(every))
+        return [self._table(every, broken, GAP)] if broken else []
+
+    def _cut(self, width: int) -> list[list[int]]:
+        """Return the columns of each part: the heads, and as many of the others as fit."""
+        heads = list(range(self.heads))
+        parts = [heads]
+        for place in range(self.heads, len(self.titles)):
+            wider = [*parts[-1], place]
+            if len(parts[-1]) > len(heads) and not self._widths(wider, width, GAP, self.short):
+                parts.append([*heads, place])
+            else:
+                parts[-1] = wider
+        return parts
+
+    def _widths(
+        self, places: Sequence[int], width: int, gap: int, whole: Sequence[bool]
+    ) -> list[int] | None:
         """Return the width of each column; None if they do not fit into `width`.
 
         Rich alone would break words; here the widest columns give way, down to their longest word,
-        or to their longest line where they are `whole`.
+        or to their longest cell where they are `whole`. A title may be broken between words.
         """
+        width -= gap * (len(places) - 1) + 2
         natural, least = [], []
-        for place, title in enumerate(self.titles):
-            lines = [
-                line
-                for text in (title, *(row[place].plain for row in self.rows))
-                for line in text.split("\n")
-            ]
-            words = lines if whole[place] else [word for line in lines for word in line.split()]
-            natural.append(max(map(cell_len, lines), default=0))
-            least.append(max(map(cell_len, words), default=0))
+        for place in places:
+            title = self.titles[place].split("\n")
+            lines = [line for row in self.rows for line in row[place].plain.split("\n")]
+            parts = lines if whole[place] else [word for line in lines for word in line.split()]
+            words = [word for line in title for word in line.split()]
+            natural.append(max(map(cell_len, (*title, *lines)), default=0))
+            least.append(max(map(cell_len, (*words, *parts)), default=0))
         if sum(least) > width:
             return None
         while sum(natural) > width:
@@ -231,12 +260,12 @@ class FittedTable:
             natural[max(wide, key=natural.__getitem__)] -= 1
         return natural
 
-    def _table(self, widths: Sequence[int]) -> Table:
-        pairs = zip(self.titles, widths, strict=True)
-        columns = (Column(Text(title), width=width) for title, width in pairs)
-        table = Table(*columns, box=SIMPLE_HEAD, pad_edge=False)
+    def _table(self, places: Sequence[int], widths: Sequence[int], gap: int) -> Table:
+        titles = (Text(self.titles[place]) for place in places)
+        columns = (Column(title, width=w) for title, w in zip(titles, widths, strict=True))
+        table = Table(*columns, box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap - 2, 0, 1))
         for row in self.rows:
-            table.add_row(*row)
+            table.add_row(*(row[place] for place in places))
         return table
 
     def _records(self, width: int) -> Iterator[Text]:

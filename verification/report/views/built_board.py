@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from taction.verification.report.blocks import BOTH, PAGE, Facts, Notes, Page, Section
+from taction.verification.report.blocks import BOTH, NOTEBOOK, Facts, Notes, Page, Section
 from taction.verification.report.views.parts import counts_text, packages_text
 from taction.verification.report.views.verdict import view as verdict_view
+from taction.verification.report.views.verdict_screen import on_screen
 from taction.verification.verdict.built_board import KICAD, OWN, REPORT, BuiltBoard
 
 
@@ -21,9 +22,10 @@ def view(found: BuiltBoard) -> Page:
         text = f"no verdict: {found.refused}"
         return Page(found.scene.name, "taction build", found.outcome, text, (), sections)
     page = verdict_view(found.verdict, "taction build")
-    known = (replace(each, media=(PAGE,)) if each.title != "Checks" else each
-             for each in page.sections if PAGE in each.media)  # fmt: skip
-    return replace(page, sections=(*known, *sections))
+    known = on_screen(page, found.verdict)
+    return replace(
+        page, sections=(*(each for each in known if each.media != (NOTEBOOK,)), *sections)
+    )
 
 
 def _files(found: BuiltBoard) -> Iterator[tuple[str, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -470,13 +470,27 @@ def _listed(result: SweepResult) -> Iterator[Block]:
     whole = result.count.total <= LINES
     wanted = (r for r in result.records() if whole or r["outcome"] == "error")
     shown = list(itertools.islice(wanted, LINES))
-    yield _table(result.plan, "", shown, engine=True)
-    reasons = (
-        f"{_places(result.plan, record['values'])}, {record['engine']}: {reason}"
-        for record in shown
-        if (reason := record["reason"].split("\n")[0][:160])
-    )
-    yield Notes("", tuple(reasons))
+    yield _table(result.plan, "", shown, engine=len(result.plan.engines) > 1).folded()
+    yield Notes("", tuple(_reasons(result.plan, shown)))
+
+
+def _reasons(plan: Plan, shown: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """Yield a line for each thing that is wrong at some points: how many, and the first of them.
+
+    The values of all of them stand in the table; the reasons of points without a verdict do not,
+    so each of these has its line.
+    """
+    alike: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for record in shown:
+        reason = record["reason"].split("\n")[0][:160]
+        if reason:
+            name = _name(record)
+            kind = reason if record["outcome"] == "error" else ""
+            alike.setdefault((name, kind), []).append({**record, "reason": reason})
+    for (name, _), records in alike.items():
+        first = records[0]
+        place = f"{_places(plan, first['values'])}, {first['engine']}: {first['reason']}"
+        yield place if len(records) == 1 else f"{len(records)} {name}, such as {place}"
 
 
 def _points(result: SweepResult) -> Table:
@@ -503,7 +517,8 @@ def _table(
         )
         for record in listed
     )
-    return Table(title, titles, tuple(tuple(map(cell, row)) for row in rows))
+    cells = tuple(tuple(map(cell, row)) for row in rows)
+    return Table(title, titles, cells, heads=len(plan.axes) + engine)
 
 
 def _why(record: dict[str, Any]) -> str:

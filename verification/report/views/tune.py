@@ -27,6 +27,7 @@ from taction.verification.report.blocks import (
 from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark, Text
 from taction.verification.report.texts import figure, number_cell, percent, quantity
 from taction.verification.report.views.verdict import view as verdict_report
+from taction.verification.report.views.verdict_screen import on_screen
 from taction.verification.verdict.verify import Verdict
 
 LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the points of the picture
@@ -45,7 +46,8 @@ def view(result: Tuned) -> Page:
     return replace(
         verified,
         summary=summary,
-        sections=(*own, *verified.sections),
+        sections=(*own, *on_screen(verified, verdict)),
+        foot=(*verified.foot, "more: --report FILE"),
         sheet=lambda: sheet(tuning),
     )
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from taction.system.quantities import counted, readable
 from taction.verification.report.blocks import TERMINAL, Bar, Bars, Notes, Page, Section
@@ -58,6 +59,13 @@ def screen(verdict: Verdict, margins: Sequence[str] = (), *, searched: bool = Fa
         sections=(Section("", blocks, media=(TERMINAL,)),),
         foot=(f"{verdict.waveforms.simulator}: {seconds}; more: {more}, --report FILE",),
     )
+
+
+def on_screen(page: Page, verdict: Verdict) -> tuple[Section, ...]:
+    """Return the sections of a verdict's page, for a terminal those of `screen` in their place."""
+    media = (tuple(name for name in each.media if name != TERMINAL) for each in page.sections)
+    left = (replace(each, media=names) for each, names in zip(page.sections, media, strict=True))
+    return (*screen(verdict).sections, *left)
 
 
 def height(text: str) -> int:

@@ -221,3 +221,27 @@ def test_a_long_word_stays_whole_and_is_never_markup() -> None:
     table = Table("", ("file", "n"), ((Cell(name), Cell("1")),))
     page = Page("t", "c", "", "", (), (Section("", (table,), "", EVERYWHERE),))
     assert name in at_width(page, 30)
+
+
+def test_a_wide_table_is_cut_into_parts_that_repeat_the_heads() -> None:
+    titles = ("C", "gain", *(f"quantity {k}" for k in range(8)))
+    rows = tuple(
+        (Cell(f"{n} pF"), Cell(f"{n} kohm"), *(Cell(f"value {k}{n}") for k in range(8)))
+        for n in range(10, 20)
+    )
+    table = Table("", titles, rows, heads=2)
+    page = Page("t", "c", "", "", (), (Section("", (table,), "", EVERYWHERE),))
+    for width, parts in ((160, 1), (80, 2), (50, 3)):
+        lines = at_width(page, width).splitlines()
+        assert max(map(len, lines)) <= width
+        assert sum("15 pF" in line and "15 kohm" in line for line in lines) == parts
+    assert at_width(page, 20).count("15 pF") == 1  # a list
+
+
+def test_what_all_rows_share_is_said_once() -> None:
+    rows = tuple((Cell(f"{n} pF"), Cell("fail"), Cell(f"{n} s")) for n in range(3))
+    table = Table("", ("C", "outcome", "time"), rows, "A note.")
+    assert table.folded().columns == ("C", "time")
+    assert [row[1].text for row in table.folded().rows] == ["0 s", "1 s", "2 s"]
+    assert table.folded().note == "A note. In each row: outcome fail."
+    assert Table("", table.columns, rows[:2]).folded().columns == table.columns
