@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -40,7 +40,11 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import reduced_transient
-from taction.verification.engines.statespace.transients.stepped import halved
+from taction.verification.engines.statespace.transients.stepped import (
+    Task,
+    halved,
+    simulate_together,
+)
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
 
@@ -165,11 +169,15 @@ class Engine:
         ``engines_agree`` compares them.
     title : str
         Name for people; by default that of the entry.
+    together : callable or None
+        Takes planned boards and returns for each what `begin` returns, simulated in one go; None
+        for a board that needs a call of its own. None where the engine gains nothing from it.
     """
 
     begin: Callable[[PlannedBoard], Callable[[], Waveforms]]
     error: Callable[[PlannedBoard, Waveforms], StateSpaceError] | None = None
     title: str = ""
+    together: Callable[[Sequence[PlannedBoard]], list[Callable[[], Waveforms] | None]] | None = None
 
 
 def choose_engine(scene: Scene) -> str:
@@ -216,6 +224,14 @@ def begin(design: PlannedBoard) -> Pending:
         return Pending(engine.begin(design), instead)
     except NoVerdictError as error:
         return Pending(partial(_raise, error), instead)
+
+
+def begin_together(designs: Sequence[PlannedBoard]) -> list[Pending | None]:
+    """Simulate boards of one engine together; None for each one that needs a call of its own."""
+    together = ENGINES[designs[0].engine].together if designs else None
+    if together is None:
+        return [None] * len(designs)
+    return [None if wait is None else Pending(wait) for wait in together(designs)]
 
 
 def engine_of(simulator: str) -> Engine:
@@ -318,7 +334,7 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
     from taction.verification.engines.statespace.transients.simulate import simulate
 
     board, plan = design.board, design.plan
-    tolerance = state_space_tolerance(plan.wanted, linear=board.circuit.is_linear)
+    tolerance = _step_tolerance(design)
     analysis = plan.transient
 
     def fill() -> Waveforms:
@@ -333,11 +349,44 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
         else:
             waveforms = fill()
     except DivergesError as error:
-        # A transient may diverge beside a stable equilibrium: its record ends early.
-        if not isinstance(error.partial, Waveforms):
-            raise
-        waveforms = error.partial
+        waveforms = _until_it_diverges(error)
     return lambda: waveforms
+
+
+def _statespace_together(
+    designs: Sequence[PlannedBoard],
+) -> list[Callable[[], Waveforms] | None]:
+    chosen = [k for k, design in enumerate(designs) if _is_stepped(design)]
+    tasks = [
+        Task(design.board, design.plan.transient, None, design.plan.instants(design.board),
+             _step_tolerance(design))
+        for design in (designs[k] for k in chosen)
+    ]  # fmt: skip
+    found: list[Callable[[], Waveforms] | None] = [None] * len(designs)
+    for k, record in zip(chosen, simulate_together(tasks, halves=True), strict=True):
+        if isinstance(record, Waveforms):
+            found[k] = partial(_known, record)
+    return found
+
+
+def _is_stepped(design: PlannedBoard) -> bool:
+    board = design.board
+    return not (board.circuit.is_linear or board.descriptor.is_large or design.plan.growing)
+
+
+def _known(waveforms: Waveforms) -> Waveforms:
+    return waveforms
+
+
+def _step_tolerance(design: PlannedBoard) -> float:
+    return state_space_tolerance(design.plan.wanted, linear=design.board.circuit.is_linear)
+
+
+def _until_it_diverges(error: DivergesError) -> Waveforms:
+    """Return the record of a transient that diverges beside a stable equilibrium: it ends early."""
+    if not isinstance(error.partial, Waveforms):
+        raise error
+    return error.partial
 
 
 def _statespace_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError:
@@ -346,6 +395,6 @@ def _statespace_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceE
 
 OWN = {
     "ngspice": Engine(_ngspice),
-    "statespace": Engine(_statespace, _statespace_error, "state space"),
+    "statespace": Engine(_statespace, _statespace_error, "state space", _statespace_together),
 }
 ENGINES = OpenTable("taction.engines", OWN, Engine)

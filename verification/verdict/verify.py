@@ -49,7 +49,13 @@ from taction.verification.verdict.recording import (
     record_and_measure,
 )
 from taction.verification.verdict.run_checks import run_checks
-from taction.verification.verdict.simulation import ENGINES, Pending, begin, is_exact
+from taction.verification.verdict.simulation import (
+    ENGINES,
+    Pending,
+    begin,
+    begin_together,
+    is_exact,
+)
 from taction.verification.verdict.warnings import (
     WELL_ABOVE,
     find_contradiction,
@@ -185,13 +191,13 @@ TOGETHER = 400_000  # squared numbers of states of the boards that are measured 
 
 
 def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]]:
-    """Verify scenes whose boards the engine solves exactly, and measure their transients together.
+    """Verify scenes; boards that an engine simulates together are, and read together if exact.
 
     Yields
     ------
     int, Verdict
-        Place of a request, and its verdict. A request is left out where another engine, or
-        integration, has to solve it, and where `verify` raises.
+        Place of a request, and its verdict. A request is left out where its engine gains nothing
+        from other ones, and where `verify` raises.
 
     Examples
     --------
@@ -201,25 +207,53 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
     >>> place, verdict.outcome is verify(scene).outcome
     (0, True)
     """
-    begun: dict[int, tuple[_Begun, ExactResponse]] = {}
+    planned: dict[int, _Planned] = {}
     size = 0
     for place, request in enumerate(requests):
         clock = Clock(lambda stage: None)
         with suppress(Exception):
             design = _design(request, clock)
-            if ENGINES[design.engine].error is None or not is_exact(design.board):
-                continue
-            one = _begin(request, clock, design)
-            response = exact_response(design, one.ideal)
-            if response is None or not response.is_stable:
-                yield place, _verdict(one)
+            if ENGINES[design.engine].together is None or design.board.descriptor.is_large:
                 continue
             clock.pause()
-            begun[place] = one, response
+            planned[place] = _Planned(request, design, clock)
             size += design.board.state_space.n**2
         if size > TOGETHER:
-            yield from _measured_together(begun)
-            begun, size = {}, 0
+            yield from _verified_together(planned)
+            planned, size = {}, 0
+    yield from _verified_together(planned)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Planned:
+    """A request whose board is planned."""
+
+    request: Request
+    design: PlannedBoard
+    clock: Clock
+
+
+def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, Verdict]]:
+    """Yield the verdicts of planned boards: first those that are not exact."""
+    exact = {place: one for place, one in planned.items() if is_exact(one.design.board)}
+    others = {place: one for place, one in planned.items() if place not in exact}
+    for engine in {one.design.engine for one in others.values()}:
+        same = {place: one for place, one in others.items() if one.design.engine == engine}
+        simulations = begin_together([one.design for one in same.values()])
+        for (place, one), pending in zip(same.items(), simulations, strict=True):
+            if pending is not None:
+                with suppress(Exception):
+                    yield place, _verdict(_begin(one.request, one.clock, one.design, pending))
+    begun: dict[int, tuple[_Begun, ExactResponse]] = {}
+    for place, one in exact.items():
+        with suppress(Exception):
+            begins = _begin(one.request, one.clock, one.design)
+            response = exact_response(one.design, begins.ideal)
+            if response is None or not response.is_stable:
+                yield place, _verdict(begins)
+                continue
+            one.clock.pause()
+            begun[place] = begins, response
     yield from _measured_together(begun)
 
 
@@ -248,11 +282,16 @@ def _design(request: Request, clock: Clock) -> PlannedBoard:
     return design_board(request.scene, clock, problem=request.problem, circuit=request.circuit)
 
 
-def _begin(request: Request, clock: Clock, design: PlannedBoard | None = None) -> _Begun:
+def _begin(
+    request: Request,
+    clock: Clock,
+    design: PlannedBoard | None = None,
+    pending: Pending | None = None,
+) -> _Begun:
     """Start the simulation; solve the problem while it runs."""
     design = design or _design(request, clock)
     clock.begin("simulation", remark=design.plan.remark)
-    pending = begin(design)
+    pending = pending or begin(design)
     clock.begin("reference", beside="simulation", remark=design.plan.remark)
     ideal = request.ideal or ideal_answer(design.network, design.scene)
     return _Begun(design, ideal, pending, request.effort, clock)

@@ -297,7 +297,7 @@ def test_the_solution_and_its_record_are_read_the_same(scene: Scene) -> None:
 
 
 def test_scenes_together_have_the_verdict_of_each_alone() -> None:
-    # Those that need ngspice or an integration are left out.
+    # Those that need ngspice are left out.
     engine = {"engine": "statespace"}
     scenes = [
         shipped("paper-breadboard", analysis=engine),
@@ -308,7 +308,7 @@ def test_scenes_together_have_the_verdict_of_each_alone() -> None:
         shipped("tuned-breadboard", analysis=engine),
     ]
     found = dict(verify_together([Request(scene) for scene in scenes]))
-    assert set(found) == {0, 2, 4, 5}
+    assert set(found) == {0, 2, 3, 4, 5}
     for place, together in found.items():
         record, alone = (
             Record.of(verdict).without_run_time() for verdict in (together, verify(scenes[place]))

@@ -54,6 +54,19 @@ class Modes:
         """Whether each mode has a direction of its own, (n,)."""
         return np.concatenate([block.alone for block in self.blocks])[self._order]
 
+    @functools.cached_property
+    def mates(self) -> Ints:
+        """Place of the complex conjugate of each mode, its own of a real one, (n,)."""
+        places: list[Ints] = []
+        for block in self.blocks:
+            count = len(block.kept)
+            own, first = np.arange(len(block.right)), sum(map(len, places))
+            twins = np.concatenate([own[: block.real], own[count:], own[block.real : count]])
+            places.append(first + twins)
+        inverse = np.empty_like(self._order)
+        inverse[self._order] = np.arange(len(inverse))
+        return inverse[np.concatenate(places)[self._order]]
+
     @property
     def centres(self) -> Complexes:
         """Poles, and for joined modes their common centre, 1/s, (n,)."""

@@ -1,35 +1,38 @@
 """The integrator of everything that has no exact solution: Radau IIA steps, dense output, events.
 
-The remainders of the amplifiers (see `steps`) are found by iterating on the inputs of all stages;
-each iteration is a simplified Newton step, whose Jacobian is that of the amplifiers' slopes, kept
-over steps until convergence is slow. The lengths of steps are powers of two, so that each is
-prepared once. The length follows from the last Legendre coefficients of the solution in a step,
-which decrease like its error: they bound the error of the polynomial between the stages.
+It takes several boards at a time, each with steps of its own: what a board gets does not depend on
+the others, they only share the array operations. The remainders of the amplifiers (see `steps`) are
+found by iterating on the inputs of all stages; each iteration is a simplified Newton step, whose
+Jacobian is that of the amplifiers' slopes, kept over steps until convergence is slow. The lengths
+of steps are powers of two, so that each is prepared once. The length follows from the last Legendre
+coefficients of the solution in a step, which decrease like its error: they bound the error of the
+polynomial between the stages.
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
-from taction.system.array_types import EPS, Floats
+from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.transients.steps import (
     STAGES,
     TABLE,
     Amplifiers,
-    Board,
-    Step,
+    Boards,
+    Steps,
 )
 
 ITERATIONS = 12  # of the inputs in a step
 SHARE = 0.002  # of the tolerance: what the iterations leave
 SLOW = 0.2  # contraction above which the next step is linearised anew
 LONGEST_JUMP = 3  # levels
-SMALLEST = -60  # level
+SMALLEST, LEVELS = -60, 256  # least level, and the number of levels
 LAST_BUT_ONE = 0.2  # weight of the last but one Legendre coefficient in the error
 SPREAD = 3.0  # times what rounding made of one draw: what it may make of another one
 # Of a change: rounding of the stages' sums over the systems of the method, as random errors add.
@@ -39,10 +42,10 @@ COUNTED = 0.01  # of the tolerance: rounding above it is added up
 # end, so that the coefficient is half of its change; a mode that rings may be off by twice that.
 LAYER = 4.0
 RESOLVED = 1.0 / 16.0  # of a coefficient: that of half a step which resolves its modes is 1/256
-KEPT = 12  # levels beside the present one whose steps stay prepared
+MAX_STEPS = 1_000_000
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(eq=False)
 class Dense:
     """Dense output: Legendre coefficients of the watched voltages in every step.
 
@@ -64,6 +67,8 @@ class Dense:
         Whether it was in a step.
     tails : list of float
         The largest last Legendre coefficient of each accepted step, V, without its rounding.
+    failure : str
+        Why the integration ended without a solution, or empty.
     """
 
     ends: list[float] = field(default_factory=lambda: [0.0])
@@ -75,6 +80,13 @@ class Dense:
     rounding: float = 0.0
     coarse: bool = False
     tails: list[float] = field(default_factory=list)
+    failure: str = ""
+
+    def checked(self) -> Dense:
+        """Return this output; raise EngineError where there is no solution."""
+        if self.failure:
+            raise EngineError(self.failure)
+        return self
 
     def unresolved(self, whole: Dense) -> float:
         """Return what fast modes can do within steps that are too long for them, V.
@@ -91,233 +103,330 @@ class Dense:
         """Accepted steps."""
         return len(self.pieces)
 
+    @cached_property
+    def _whole(self) -> tuple[Floats, Floats]:
+        """The ends and the coefficients of all steps, of an integration that has ended."""
+        return np.array(self.ends), np.stack(self.pieces)
+
     def at(self, times: Floats) -> Floats:
         """Watched voltages at `times`, shape (P, W)."""
         from numpy.polynomial.legendre import legvander
 
-        ends = np.array(self.ends)
+        ends, pieces = self._whole
         which = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, self.steps - 1)
         theta = (times - ends[which]) / (ends[which + 1] - ends[which])
         basis = legvander(2.0 * theta - 1.0, STAGES)
-        steps, place = np.unique(which, return_inverse=True)
-        pieces = np.stack([self.pieces[k] for k in steps.tolist()])
-        return np.asarray((pieces[place] @ basis[:, :, None])[:, :, 0])
+        return np.asarray((pieces[which] @ basis[:, :, None])[:, :, 0])
 
 
 class Reported(Protocol):
-    """The amplifiers of a board, and what is reported of its watched voltages."""
+    """The amplifiers of the boards, and what is reported of their watched voltages."""
 
     amplifiers: Amplifiers
 
     def volts(self, inputs: Floats) -> Floats:
-        """Return reported volts for a volt of each watched voltage, at inputs (m, s); (W,)."""
+        """Return reported volts for a volt of each watched voltage, at inputs (R, m, s); (R, W)."""
         ...
 
-    def distance(self, watched: Floats) -> float:
-        """Return the largest distance of a reported voltage from rest, V, for watched (W,)."""
+    def distance(self, watched: Floats) -> Floats:
+        """Return the largest distance of a reported voltage from rest, V, for watched (R, W)."""
+        ...
+
+    def part(self, rows: Ints) -> Reported:
+        """Return the same of some boards."""
         ...
 
 
-class Integrator:
-    """One integration from t = 0.
+@dataclass(eq=False)
+class Present:
+    """Where the boards are; the first axis of every array is that of the boards.
 
-    Parameters
+    Attributes
     ----------
-    board : Board
-        The linear part.
-    reported : Reported
-        The amplifiers, and what is reported.
-    state : ndarray
-        Of the board at the start.
-    start : ndarray (W,)
-        Watched voltages at the start, inputs first, V.
-    slopes : ndarray (m,)
-        At which the first steps are linearised, V/V.
-    tolerance, unit : float
+    state : ndarray (R, n)
+        States of the boards.
+    now : ndarray (R, W)
+        Watched voltages, inputs first, V.
+    slopes : ndarray (R, m)
+        At which the steps are linearised, V/V.
+    tolerance, unit : ndarray (R,)
         Of one step, and the voltage to which it is relative, V.
-    base : float
+    base : ndarray (R,)
         Length of a step of level 0, s.
-    limit : float
+    limit : ndarray (R,)
         Watched voltage at which the integration ends early (`Dense.escaped`), V.
     """
 
-    def __init__(
-        self,
-        board: Board,
-        reported: Reported,
-        state: Floats,
-        start: Floats,
-        slopes: Floats,
-        tolerance: float,
-        unit: float,
-        base: float,
-        limit: float = math.inf,
-    ) -> None:
-        self.board, self.reported, self.state, self.now = board, reported, state, start
+    state: Any
+    now: Floats
+    slopes: Floats
+    tolerance: Floats
+    unit: Floats
+    base: Floats
+    limit: Floats
+
+    def __post_init__(self) -> None:
+        count = len(self.now)
+        self.place = np.arange(count)
+        self.level = np.zeros(count, dtype=np.int64)
+        self.t = np.zeros(count)
+        self.stop = np.zeros(count)
+        self.fresh = np.zeros(count, dtype=np.bool_)  # linearised at the step's own start
+        self.noise = np.full((count, LEVELS, self.now.shape[1]), np.nan)
+
+    def keep(self, rows: Ints) -> None:
+        """Go on with some of the boards."""
+        for name, values in vars(self).items():
+            setattr(self, name, values[rows])
+
+
+@dataclass(slots=True, eq=False)
+class Stages:
+    """What the iterations found in a step: inputs and remainders of all stages, (R, m, s).
+
+    `parts` are for `Steps.end`; `contraction` and `found` (R,) say how the iterations ended.
+    """
+
+    inputs: Floats
+    remainder: Floats
+    parts: Any
+    contraction: Floats
+    found: Bools
+
+
+class Integrator:
+    """One integration of several boards from t = 0.
+
+    Parameters
+    ----------
+    board : Boards
+        The linear part.
+    reported : Reported
+        The amplifiers, and what is reported.
+    present : Present
+        The start.
+    """
+
+    def __init__(self, board: Boards, reported: Reported, present: Present) -> None:
+        self.board, self.reported, self.present = board, reported, present
         self.amplifiers = reported.amplifiers
-        self.tolerance, self.base, self.limit = tolerance, base, limit
-        self.level, self.t, self.out = 0, 0.0, Dense()
-        self.slopes = slopes
-        self.prepared: dict[int, Step] = {}
-        self.noise: dict[int, Floats] = {}
-        self.relative = tolerance / unit
-        self.draw = np.random.default_rng(1992)
+        self.out = [Dense() for _ in present.now]
+        self.todo: Sequence[Sequence[int]] | None = None  # levels of all steps, where given
+        draw = np.random.default_rng(1992)
+        self.draws = [draw.standard_normal(x.shape[1]) for x in (present.state, present.slopes)]
 
-    def run(self, stop: float, max_steps: int = 1_000_000) -> Dense:
-        """Integrate to `stop`, s, or beyond it, or until a voltage passes the limit.
+    def run(self, stop: Floats, max_steps: int = MAX_STEPS) -> list[Dense]:
+        """Integrate to `stop` (R,), s, or beyond it, or until a voltage passes the limit.
 
-        Raises
-        ------
-        EngineError
-            The solution leaves the range of floats, or the step underflows.
+        An output has a `failure` where the solution leaves the range of floats or the step
+        underflows.
         """
-        while self.t < stop * (1.0 - 1e-12) and not self.out.escaped:
-            self.level = min(self.level, math.ceil(math.log2((stop - self.t) / self.base)))
-            self._advance()
-            if self.out.steps > max_steps:
-                raise EngineError(f"{max_steps} steps did not reach {stop!r} s (now {self.t!r} s)")
+        self.present.stop = np.asarray(stop, dtype=np.float64)
+        while len(self.present.place):
+            now = self.present
+            longest = np.ceil(np.log2((now.stop - now.t) / now.base)).astype(np.int64)
+            now.level = np.minimum(now.level, longest)
+            self._attempt()
+            self._end(max_steps)
         return self.out
 
-    def repeat(self, levels: list[int]) -> Dense:
-        """Take steps of given levels."""
-        for level in levels:
-            self.level = level
-            self._advance(fixed=True)
+    def repeat(self, levels: Sequence[Sequence[int]]) -> list[Dense]:
+        """Take steps of given levels, those of each board."""
+        self.todo = levels
+        self._end(MAX_STEPS)
+        while len(self.present.place):
+            places = self.present.place.tolist()
+            self.present.level = np.array([levels[k][self.out[k].steps] for k in places])
+            self._attempt()
+            self._end(MAX_STEPS)
         return self.out
 
-    def _step(self, level: int) -> Step:
-        if level not in self.prepared:
-            length = self.base * 2.0**level
-            self.prepared = {k: v for k, v in self.prepared.items() if abs(k - level) <= KEPT}
-            self.prepared[level] = self.board.step(length, self.slopes)
-            self.out.factorisations += len(TABLE.shifts)
-        return self.prepared[level]
-
-    def _advance(self, *, fixed: bool = False) -> None:
-        """Take one accepted step."""
-        fresh = False  # whether the step is linearised at its own start
-        while True:
-            if self.base * 2.0**self.level <= EPS * self.t or self.level < SMALLEST:
-                raise EngineError(f"the time step fell below the rounding of {self.t!r} s")
-            step = self._step(self.level)
-            found = self._iterate(step)
-            if found is None:
-                if fixed and fresh:
-                    raise EngineError(f"the iterations do not converge at {self.t!r} s")
-                self.level -= fresh
-                if not fresh:
-                    self._linearise(self.now[: self.amplifiers.count, None])
-                fresh = not fresh
-                self.out.rejected += 1
+    def _end(self, max_steps: int) -> None:
+        """Leave out the boards that are done."""
+        now, kept = self.present, []
+        for row, (place, t, stop) in enumerate(zip(now.place.tolist(), now.t.tolist(),
+                                                   now.stop.tolist(), strict=True)):  # fmt: skip
+            out = self.out[place]
+            if out.failure:
                 continue
-            inputs, remainder, parts, contraction = found
-            change, watched = step.end(remainder, inputs, parts)
-            watched = self.now[:, None] + watched
-            piece = np.column_stack([self.now, watched]) @ TABLE.legendre.T
-            gain, left, tail = self._judge(step, piece, watched)
-            if gain >= 0 or fixed:
-                break
-            self.level += max(gain, -LONGEST_JUMP)
-            self.out.rejected += 1
-        self.out.tails.append(tail)
-        self._accept(self.state + change, watched, piece, left)
-        if contraction > SLOW and not fresh:
-            self._linearise(watched[: self.amplifiers.count, -1:])
-        if not fixed:
-            self.level += min(gain, LONGEST_JUMP)
+            if self.todo is not None:
+                done = out.steps == len(self.todo[place])
+            else:
+                done = out.escaped or not t < stop * (1.0 - 1e-12)
+                if not done and out.steps > max_steps:
+                    out.failure = f"{max_steps} steps did not reach {stop!r} s (now {t!r} s)"
+                    done = True
+            out.factorisations = self.board.factorisations
+            if not done:
+                kept.append(row)
+        if len(kept) < len(now.place):
+            rows = np.array(kept, dtype=np.int64)
+            now.keep(rows)
+            self.board, self.reported = self.board.part(rows), self.reported.part(rows)
+            self.amplifiers = self.reported.amplifiers
 
-    def _judge(self, step: Step, piece: Floats, watched: Floats) -> tuple[int, float, float]:
-        """Return by how many levels the step could be longer, what rounding leaves, and the tail.
+    def _attempt(self) -> None:
+        """Try one step of every board; boards that accept it move on."""
+        now, fixed = self.present, self.todo is not None
+        length = now.base * np.exp2(now.level)
+        small = (length <= EPS * now.t) | (now.level < SMALLEST)
+        for row in np.flatnonzero(small).tolist():
+            text = f"the time step fell below the rounding of {now.t[row].item()!r} s"
+            self.out[now.place[row]].failure = text
+        step = self.board.step(length, now.slopes)
+        stages = self._iterate(step)
+        change, watched = step.end(stages.remainder, stages.inputs, stages.parts)
+        watched = now.now[:, :, None] + watched
+        piece = np.concatenate([now.now[:, :, None], watched], axis=2) @ TABLE.legendre.T
+        gain, left, tail = self._judge(step, piece, watched)
+        accepted = stages.found & ~small & ((gain >= 0) | fixed)
+        self._repeat_lost(~stages.found & ~small, fixed)
+        rejected = stages.found & ~accepted
+        now.level[rejected] += np.maximum(gain[rejected], -LONGEST_JUMP)
+        slow = accepted & (stages.contraction > SLOW) & ~now.fresh
+        self._accept(accepted, change, watched, piece, left, tail)
+        self._linearise(slow, watched[:, : self.amplifiers.count, -1:])
+        if not fixed:
+            now.level[accepted] += np.minimum(gain[accepted], LONGEST_JUMP)
+        now.fresh[accepted] = False
+
+    def _repeat_lost(self, lost: Bools, fixed: bool) -> None:
+        """Linearise steps whose iterations do not converge anew, then shorten them."""
+        now, fresh = self.present, lost & self.present.fresh
+        for row in np.flatnonzero(lost).tolist():
+            self.out[now.place[row]].rejected += 1
+            if fixed and fresh[row]:
+                text = f"the iterations do not converge at {now.t[row].item()!r} s"
+                self.out[now.place[row]].failure = text
+        now.level[fresh] -= 1
+        self._linearise(lost & ~fresh, now.now[:, : self.amplifiers.count, None])
+        now.fresh[lost] = ~now.fresh[lost]
+
+    def _judge(self, step: Steps, piece: Floats, watched: Floats) -> tuple[Ints, Floats, Floats]:
+        """Return by how many levels steps could be longer, what rounding leaves, and the tails.
 
         Both are in V; the tail is the size of the last Legendre coefficients above rounding.
         """
-        last = np.maximum(np.abs(piece[:, -1]), LAST_BUT_ONE * np.abs(piece[:, -2]))
-        volts = self.reported.volts(watched[: self.amplifiers.count])
+        now = self.present
+        last = np.maximum(np.abs(piece[:, :, -1]), LAST_BUT_ONE * np.abs(piece[:, :, -2]))
+        volts = self.reported.volts(watched[:, : self.amplifiers.count])
         # Growing voltages count by their size.
-        tolerance = max(self.tolerance, self.relative * self.reported.distance(self.now))
+        far = now.tolerance / now.unit * self.reported.distance(now.now)
+        tolerance = np.maximum(now.tolerance, far)
         noise = self._rounding(step, volts)
-        size = float((last * volts).max(initial=0.0))
-        if not math.isfinite(size):
-            return -1, 0.0, 0.0
-        tail = max(size - noise, 0.0)
-        error = tail / max(tolerance, noise)
-        self.out.coarse |= noise > tolerance
-        gain = math.floor(-math.log2(max(error, 1e-300)) / STAGES)
-        return gain, noise if noise > COUNTED * tolerance else 0.0, tail
+        with np.errstate(invalid="ignore", over="ignore"):
+            size = (last * volts).max(axis=1, initial=0.0)
+            tail = np.maximum(size - noise, 0.0)
+            error = tail / np.maximum(tolerance, noise)
+            gain = np.floor(-np.log2(np.maximum(error, 1e-300)) / STAGES)
+        known = np.isfinite(size)
+        for row in np.flatnonzero(known & (noise > tolerance)).tolist():
+            self.out[now.place[row]].coarse = True
+        left = np.where(known & (noise > COUNTED * tolerance), noise, 0.0)
+        return np.where(known, gain, -1.0).astype(np.int64), left, np.where(known, tail, 0.0)
 
-    def _rounding(self, step: Step, volts: Floats) -> float:
-        """Return what rounding of the state and of the amplifiers makes of the inputs, V.
+    def _rounding(self, step: Steps, volts: Floats) -> Floats:
+        """Return what rounding of the states and of the amplifiers makes of the inputs, V, (R,).
 
         It is measured once for each prepared step.
         """
-        if self.level not in self.noise:
-            m, rates = self.amplifiers.count, []
-            outputs = self.amplifiers.outputs(self.now[:m, None])[:, 0]
-            for scale in (0.0, EPS):
-                state, out = (
-                    x * (1.0 + scale * self.draw.standard_normal(x.shape))
-                    for x in (self.state, outputs)
-                )
-                rates.append(self.board.rate(state, out))
-            zero, noise = np.zeros((m, STAGES)), EPS * np.abs(self.now)
-            for rate, share in ((rates[1] - rates[0], 1.0), (rates[0], SCATTER)):
-                free, parts = step.free(rate)
-                noise += share * np.abs(step.end(zero, free, parts)[1]).max(axis=1)
-            self.noise[self.level] = noise
-        return SPREAD * float((volts * self.noise[self.level]).max(initial=0.0))
+        now, level = self.present, self.present.level - SMALLEST + 1
+        every = np.arange(len(level))
+        rows = np.flatnonzero(np.isnan(now.noise[every, level, 0]))
+        if rows.size:
+            m, board, part = self.amplifiers.count, self.board.part(rows), step.part(rows)
+            state, voltages = now.state[rows], now.now[rows]
+            inputs = voltages[:, :m]
+            outputs = self.reported.part(rows).amplifiers.outputs(inputs[:, :, None])[:, :, 0]
+            exact = board.rate(state, inputs, outputs)
+            on_state, on_outputs = (1.0 + EPS * draw for draw in self.draws)
+            moved = board.rate(state * on_state, inputs, outputs * on_outputs) - exact
+            zero, noise = np.zeros((len(rows), m, STAGES)), EPS * np.abs(voltages)
+            for rate, share in ((moved, 1.0), (exact, SCATTER)):
+                free, parts = part.free(rate)
+                noise += share * np.abs(part.end(zero, free, parts)[1]).max(axis=2)
+            now.noise[rows, level[rows]] = noise
+        return np.asarray(SPREAD * (volts * now.noise[every, level]).max(axis=1, initial=0.0))
 
-    def _accept(self, state: Floats, watched: Floats, piece: Floats, left: float) -> None:
-        self.out.pieces.append(piece)
-        self.out.levels.append(self.level)
-        self.out.rounding += left
-        self.state, self.now = state, watched[:, -1]
-        self.t += self.base * 2.0**self.level
-        self.out.ends.append(self.t)
-        largest = max(np.abs(self.now).max(initial=0.0), np.abs(self.state).max(initial=0.0))
-        self.out.escaped = bool(max(largest, self.reported.distance(self.now)) > self.limit)
+    def _accept(
+        self,
+        accepted: Bools,
+        change: Any,
+        watched: Floats,
+        piece: Floats,
+        left: Floats,
+        tail: Floats,
+    ) -> None:
+        now = self.present
+        now.state = np.where(accepted[:, None], now.state + change, now.state)
+        now.now = np.where(accepted[:, None], watched[:, :, -1], now.now)
+        now.t = np.where(accepted, now.t + now.base * np.exp2(now.level), now.t)
+        largest = np.maximum(np.abs(now.now).max(axis=1, initial=0.0), self.board.size(now.state))
+        escaped = np.maximum(largest, self.reported.distance(now.now)) > now.limit
+        for row, yes in enumerate(accepted.tolist()):
+            out = self.out[now.place[row]]
+            if not yes:
+                out.rejected += 1
+                continue
+            out.pieces.append(piece[row])
+            out.levels.append(int(now.level[row]))
+            out.rounding += float(left[row])
+            out.tails.append(float(tail[row]))
+            out.ends.append(float(now.t[row]))
+            out.escaped = bool(escaped[row])
 
-    def _linearise(self, inputs: Floats) -> None:
-        """Linearise the next steps at inputs (m, s), by the mean slopes."""
-        slopes = self.amplifiers.slopes(inputs).mean(axis=1)
-        if np.all(np.isfinite(slopes)):
-            self.slopes = slopes
-            self.prepared, self.noise = {}, {}
+    def _linearise(self, rows: Bools, inputs: Floats) -> None:
+        """Linearise the next steps of some boards at inputs (R, m, s), by the mean slopes."""
+        if not rows.any():
+            return
+        slopes = self.amplifiers.slopes(inputs).mean(axis=2)
+        rows = rows & np.isfinite(slopes).all(axis=1)
+        self.present.slopes = np.where(rows[:, None], slopes, self.present.slopes)
+        self.present.noise[rows] = np.nan
 
-    def _iterate(self, step: Step) -> Any:
-        """Find the inputs of all stages; None if the iterations do not converge.
-
-        Return the inputs and the remainders that they belong to, what `step.end` needs, and the
-        contraction.
-        """
-        m = self.amplifiers.count
-        now = self.now[:m, None]
-        outputs = self.amplifiers.outputs(now)
-        rate = self.board.rate(self.state, outputs[:, 0])
-        free, parts = step.free(rate)
-        if not m:
-            return free, free, parts, 0.0
-        volts, slopes = self.reported.volts(now)[:m, None], step.slopes[:, None]
-
-        def size_of(change: Floats) -> float:
-            return float((np.abs(change) * volts).max()) / self.tolerance
-
+    def _iterate(self, step: Steps) -> Stages:
+        """Find the inputs of all stages."""
+        now, m, count = self.present, self.amplifiers.count, len(self.present.place)
+        inputs_now = now.now[:, :m, None]
+        outputs = self.amplifiers.outputs(inputs_now)
+        free, parts = step.free(self.board.rate(now.state, inputs_now[:, :, 0], outputs[:, :, 0]))
+        zero, every = np.zeros((count, m, STAGES)), np.ones(count, dtype=np.bool_)
         # At the start of the step there are no remainders: the first iteration gives `free`.
-        inputs, remainder, before = free, np.zeros((m, STAGES)), size_of(free)
-        if before < 1e-3 * SHARE:
-            return inputs, remainder, parts, 0.0
+        found = Stages(free, zero, parts, np.zeros(count), every)
+        if not m:
+            return found
+        all_volts, slopes = self.reported.volts(inputs_now), now.slopes[:, :, None]
+        volts = all_volts[:, :m, None]
+
+        def size_of(change: Floats) -> Floats:
+            return np.asarray((np.abs(change) * volts).max(axis=(1, 2)) / now.tolerance)
+
+        before = size_of(free)
+        found.found = before < 1e-3 * SHARE
+        going = ~found.found
         for k in range(1, ITERATIONS):
-            remainder = self.amplifiers.outputs(now + inputs) - outputs - slopes * inputs
-            if not np.all(np.isfinite(remainder)):
-                return None
-            following = free + step.response(remainder, parts)
-            size = size_of(following - inputs)
-            if not math.isfinite(size):
-                return None
-            inputs, contraction = following, size / before
-            if contraction < 1.0 and contraction / (1.0 - contraction) * size < SHARE:
-                return inputs, remainder, parts, contraction
-            if contraction >= 1.0 or k == ITERATIONS - 1:
-                settled = size * self.tolerance <= self._rounding(step, self.reported.volts(now))
-                return (inputs, remainder, parts, 0.0) if settled else None
+            if not going.any():
+                break
+            with np.errstate(invalid="ignore", over="ignore"):
+                change = self.amplifiers.outputs(inputs_now + found.inputs) - outputs
+                remainder = change - slopes * found.inputs
+            going &= np.isfinite(remainder).all(axis=(1, 2))
+            remainder = np.where(going[:, None, None], remainder, found.remainder)
+            with np.errstate(invalid="ignore", over="ignore"):
+                following = free + step.response(remainder, parts)
+                size = size_of(following - found.inputs)
+                going &= np.isfinite(size)
+                contraction = size / np.where(going, before, 1.0)
+                small = contraction * size < SHARE * (1.0 - contraction)  # what is left
+            chosen = going[:, None, None]
+            found.inputs = np.where(chosen, following, found.inputs)
+            found.remainder = np.where(chosen, remainder, found.remainder)
+            done = going & (contraction < 1.0) & small
+            found.contraction = np.where(done, contraction, found.contraction)
+            stuck = going & ~done & ((contraction >= 1.0) | (k == ITERATIONS - 1))
+            if stuck.any():
+                done |= stuck & (size * now.tolerance <= self._rounding(step, all_volts))
+            found.found |= done
+            going &= ~(done | stuck)
             before = size
-        return None
+        return found

@@ -7,24 +7,34 @@ voltage keeps its relative accuracy.
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterable, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import Floats, Indices
+from taction.system.array_types import Floats, Indices, Ints
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
-from taction.verification.engines.statespace.transients.integrator import Dense, Integrator
+from taction.verification.engines.statespace.linearised.modes import Modes
+from taction.verification.engines.statespace.transients.integrator import (
+    Dense,
+    Integrator,
+    Present,
+)
+from taction.verification.engines.statespace.transients.modal_steps import ModalBoards, is_modal
 from taction.verification.engines.statespace.transients.record_times import record_times
 from taction.verification.engines.statespace.transients.steps import (
+    Alone,
     Amplifiers,
     Board,
+    Boards,
     DenseBoard,
     LargeBoard,
 )
@@ -35,10 +45,14 @@ ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, 
 FLOOR = 1e-3  # of the board's largest voltage: the least voltage to which errors are relative
 REPEATED = 1.0 / 16.0  # of the tolerance: what a second run leaves of its iterations
 FIRST = 2.0**-16  # of the record: the first step tried
+MODAL = 1e-8  # least tolerance of steps in the basis of the modes: solves lose fewer digits
 
 
 class Reported:
-    """Reported nodes: the output of an amplifier by its input, other nodes themselves."""
+    """Reported nodes: the output of an amplifier by its input, other nodes themselves.
+
+    Several boards report the same nodes; `resting` are theirs, V, (R, nodes).
+    """
 
     def __init__(self, board: LinearBoard, nodes: tuple[str, ...]) -> None:
         devices, rest = board.descriptor.devices, board.equilibrium
@@ -47,31 +61,46 @@ class Reported:
         source = [device.get(board.descriptor.place(name), -1) for name in nodes]
         self.source = np.array(source, dtype=np.int64)
         self.others = tuple(name for name, k in zip(nodes, source, strict=True) if k < 0)
-        self.resting = np.array([rest[name] for name in nodes])
+        self.resting = np.array([[rest[name] for name in nodes]])
         self.linear = np.ones(devices.count, dtype=np.bool_)
         self.linear[self.source[self.source >= 0]] = False
 
+    @classmethod
+    def joined(cls, several: Sequence[Reported]) -> Reported:
+        """Return those of several boards together."""
+        found = copy(several[0])
+        found.amplifiers = Amplifiers.joined([each.amplifiers for each in several])
+        found.resting = np.concatenate([each.resting for each in several])
+        return found
+
+    def part(self, rows: Ints) -> Reported:
+        """Return the same of some boards."""
+        found = copy(self)
+        found.amplifiers, found.resting = self.amplifiers.part(rows), self.resting[rows]
+        return found
+
     def volts(self, inputs: Floats) -> Floats:
-        """Return reported volts for a volt of each watched voltage, at inputs (m, s); (m + K,).
+        """Return reported volts for a volt of each watched voltage, at inputs (R, m, s); (R, W).
 
         The inputs of amplifiers that are not reported count as volts themselves.
         """
-        slopes = np.abs(self.amplifiers.slopes(inputs)).max(axis=1, initial=0.0)
-        return np.append(np.where(self.linear, 1.0, slopes), np.ones(len(self.others)))
+        slopes = np.abs(self.amplifiers.slopes(inputs)).max(axis=2, initial=0.0)
+        others = np.ones((len(inputs), len(self.others)))
+        return np.concatenate([np.where(self.linear, 1.0, slopes), others], axis=1)
 
     def voltages(self, watched: Floats) -> Floats:
-        """Return the voltages of the nodes for watched voltages (P, m + K), shape (P, nodes)."""
+        """Return the voltages of the nodes for watched voltages (R, W), or (P, W) of one board."""
         m = self.amplifiers.count
         voltages = np.empty((len(watched), len(self.nodes)))
         by_input = self.source >= 0
         voltages[:, ~by_input] = watched[:, m:]
-        outputs = self.amplifiers.outputs(watched[:, :m].T)
-        voltages[:, by_input] = outputs[self.source[by_input]].T
+        outputs = self.amplifiers.outputs(watched[:, :m, None])[:, :, 0]
+        voltages[:, by_input] = outputs[:, self.source[by_input]]
         return voltages
 
-    def distance(self, watched: Floats) -> float:
-        """Return the largest distance of a reported voltage from rest, V."""
-        return float(np.abs(self.voltages(watched[None])[0] - self.resting).max(initial=0.0))
+    def distance(self, watched: Floats) -> Floats:
+        """Return the largest distance of a reported voltage from rest, V, (R,)."""
+        return np.asarray(np.abs(self.voltages(watched) - self.resting).max(axis=1, initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +108,7 @@ class Run:
     """One integration of a board, with what another one of it needs."""
 
     board: Board
+    modes: Modes | None  # of a board at its slopes at rest, where they are a basis for the steps
     reported: Reported
     state: Floats
     start: Floats
@@ -87,6 +117,7 @@ class Run:
     unit: float  # the step amplitude, V
     base: float  # s
     limit: float  # V
+    stop: float  # s
 
     @classmethod
     def of(cls, board: LinearBoard, nodes: tuple[str, ...], analysis: Transient, tolerance: float,
@@ -94,10 +125,10 @@ class Run:
         """Prepare the integration of `board` up to `stop`, s."""
         reported = Reported(board, nodes)
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
-        equations, slopes = _equations(board, reported, unknowns)
+        equations, slopes, modes = _equations(board, reported, unknowns, tolerance)
         state = equations.state(unknowns)
         start = equations.start(state, reported.amplifiers)
-        amplitude = reported.distance(start)
+        amplitude = float(reported.distance(start[None])[0])
         devices = board.descriptor.devices
         inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
         sizes = np.maximum(np.abs(board.equilibrium.values), np.abs(unknowns))
@@ -108,27 +139,78 @@ class Run:
         )
         unit = max(amplitude, FLOOR * largest) or 1.0
         return cls(
-            equations, reported, state, start, slopes, tolerance * unit, unit, stop * FIRST,
-            ESCAPED * (largest or 1.0),
+            equations, modes, reported, state, start, slopes, tolerance * unit, unit, stop * FIRST,
+            ESCAPED * (largest or 1.0), stop,
         )  # fmt: skip
 
-    def integrator(self, share: float = 1.0) -> Integrator:
-        """Return a new integrator at the start, with a share of the tolerance."""
-        return Integrator(
-            self.board, self.reported, self.state, self.start, self.slopes,
-            share * self.tolerance, self.unit, self.base, self.limit,
-        )  # fmt: skip
+    @property
+    def kind(self) -> tuple[Hashable, ...]:
+        """What boards have in common that are integrated together."""
+        if self.modes is None:
+            return (id(self),)
+        devices, source = self.reported.amplifiers.kinds, tuple(self.reported.source.tolist())
+        return devices, source, len(self.state), len(self.start)
 
 
-def _equations(board: LinearBoard, reported: Reported, unknowns: Floats) -> tuple[Board, Floats]:
-    """Return the equations, and the slopes of the first steps: the smaller of start and rest."""
+def _equations(
+    board: LinearBoard, reported: Reported, unknowns: Floats, tolerance: float
+) -> tuple[Board, Floats, Modes | None]:
+    """Return the equations, the slopes of the first steps, and the modes to work in.
+
+    The slopes are the smaller of start and rest.
+    """
     slopes = board.equilibrium.slopes
     if board.descriptor.is_large:
-        return LargeBoard(board, reported.others), slopes
-    inputs = unknowns[board.descriptor.devices.input, None]
-    first = reported.amplifiers.slopes(inputs)[:, 0]
-    slopes = np.where(np.abs(first) < np.abs(slopes), first, slopes)
-    return DenseBoard(board.open_loop, reported.others, slopes), slopes
+        return LargeBoard(board, reported.others), slopes, None
+    inputs = unknowns[None, board.descriptor.devices.input, None]
+    first = reported.amplifiers.slopes(inputs)[0, :, 0]
+    least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
+    space = board.open_loop
+    if tolerance >= MODAL and space.states == board.state_space.states:
+        modes = board.state_space.modes
+        if is_modal(modes):
+            return DenseBoard(space, reported.others, slopes), least, modes
+    return DenseBoard(space, reported.others, least), least, None
+
+
+def integrate(
+    runs: Sequence[Run], levels: Sequence[Sequence[int]] | None = None, share: float = 1.0
+) -> list[Dense]:
+    """Integrate boards, those of one kind together, up to their stops or by steps of `levels`.
+
+    `share` is the part of the tolerance. An output has a `failure` where there is no solution.
+    """
+    groups: dict[tuple[Hashable, ...], list[int]] = {}
+    for place, run in enumerate(runs):
+        groups.setdefault(run.kind, []).append(place)
+    found: dict[int, Dense] = {}
+    for places in groups.values():
+        work = _integrator([runs[place] for place in places], share)
+        if levels is None:
+            outs = work.run(np.array([runs[place].stop for place in places]))
+        else:
+            outs = work.repeat([levels[place] for place in places])
+        found.update(zip(places, outs, strict=True))
+    return [found[place] for place in range(len(runs))]
+
+
+def _integrator(runs: Sequence[Run], share: float) -> Integrator:
+    """Return an integrator at the start of boards of one kind."""
+    first, state = runs[0], np.stack([run.state for run in runs])
+    boards: Boards = Alone(first.board)
+    start: Any = state
+    modes = [run.modes for run in runs if run.modes is not None]
+    if modes:
+        dense = [run.board for run in runs if isinstance(run.board, DenseBoard)]
+        boards = modal = ModalBoards(dense, modes)
+        start = modal.state(state)
+    present = Present(
+        start,
+        np.stack([run.start for run in runs]),
+        np.stack([run.slopes for run in runs]),
+        *np.array([(share * run.tolerance, run.unit, run.base, run.limit) for run in runs]).T,
+    )
+    return Integrator(boards, Reported.joined([run.reported for run in runs]), present)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,6 +219,9 @@ class Curve:
 
     run: Run
     dense: Dense
+    halves: list[Dense] = field(
+        default_factory=list
+    )  # the run with half the steps, once it is known
 
     def at(self, times: Floats) -> Floats:
         """Return the voltages of all nodes, shape (P, nodes)."""
@@ -177,25 +262,77 @@ def simulate(
     EngineError
         No equilibrium, no state space, or the solution leaves the range of floats.
     """
-    began = clock.perf_counter()
     board = LinearBoard.of(circuit)
-    stop = analysis.stop if times is None else float(times[-1])
-    run = Run.of(board, board.reported(nodes), analysis, tolerance, stop)
-    dense = run.integrator().run(stop)
-    ended = min(dense.ends[-1], stop)
-    diverges = f"the board diverges: it passes {run.limit:.3g} V at {show(ended, 's')}"
-    instants = record_times(analysis, ended) if times is None else times
-    if times is not None and dense.escaped:
-        instants = np.append(times[times < ended], ended)
-    flags = (diverges,) * dense.escaped
-    waveforms = _record(run, dense, instants, began, flags)
-    if times is not None and dense.escaped:
-        raise DivergesError(diverges, waveforms)
-    return waveforms
+    (found,) = simulate_together([Task(board, analysis, nodes, times, tolerance)])
+    if isinstance(found, EngineError):
+        raise found
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """What `simulate` gets."""
+
+    board: LinearBoard
+    analysis: Transient
+    nodes: Iterable[str] | None = None
+    times: Floats | None = None
+    tolerance: float = TOLERANCE
+
+    @property
+    def stop(self) -> float:
+        """The end of the record, s."""
+        return self.analysis.stop if self.times is None else float(self.times[-1])
+
+    def run(self) -> Run:
+        """Prepare the integration."""
+        nodes = self.board.reported(self.nodes)
+        return Run.of(self.board, nodes, self.analysis, self.tolerance, self.stop)
+
+    def record(self, run: Run, dense: Dense, seconds: float) -> Waveforms:
+        """Return the record of an integration; errors as `simulate`."""
+        ended, times = min(dense.checked().ends[-1], self.stop), self.times
+        diverges = f"the board diverges: it passes {run.limit:.3g} V at {show(ended, 's')}"
+        instants = record_times(self.analysis, ended) if times is None else times
+        if times is not None and dense.escaped:
+            instants = np.append(times[times < ended], ended)
+        waveforms = _record(run, dense, instants, seconds, (diverges,) * dense.escaped)
+        if times is not None and dense.escaped:
+            raise DivergesError(diverges, waveforms)
+        return waveforms
+
+
+def simulate_together(
+    tasks: Sequence[Task], *, halves: bool = False
+) -> list[Waveforms | EngineError]:
+    """Simulate several boards, those of one kind by the same array operations.
+
+    Each record is that of `simulate`, or the error that it raises. With `halves` the runs of
+    `halved` are integrated, too.
+    """
+    began = clock.perf_counter()
+    found: dict[int, Waveforms | EngineError] = {}
+    runs: dict[int, Run] = {}
+    for place, task in enumerate(tasks):
+        try:
+            runs[place] = task.run()
+        except EngineError as error:
+            found[place] = error
+    outs = dict(zip(runs, integrate(list(runs.values())), strict=True))
+    seconds = (clock.perf_counter() - began) / max(len(runs), 1)
+    for place, dense in outs.items():
+        try:
+            found[place] = tasks[place].record(runs[place], dense, seconds)
+        except EngineError as error:
+            found[place] = error
+    if halves:
+        curves = [x.curve for x in found.values() if isinstance(x, Waveforms)]
+        _halve([curve for curve in curves if isinstance(curve, Curve)])
+    return [found[place] for place in range(len(tasks))]
 
 
 def _record(
-    run: Run, dense: Dense, instants: Floats, began: float, flags: tuple[str, ...]
+    run: Run, dense: Dense, instants: Floats, seconds: float, flags: tuple[str, ...]
 ) -> Waveforms:
     curve = Curve(run, dense)
     values = curve.at(instants)
@@ -205,11 +342,19 @@ def _record(
         flags += (
             f"rounding leaves up to {dense.rounding:.3g} V, in a step more than its tolerance",
         )
-    cost = Cost(clock.perf_counter() - began, dense.steps, dense.factorisations)
+    cost = Cost(seconds, dense.steps, dense.factorisations)
     return Waveforms(
         instants, run.reported.nodes, values, "statespace", cost, flags, dense.rounding,
         curve=curve, method=METHOD,
     )  # fmt: skip
+
+
+def _halve(curves: Sequence[Curve]) -> None:
+    """Integrate the runs of `curves` again with every step halved."""
+    levels = [[level - 1 for level in x.dense.levels for _ in range(2)] for x in curves]
+    outs = integrate([curve.run for curve in curves], levels, REPEATED)
+    for curve, dense in zip(curves, outs, strict=True):
+        curve.halves.append(dense)
 
 
 def halved(first: Waveforms) -> Waveforms:
@@ -227,10 +372,10 @@ def halved(first: Waveforms) -> Waveforms:
     began, curve = clock.perf_counter(), first.curve
     if not isinstance(curve, Curve):
         raise EngineError("the first run is not one of the integrator's")
-    run = curve.run
-    levels = [level - 1 for level in curve.dense.levels for _ in range(2)]
-    dense = run.integrator(REPEATED).repeat(levels)
-    found = _record(run, dense, first.time, began, ())
+    if not curve.halves:
+        _halve([curve])
+    dense = curve.halves[0].checked()
+    found = _record(curve.run, dense, first.time, clock.perf_counter() - began, ())
     return replace(
         found, flags=first.flags, rounding=found.rounding + dense.unresolved(curve.dense)
     )

@@ -16,7 +16,8 @@ found by iterating on the m inputs alone. A length of step is prepared once, fro
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -44,25 +45,49 @@ INSTANT = 1e-9  # of the fastest time constant: a step without charge
 SETTLING_STEPS = 50
 SETTLED = 1e-12  # of the largest unknown: a correction that ends the search for the start
 STALLED = 1e-9  # the same of a correction that does not shrink, which is rounding
+KEPT = 12  # binary orders of length beside the present one: steps that stay prepared
 OFTEN = 4  # steps of one length after which matrices take the place of solves
 
 
 class Amplifiers:
-    """The amplifiers of a board as functions of their inputs, V."""
+    """The amplifiers of boards of one kind, as functions of their inputs (R, m, s), V.
+
+    Where there is one board, R may be any number.
+    """
 
     def __init__(self, devices: Devices) -> None:
-        self.gain, self.count = gain_of(devices.kinds), devices.count
-        self.u_scale, self.v_scale = devices.u_scale[:, None], devices.v_scale[:, None]
+        self.kinds, self.gain, self.count = devices.kinds, gain_of(devices.kinds), devices.count
+        self.u_scale = devices.u_scale[None, :, None]
+        self.v_scale = devices.v_scale[None, :, None]
+
+    @classmethod
+    def joined(cls, several: Sequence[Amplifiers]) -> Amplifiers:
+        """Return those of several boards together."""
+        found = copy(several[0])
+        found.u_scale = np.concatenate([each.u_scale for each in several])
+        found.v_scale = np.concatenate([each.v_scale for each in several])
+        return found
+
+    def part(self, rows: Ints) -> Amplifiers:
+        """Return those of some boards."""
+        found = copy(self)
+        found.u_scale, found.v_scale = self.u_scale[rows], self.v_scale[rows]
+        return found
 
     def outputs(self, inputs: Floats) -> Floats:
-        """Return the outputs at inputs (m, s), V; not finite beyond the range of floats."""
-        return -self.u_scale * self.gain.outputs(inputs / self.v_scale)
+        """Return the outputs, V; not finite beyond the range of floats."""
+        return np.asarray(-self.u_scale * self._by_row(self.gain.outputs, inputs / self.v_scale))
 
     def slopes(self, inputs: Floats) -> Floats:
-        """Return the slopes at inputs (m, s), V/V; not finite beyond the range of floats."""
+        """Return the slopes, V/V; not finite beyond the range of floats."""
         with np.errstate(over="ignore"):
-            slope = self.gain.slope(inputs / self.v_scale)
+            slope = self._by_row(self.gain.slope, inputs / self.v_scale)
             return np.asarray(-self.u_scale / self.v_scale * slope)
+
+    @staticmethod
+    def _by_row(function: Function, y: Floats) -> Floats:
+        """Apply a function whose first axis is that of the amplifiers."""
+        return function(y.transpose(1, 0, 2)).transpose(1, 0, 2)
 
 
 class Step(Protocol):
@@ -87,7 +112,7 @@ class Step(Protocol):
 
 
 class Board(Protocol):
-    """What the integrator needs of a board."""
+    """A board whose steps are prepared for themselves."""
 
     count: int  # of amplifiers
 
@@ -112,6 +137,107 @@ class Board(Protocol):
     def step(self, length: float, slopes: Floats) -> Step:
         """Prepare the steps of one length, s."""
         ...
+
+
+class Steps(Protocol):
+    """One step of each of several boards: as `Step`, with the boards on the first axis."""
+
+    def free(self, rate: Any) -> tuple[Floats, Any]:
+        """See `Step`."""
+        ...
+
+    def response(self, remainder: Floats, parts: Any) -> Floats:
+        """See `Step`."""
+        ...
+
+    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Any, Floats]:
+        """See `Step`."""
+        ...
+
+    def part(self, rows: Ints) -> Steps:
+        """Return the steps of some boards."""
+        ...
+
+
+class Boards(Protocol):
+    """What the integrator needs of its boards; arrays have the boards on the first axis."""
+
+    factorisations: int  # so far, of each board
+
+    def rate(self, state: Any, inputs: Floats, outputs: Floats) -> Any:
+        """Return the right-hand sides for inputs and outputs (R, m) of the amplifiers."""
+        ...
+
+    def size(self, state: Any) -> Floats:
+        """Return the largest voltage of each state, V, (R,)."""
+        ...
+
+    def step(self, length: Floats, slopes: Floats) -> Steps:
+        """Prepare a step of each board, of lengths (R,), s, at slopes (R, m)."""
+        ...
+
+    def part(self, rows: Ints) -> Boards:
+        """Return some of the boards."""
+        ...
+
+
+class Alone:
+    """One board as `Boards`; its prepared steps are kept while the slopes stay."""
+
+    def __init__(self, board: Board) -> None:
+        self.board, self.slopes, self.prepared = board, np.zeros(0), dict[float, Step]()
+        self.factorisations = 0
+
+    def part(self, rows: Ints) -> Alone:
+        """See `Boards`."""
+        return self
+
+    def rate(self, state: Floats, inputs: Floats, outputs: Floats) -> Floats:
+        """See `Boards`."""
+        return self.board.rate(state[0], outputs[0])[None]
+
+    def size(self, state: Floats) -> Floats:
+        """See `Boards`."""
+        return np.asarray(np.abs(state).max(axis=1, initial=0.0))
+
+    def step(self, length: Floats, slopes: Floats) -> AloneStep:
+        """See `Boards`."""
+        (wanted,) = length.tolist()
+        if not np.array_equal(slopes[0], self.slopes):
+            self.slopes, self.prepared = slopes[0], {}
+        if wanted not in self.prepared:
+            near = 2.0**KEPT
+            self.prepared = {
+                h: s for h, s in self.prepared.items() if h / near <= wanted <= h * near
+            }
+            self.prepared[wanted] = self.board.step(wanted, self.slopes)
+            self.factorisations += len(TABLE.shifts)
+        return AloneStep(self.prepared[wanted])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AloneStep:
+    """A step of one board as `Steps`."""
+
+    step: Step
+
+    def part(self, rows: Ints) -> AloneStep:
+        """See `Steps`."""
+        return self
+
+    def free(self, rate: Floats) -> tuple[Floats, Any]:
+        """See `Steps`."""
+        inputs, parts = self.step.free(rate[0])
+        return inputs[None], parts
+
+    def response(self, remainder: Floats, parts: Any) -> Floats:
+        """See `Steps`."""
+        return self.step.response(remainder[0], parts)[None]
+
+    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Floats, Floats]:
+        """See `Steps`."""
+        change, watched = self.step.end(remainder[0], inputs[0], parts)
+        return change[None], watched[None]
 
 
 @dataclass(eq=False)
@@ -221,6 +347,7 @@ class DenseBoard:
             self.C + (self.H * slopes) @ closed,
             self.H @ beyond,
         )
+        self.constant = self.B + (self.E * slopes) @ (loop @ self.D[: self.count])
         self.steps: dict[float, DenseStep] = {}
 
     def state(self, unknowns: Floats, /) -> Floats:
@@ -232,10 +359,10 @@ class DenseBoard:
         m, watched = self.count, self.C @ state + self.D
         inputs, H = watched[:m], self.H[:m]
         if H.any():
-            scale = amplifiers.v_scale
-            loop = H * amplifiers.u_scale[:, 0] / scale
-            inputs = scale[:, 0] * solve_loop(loop, inputs / scale[:, 0], amplifiers.gain)[0]
-        outputs = amplifiers.outputs(inputs[:, None])[:, 0]
+            scale = amplifiers.v_scale[0, :, 0]
+            loop = H * amplifiers.u_scale[0, :, 0] / scale[:, None]
+            inputs = scale * solve_loop(loop, inputs / scale, amplifiers.gain)[0]
+        outputs = amplifiers.outputs(inputs[None, :, None])[0, :, 0]
         if not np.all(np.isfinite(outputs)):
             raise EngineError(BEYOND)
         return np.append(inputs, (watched + self.H @ outputs)[m:])
@@ -260,16 +387,16 @@ class DenseBoard:
         C, D = self.C[:m], self.D[:, None]
 
         def rate(x: Floats) -> Floats:
-            inputs = (C @ x + self.D[:m])[:, None]
-            return self.rate(x, amplifiers.outputs(inputs)[:, 0])
+            inputs = (C @ x + self.D[:m])[None, :, None]
+            return self.rate(x, amplifiers.outputs(inputs)[0, :, 0])
 
         def jacobian(x: Floats) -> Floats:
-            slopes = amplifiers.slopes((C @ x + self.D[:m])[:, None])[:, 0]
+            slopes = amplifiers.slopes((C @ x + self.D[:m])[None, :, None])[0, :, 0]
             return np.asarray(self.A + (self.E * slopes) @ C)
 
         def watch(x: Floats) -> Floats:
             found = self.C @ x + D
-            return np.asarray((found + self.H @ amplifiers.outputs(found[:m])).T)
+            return np.asarray((found + self.H @ amplifiers.outputs(found[None, :m])[0]).T)
 
         return rate, jacobian, watch
 
@@ -365,8 +492,9 @@ class LargeBoard:
         fastest = float((pull[weight > 0.0] / weight[weight > 0.0]).max(initial=1.0))
         now, before = state.copy(), math.inf
         for _ in range(SETTLING_STEPS):
-            inputs = now[self.places[:m], None]
-            slopes, outputs = amplifiers.slopes(inputs)[:, 0], amplifiers.outputs(inputs)[:, 0]
+            inputs = now[None, self.places[:m], None]
+            slopes = amplifiers.slopes(inputs)[0, :, 0]
+            outputs = amplifiers.outputs(inputs)[0, :, 0]
             if not (np.all(np.isfinite(slopes)) and np.all(np.isfinite(outputs))):
                 break
             shift = fastest / INSTANT

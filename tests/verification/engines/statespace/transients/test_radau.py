@@ -9,11 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.transients.integrator import Dense, Integrator
+from taction.verification.engines.statespace.transients.integrator import (
+    Dense,
+    Integrator,
+    Present,
+)
 from taction.verification.engines.statespace.transients.radau import tableau
-from taction.verification.engines.statespace.transients.steps import STAGES, DenseBoard
+from taction.verification.engines.statespace.transients.steps import STAGES, Alone, DenseBoard
 
 
 def test_three_stages_are_the_published_ones() -> None:
@@ -64,10 +68,13 @@ class Everything:
     amplifiers: Any
 
     def volts(self, inputs: Floats) -> Floats:
-        return np.ones(self.watched)
+        return np.ones((len(inputs), self.watched))
 
-    def distance(self, watched: Floats) -> float:
-        return float(np.abs(watched).max())
+    def distance(self, watched: Floats) -> Floats:
+        return np.asarray(np.abs(watched).max(axis=1))
+
+    def part(self, rows: Ints) -> Everything:
+        return self
 
     watched: int = 1
 
@@ -90,25 +97,42 @@ class Space:
         return unknowns
 
 
+class OneBoard:
+    """The integrator of one board, whose failure is an error."""
+
+    def __init__(
+        self, board: DenseBoard, reported: Everything, z: Floats, slopes: Floats, numbers: Floats
+    ) -> None:
+        columns = numbers[:, None]  # tolerance, unit, base, limit
+        present = Present(z[None], z[None], slopes[None], *columns)
+        self.work = Integrator(Alone(board), reported, present)
+
+    def run(self, stop: float, max_steps: int = 1_000_000) -> Dense:
+        return self.work.run(np.array([stop]), max_steps)[0].checked()
+
+    def repeat(self, levels: list[int]) -> Dense:
+        return self.work.repeat([levels])[0].checked()
+
+
 def integrator(
     A: Floats, z: Floats, tolerance: float, *, first: float = 1e-2, limit: float = np.inf
-) -> Integrator:
+) -> OneBoard:
     """``z' = A z`` with all states watched."""
     n = len(z)
     space: Any = Space(A, np.zeros((0, n)), np.zeros((n, 0)))
     board, none = DenseBoard(space, ("all",), np.zeros(0)), Functions(0, np.exp, np.exp)
     reported = Everything(none, n)
-    return Integrator(board, reported, z, z, np.zeros(0), tolerance, 1.0, first, limit)
+    return OneBoard(board, reported, z, np.zeros(0), np.array([tolerance, 1.0, first, limit]))
 
 
-def scalar(f: Callable[[Floats], Floats], slope: Any, z: float, **more: Any) -> Integrator:
+def scalar(f: Callable[[Floats], Floats], slope: Any, z: float, **more: Any) -> OneBoard:
     """``z' = f(z)`` with one amplifier, whose input is z."""
     space: Any = Space(np.zeros((1, 1)), np.eye(1), np.eye(1))
     slopes = np.asarray(slope(np.array([z])))
     board, start = DenseBoard(space, (), slopes), np.array([z])
     reported = Everything(Functions(1, f, slope), 1)
     given = {"tolerance": 1e-8, "unit": 1.0, "base": 1e-3, "limit": np.inf} | more
-    return Integrator(board, reported, start, start, slopes, *given.values())
+    return OneBoard(board, reported, start, slopes, np.array(list(given.values())))
 
 
 SPIRAL = np.array([[-1.0, 5.0], [-5.0, -1.0]])
@@ -154,7 +178,7 @@ def test_an_amplifier_against_its_closed_form(first: float) -> None:
 
 
 def test_a_solution_that_blows_up_ends_at_its_limit_or_says_so() -> None:
-    def square(**more: Any) -> Integrator:  # 1 / (1 - t)
+    def square(**more: Any) -> OneBoard:  # 1 / (1 - t)
         return scalar(lambda z: z**2, lambda z: 2 * z, 1.0, **more)
 
     dense = square(limit=1e6).run(2.0)

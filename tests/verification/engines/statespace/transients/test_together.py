@@ -1,0 +1,120 @@
+"""Boards that are integrated together: each as if it were alone, and against closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import Circuit
+from taction.system.errors import EngineError
+from taction.system.waveforms import Waveforms
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.modes import decompose
+from taction.verification.engines.statespace.transients.integrator import Integrator, Present
+from taction.verification.engines.statespace.transients.modal_steps import ModalBoards, is_modal
+from taction.verification.engines.statespace.transients.stepped import (
+    Task,
+    halved,
+    simulate,
+    simulate_together,
+)
+from taction.verification.engines.statespace.transients.steps import DenseBoard
+from tests.support.boards import board, kernel, strain, two_pole
+from tests.verification.engines.statespace.transients.test_radau import (
+    Everything,
+    Functions,
+    Space,
+)
+
+STOP = 2e-4  # s
+
+
+def exponential(channels: int, capacitance: float) -> Circuit:
+    T, eps = kernel(channels, 3.0), np.maximum(strain(channels, 3.0), 0.05)
+    opamp = two_pole(790e3, 12e-12)
+    return board(T, eps, opamp, exponential=True, bias=True, C=capacitance)
+
+
+def tasks() -> list[Task]:
+    """Boards of two sizes that take different numbers of steps, and one without an equilibrium."""
+    found = [exponential(3, 20e-12), exponential(3, 2e-9), exponential(5, 47e-12)]
+    floating = replace(found[0], resistors=())
+    boards = [LinearBoard(circuit) for circuit in (*found, floating)]
+    return [Task(each, Transient(STOP, 1e-6), tolerance=1e-6) for each in boards]
+
+
+def test_a_board_gets_the_same_record_with_others_as_alone() -> None:
+    several = simulate_together(tasks(), halves=True)
+    for task, found in zip(tasks()[:3], several, strict=False):
+        alone = simulate(task.board, task.analysis, tolerance=task.tolerance)
+        assert isinstance(found, Waveforms)
+        assert np.array_equal(found.values, alone.values)
+        assert found.cost.points == alone.cost.points
+        assert np.array_equal(halved(found).values, halved(alone).values)
+    points = [found.cost.points for found in several if isinstance(found, Waveforms)]
+    assert points[0] != points[1]  # of one kind, each with steps of its own
+    assert isinstance(several[3], EngineError)
+
+
+def test_steps_by_modes_are_those_by_solves() -> None:
+    task = tasks()[2]
+    modal, solved = (
+        simulate(task.board, task.analysis, tolerance=tolerance) for tolerance in (1e-6, 1e-10)
+    )
+    assert modal.cost.factorisations == 1
+    assert solved.cost.factorisations > 1
+    amplitude = np.abs(solved.values - solved.values[0]).max()
+    assert np.abs(modal.values - solved.values).max() < 1e-6 * amplitude
+    assert np.abs(halved(modal).values - solved.values).max() < 1e-8 * amplitude
+
+
+def test_amplifiers_of_several_boards_against_their_closed_forms() -> None:
+    """``x' = -rate x + (rate - 1) x - x^2``, from 1: a logistic curve, for several rates."""
+    rates, boards, modes = np.array([1.5, 3.0, 40.0]), [], []
+    for rate in rates.tolist():
+        space: Any = Space(np.array([[-rate]]), np.eye(1), np.eye(1))
+        slopes = np.array([rate - 1.0])
+        boards.append(DenseBoard(space, (), slopes))
+        modes.append(decompose([np.array([[-1.0]])]))
+    assert all(map(is_modal, modes))
+
+    class Together(Functions):
+        def __init__(self, rates: Any) -> None:
+            self.rates = rates[:, None, None]
+            gain, more = lambda v: (self.rates - 1.0) * v - v**2, lambda v: self.rates - 1 - 2 * v
+            super().__init__(1, gain, more)
+
+    class Reported(Everything):
+        def part(self, rows: Any) -> Reported:
+            return Reported(Together(self.amplifiers.rates[rows, 0, 0]))
+
+    start, ones = np.ones((3, 1)), np.ones(3)
+    modal = ModalBoards(boards, modes)
+    numbers = (1e-8 * ones, ones, np.array([1e-3, 1e-2, 1e-4]), np.inf * ones)
+    slopes = (rates - 1.0)[:, None]
+    present = Present(modal.state(start), start, slopes, *numbers)
+    outs = Integrator(modal, Reported(Together(rates)), present).run(np.array([1.0, 3.0, 2.0]))
+    for out, stop in zip(outs, (1.0, 3.0, 2.0), strict=True):
+        t = np.linspace(0.0, stop, 50)
+        wanted = 1.0 / (2.0 * np.exp(t) - 1.0)  # of x' = -x - x^2
+        assert out.checked().at(t)[:, 0] == pytest.approx(wanted, abs=1e-8)
+
+
+def test_modes_that_are_nearly_one_are_no_basis_for_steps() -> None:
+    apart, joined = np.diag([-1.0, -2.0]), np.array([[-1.0, 1.0], [0.0, -1.0]])
+    assert is_modal(decompose([apart]))
+    assert not is_modal(decompose([joined]))
+
+
+def test_each_mode_has_the_place_of_its_conjugate() -> None:
+    A = np.array([[-1.0, 5.0, 0.0], [-5.0, -1.0, 0.0], [0.0, 0.0, -3.0]])
+    modes = decompose([A])
+    assert modes.poles[modes.mates] == pytest.approx(modes.poles.conj())
+    assert np.allclose(modes.right[:, modes.mates], modes.right.conj())
+    mirrored = LinearBoard(exponential(3, 20e-12)).state_space
+    assert mirrored.halves is not None
+    assert np.allclose(mirrored.modes.right[:, mirrored.modes.mates], mirrored.modes.right.conj())
