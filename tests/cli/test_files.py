@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import resource
+import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,12 +18,11 @@ from lxml import html
 from taction.cli.command import Command
 from taction.cli.main import COMMANDS, main
 from taction.cli.main import command as entry
+from tests.support.command_lines import PINS, VENDOR
 from tests.support.entries import write_fast
-from tests.support.paths import ROOT, SCENES
+from tests.support.paths import SCENES
 from tests.support.running import document, taction
 
-VENDOR = ROOT / "tests" / "data" / "fet100.cir"
-PINS = ("--subckt", "FET100", "--pins", "inp,inn,vcc,vee,out")
 GRID = ("--over", "C=1pF,2pF", "--jobs", "1")
 DESIGNS = ("--opamps", "ua741", "--points", "3", "--jobs", "1")
 CORNER = ("--corner", "resistor=1")
@@ -56,7 +56,7 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("reproduce", ("--quick",), {"-o": "x"}),
     ("demo", (), {"-o": "x.html", "--plot": "x.png"}),
     ("models show", ("ua741",), {"--plot": "x.svg"}),
-    ("models import", ("v.cir", *PINS), {"-o": "x.json"}),
+    ("models import", ("v.cir", *PINS.split()), {"-o": "x.json"}),
     ("new", (), {"FILE": "x.toml"}),
     ("new", (), {"-o": "x.toml"}),
 )
@@ -81,7 +81,7 @@ class ReaderGone(io.TextIOBase):
 
 @pytest.fixture
 def folder(boards: Path, quick_stories: None) -> Path:
-    (boards / "v.cir").write_text(VENDOR.read_text())
+    shutil.copy(VENDOR, boards / "v.cir")
     return boards
 
 

@@ -15,6 +15,7 @@ from taction.verification.evidence.paper.findings import Chapter, Finding, load_
 from taction.verification.evidence.paper.reproduce import Task
 from taction.verification.studies.running import collecting
 from taction.verification.studies.running.collecting import Pace
+from tests.support.command_lines import LINES
 from tests.support.entries import write_fast
 from tests.support.printed import printed_objects, shown_at, words_of
 from tests.support.running import taction
@@ -69,26 +70,16 @@ def test_a_short_command_says_nothing(tmp_path: Path) -> None:
 
 WIDTHS = (40, 80, 100)
 
-COMMAND_LINES: dict[str, tuple[str, ...]] = {
-    "verify": ("a.toml", "--margins", "-v"),
-    "verify several": ("a.toml", "slow.toml", "bad.toml", "--jobs", "1"),
-    "check": ("filter.cir", "--over", "Rf=1k:100k:5", "--check", "stable", "--no-ngspice"),
-    "diff": ("a.toml", "slow.toml"),
-    "bom": ("a.toml",),
-    "build": ("a.toml", "-o", "built"),
-    "montecarlo": ("a.toml", "-n", "4", "--jobs", "1"),
-    "corners": ("a.toml", "--corner", "capacitor=-1", "--corner", "resistor=1"),
-    "onset": ("a.toml", "--over", "C=1fF:1pF:5", "--no-confirm"),
-    "sweep": ("a.toml", "--over", "C=1pF:10pF:2", "--over", "opamp=ua741,op27", "--jobs", "1"),
-    "regress": (".", "--baseline", "b.json", "--jobs", "1"),
-    "stress": ("--only", "one-channel", "--jobs", "1"),
-    "accuracy": ("a.toml",),
-    "reproduce": ("--quick",),
-    "models": (),
-    "models show": ("show", "op27"),
-    "tune": ("a.toml",),
-    "choose": ("a.toml", "--opamps", "op27", "--points", "2", "--jobs", "1"),
+# The variant of a command with the widest tables.
+WIDE = {
+    "verify": "verify a.toml --margins -v",
+    "check": "check filter.cir --over Rf=1k:100k:5 --check stable --no-ngspice",
+    "corners": "corners a.toml --corner capacitor=-1 --corner resistor=1",
+    "sweep": "sweep a.toml --over C=1pF:10pF:2 --over opamp=ua741,op27 --jobs 1",
 }
+SAME = ("verify-files", "diff", "bom", "build", "montecarlo", "regress", "stress", "accuracy")
+SAME += ("reproduce", "models", "models-show", "tune", "choose", "onset, without transients")
+TABLES = {**{name: LINES[name] for name in SAME}, **WIDE}
 WITHOUT_TABLES = {
     "demo": "sentences, and a line for each of three boards",
     "netlist": "a deck",
@@ -117,13 +108,13 @@ def quick_paper(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_command_is_named_here() -> None:
-    assert {name.split()[0] for name in COMMAND_LINES} | set(WITHOUT_TABLES) == set(COMMANDS)
+    assert {each.split()[0] for each in TABLES.values()} | set(WITHOUT_TABLES) == set(COMMANDS)
 
 
 @pytest.mark.usefixtures("boards", "quick_stories", "quick_paper")
-@pytest.mark.parametrize("name", COMMAND_LINES)
+@pytest.mark.parametrize("name", TABLES)
 def test_a_narrow_page_loses_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    objects = printed_objects(monkeypatch, name.split()[0], *COMMAND_LINES[name])
+    objects = printed_objects(monkeypatch, *TABLES[name].split())
     wide = words_of(shown_at(200, objects))
     assert len(wide) > 10
     for width in WIDTHS:
@@ -137,7 +128,7 @@ def test_a_narrow_page_loses_nothing(name: str, monkeypatch: pytest.MonkeyPatch)
 def test_a_table_of_a_terminal_is_never_wider_than_the_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    objects = printed_objects(monkeypatch, "verify", *COMMAND_LINES["verify"])
+    objects = printed_objects(monkeypatch, *TABLES["verify"].split())
     tables = [each for each in objects if type(each).__name__ == "FittedTable"]
     assert len(tables) >= 2
     for width in WIDTHS:

@@ -1,0 +1,71 @@
+"""A line for every command on the files of `boards`, in the variants that some suites need."""
+
+from __future__ import annotations
+
+from tests.support.paths import ROOT
+
+VENDOR = str(ROOT / "tests" / "data" / "fet100.cir")
+PINS = "--subckt FET100 --pins inp,inn,vcc,vee,out"
+
+# The document of a line has the schema of the name before the comma.
+LINES: dict[str, str] = {
+    "verify": "verify a.toml --margins",
+    "verify, failing": "verify slow.toml --changes 0.5",
+    "verify, oscillating": "verify ringing.toml --margins --changes 0.5",
+    "verify, inconclusive": "verify short.toml",
+    "verify, one channel": "verify one.toml --margins",
+    "verify, transistor stages": "verify devices.toml",
+    "verify, ngspice and noise": "verify ngspice.toml",
+    "verify, exponential": "verify exponential.toml --changes 0",
+    "verify-files": "verify a.toml bad.toml slow.toml --jobs 1",
+    "check": "check filter.cir --check settling=1ms@1% --check agree=1e-3",
+    "check, failing": "check filter.cir --expect v(out)=1@1% --check noise=1nV",
+    "check, onset": "check filter.cir --over Rf=1k:100k:9 --no-ngspice",
+    "demo": "demo -o told.html",
+    "diff": "diff a.toml slow.toml",
+    "diff, inconclusive": "diff short.toml exponential.toml",
+    "netlist": "netlist a.toml --explain",
+    "netlist, pruned": "netlist pruned.toml --explain -o a.cir",
+    "bom": "bom a.toml",
+    "kicad": "kicad a.toml -o drawing",
+    "build": "build a.toml -o built",
+    "solve": "solve a.toml",
+    "solve, exponential": "solve exponential.toml",
+    "simulate": "simulate a.toml -o w.csv",
+    "simulate, oscillating": "simulate ringing.toml",
+    "montecarlo": "montecarlo a.toml -n 20 --jobs 1",
+    "montecarlo, a remedy": "montecarlo worn.toml -n 60 --jobs 1",
+    "montecarlo, without verdicts": "montecarlo short.toml -n 4 --jobs 1",
+    "montecarlo-sample": "montecarlo a.toml --sample 3",
+    "corners": "corners a.toml --jobs 1",
+    "corners, named": "corners a.toml --corner capacitor=-1",
+    "tune": "tune a.toml",
+    "scale": "scale a.toml",
+    "choose": "choose a.toml --opamps tl084 --points 2 --jobs 1",
+    "onset": "onset a.toml --over C=1fF:1pF:5",
+    "onset, without transients": "onset a.toml --over gain --no-confirm",
+    "sweep": "sweep a.toml --over C=1fF,10pF --engine both --jobs 1",
+    "sweep, hybrid": "sweep a.toml --over C=1fF,10pF --engine hybrid --jobs 1",
+    "sweep, every outcome": "sweep short.toml --over C=1pF,5F --over opamp=ua741,op27 --jobs 1",
+    "regress": "regress . --baseline b.json --jobs 1",
+    "stress": "stress --only one-channel --jobs 1",
+    "accuracy": "accuracy a.toml",
+    "models": "models",
+    "models-show": "models show ua741",
+    "models-import": f"models import {VENDOR} {PINS}",
+    "new": "new new.toml",
+    "new-matrix": "new m.toml --matrix T.csv --strain eps.csv",
+    "doctor": "doctor",
+    "error": "verify bad.toml",
+    "error, no design": "tune slow.toml --over gain=1M:1.1M",
+    "error, an option": "verify a.toml --jobs 0",
+    "error, a command": "verfy a.toml",
+    "error, no ngspice": "verify ngspice.toml",
+    "help": "--help",
+    "reproduce": "reproduce --quick",
+}
+
+
+def line(name: str) -> list[str]:
+    """Return the words of a line, the name of its command first."""
+    return LINES[name].split()
