@@ -54,22 +54,19 @@ def test_pole_solve_agrees_with_fifty_digits() -> None:
         assert second == pytest.approx(float(f2), rel=1e-13)
 
 
-def test_a_single_pole_has_the_root_form_and_a_little_over_90_degrees() -> None:
-    model = OpAmp("x", 10.0, gbw=1e6)
-    assert unity_gain_bandwidth(model) == pytest.approx(1e5 * math.sqrt(99.0), rel=1e-14)
-    assert phase_margin(model) == pytest.approx(180 - math.degrees(math.atan(math.sqrt(99.0))))
-
-
-def test_no_pole_no_lag() -> None:
-    assert unity_gain_bandwidth(OpAmp("x", 1e9)) == math.inf
-    assert phase_margin(OpAmp("x", 1e9)) == 180.0
-
-
-def test_two_equal_poles_of_a_gain_of_two() -> None:
-    # (1 + x)^2 = A0^2 with A0 = 2: f_u = f1, a lag of 45 degrees each.
-    model = OpAmp("x", 2.0, gbw=2e3, second_pole=1e3)
-    assert unity_gain_bandwidth(model) == pytest.approx(1e3, rel=1e-15)
-    assert phase_margin(model) == pytest.approx(90.0, rel=1e-15)
+@pytest.mark.parametrize(
+    ("model", "f_u", "margin"),
+    [
+        (OpAmp("x", 10.0, gbw=1e6), 1e5 * math.sqrt(99.0), 180 - math.degrees(math.atan(99**0.5))),
+        (OpAmp("x", 1e9), math.inf, 180.0),
+        # (1 + x)^2 = A0^2 with A0 = 2: f_u = f1, a lag of 45 degrees each.
+        (OpAmp("x", 2.0, gbw=2e3, second_pole=1e3), 1e3, 90.0),
+    ],
+    ids=["one pole", "no pole, no lag", "two equal poles"],
+)
+def test_bandwidth_and_margin_in_closed_form(model: OpAmp, f_u: float, margin: float) -> None:
+    assert unity_gain_bandwidth(model) == pytest.approx(f_u, rel=1e-14)
+    assert phase_margin(model) == pytest.approx(margin, rel=1e-14)
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.2, 90.001, 180.0, -5.0, math.nan])

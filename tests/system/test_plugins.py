@@ -90,9 +90,18 @@ def test_a_wrong_object_is_refused_by_its_name(case: str, plugin: Plugin) -> Non
     assert numbers["one"] == 1
 
 
-def test_a_name_of_taction_cannot_be_replaced(plugin: Plugin) -> None:
-    plugin("acme", NUMBERS, SOURCE)
-    with pytest.raises(InputError, match=r"acme 1\.0: .* 'seven': taction itself has"):
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("seven", r"acme 1\.0: .* 'seven': taction itself has"),
+        ("Se-ven", "'Se-ven': a name is a lower-case letter"),
+    ],
+)
+def test_a_name_is_one_word_that_taction_does_not_have(
+    name: str, says: str, plugin: Plugin
+) -> None:
+    plugin("acme", {"taction.opamps": {name: "SEVEN"}}, SOURCE)
+    with pytest.raises(InputError, match=says):
         list(table({"seven": 0}))
 
 
@@ -101,12 +110,6 @@ def test_two_packages_cannot_offer_one_name(plugin: Plugin) -> None:
     plugin("zenith", {"taction.opamps": {"seven": "SEVEN"}}, SOURCE, version="2.1")
     with pytest.raises(InputError, match=r"zenith 2\.1: .*'seven': the plug-in acme 1\.0 offers"):
         table()["one"]
-
-
-def test_a_name_is_one_word(plugin: Plugin) -> None:
-    plugin("acme", {"taction.opamps": {"Se-ven": "SEVEN"}}, SOURCE)
-    with pytest.raises(InputError, match="'Se-ven': a name is a lower-case letter"):
-        list(table())
 
 
 def test_a_table_has_a_known_group() -> None:

@@ -30,12 +30,9 @@ def loaded_by(script: str) -> set[str]:
     return set(run.stdout.split())
 
 
-def test_import_taction_loads_nothing_heavy() -> None:
-    assert not loaded_by("import taction; dir(taction)") & set(HEAVY)
-
-
-def test_a_job_is_there_before_anything_heavy_is_loaded() -> None:
-    assert not loaded_by("import taction; taction.sweep, taction.verify") & set(HEAVY)
+@pytest.mark.parametrize("use", ["dir(taction)", "taction.sweep, taction.verify"])
+def test_import_taction_and_its_jobs_load_nothing_heavy(use: str) -> None:
+    assert not loaded_by(f"import taction; {use}") & set(HEAVY)
 
 
 def test_help_and_a_deck_load_no_study_and_no_terminal(tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,9 +28,10 @@ def scene(tmp_path: Path) -> Scene:
     return load_scene(path)
 
 
-def test_a_numpy_file(scene: Scene, tmp_path: Path) -> None:
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_numpy_file_in_rows_or_in_columns(scene: Scene, tmp_path: Path, order: Any) -> None:
     wanted = np.arange(6, dtype=np.int32).reshape(2, 3)
-    np.save(tmp_path / "T.npy", wanted)
+    np.save(tmp_path / "T.npy", np.asarray(wanted, order=order))
     found = read_array(scene, "problem.matrix", "T.npy", (None, None))
     assert found.dtype == np.float64
     assert np.array_equal(found, wanted)
@@ -62,7 +65,17 @@ def test_a_numpy_file_that_holds_no_matrix(
     assert caught.value.complaints[0].key == "problem.matrix"
 
 
-@pytest.mark.parametrize("content", [b"", b"no numpy file", b"\x93NUMPY\x01\x00"])
+def header(damage: bytes) -> bytes:
+    """A good file with a damaged header."""
+    file = io.BytesIO()
+    np.save(file, np.eye(3))
+    return file.getvalue().replace(b"False", damage.ljust(5, b" "), 1)
+
+
+DAMAGED = [header(damage) for damage in (b"\r\x0c", b"(3", b"'''", b"\\", b"\x00", b"L")]
+
+
+@pytest.mark.parametrize("content", [b"", b"no numpy file", b"\x93NUMPY\x01\x00", *DAMAGED])
 def test_a_file_that_is_no_numpy_file(scene: Scene, tmp_path: Path, content: bytes) -> None:
     (tmp_path / "T.npy").write_bytes(content)
     with pytest.raises(InputError, match=r"expected a \.npy file of real numbers"):
@@ -85,27 +98,11 @@ def test_a_numpy_header_that_lies_takes_no_memory(scene: Scene, tmp_path: Path) 
         read_array(scene, "problem.matrix", "T.npy", (None, None))
 
 
-def test_a_numpy_file_in_columns(scene: Scene, tmp_path: Path) -> None:
-    values = np.arange(6.0).reshape(2, 3)
-    np.save(tmp_path / "T.npy", np.asfortranarray(values))
-    assert np.array_equal(read_array(scene, "problem.matrix", "T.npy", (None, None)), values)
-
-
 def test_a_pipe_is_no_matrix(scene: Scene, tmp_path: Path) -> None:
     for name in ("T.csv", "T.npy"):
         os.mkfifo(tmp_path / name)
         with pytest.raises(InputError, match="not a regular file"):
             read_array(scene, "problem.matrix", name, (None, None))
-
-
-@pytest.mark.parametrize("damage", [b"\r\x0c", b"(3", b"'''", b"\\", b"\x00", b"L"])
-def test_a_numpy_header_that_is_damaged(scene: Scene, tmp_path: Path, damage: bytes) -> None:
-    file = tmp_path / "T.npy"
-    np.save(file, np.eye(3))
-    content = file.read_bytes()
-    file.write_bytes(content.replace(b"False", damage.ljust(5, b" "), 1))
-    with pytest.raises(InputError, match=r"expected a \.npy file of real numbers"):
-        read_array(scene, "problem.matrix", "T.npy", (None, None))
 
 
 T = [[2.0, 0.5, 0.1], [0.5, 1.0, 0.2]]  # two sensors, three channels

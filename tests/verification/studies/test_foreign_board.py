@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.errors import InputError
+from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.families import Family
 from taction.verification.stability.poles import poles
 from taction.verification.studies.board_check import BoardCheck, check_board
@@ -79,12 +80,25 @@ def crossing(board: ForeignBoard, name: str, low: float, high: float) -> tuple[f
     return edge.value, edge.frequency
 
 
-@pytest.mark.parametrize("name", ["gain", "E1"])
-def test_a_wien_bridge_oscillates_from_gain_3(name: str, read: Read) -> None:
-    """At f = 1 / (2 pi R C), by the parameter and by the gain of its source."""
-    gain, frequency = crossing(read(DECKS["wien"]), name, 2.0, 4.0)
-    assert gain == pytest.approx(3.0, rel=1e-7)
-    assert frequency == pytest.approx(1.0 / (2.0 * math.pi * 1e4 * 1e-8), rel=1e-7)
+RC = 1.0 / (2.0 * math.pi * 1e4 * 1e-8)  # Hz: 1 / (2 pi R C)
+
+
+@pytest.mark.parametrize(
+    ("deck_name", "over", "value", "frequency"),
+    [
+        # by the parameter, and by the gain of its source
+        ("wien", ("gain", 2.0, 4.0), 3.0, RC),
+        ("wien", ("E1", 2.0, 4.0), 3.0, RC),
+        ("phase-shift", ("gain", 20.0, 40.0), 29.0, RC / math.sqrt(6.0)),
+        ("phase-shift-low", ("gain", 20.0, 40.0), 29.0, RC * math.sqrt(6.0)),
+        # 1 / (1 + j w R C)^3 has the phase 180 degrees at w R C = sqrt(3), and the size 1/8
+        ("ring", ("gain", 1.5, 2.5), 2.0, math.sqrt(3.0) * 100.0 * RC),
+    ],
+)
+def test_an_oscillator_begins_at_its_closed_form(
+    deck_name: str, over: tuple[str, float, float], value: float, frequency: float, read: Read
+) -> None:
+    assert crossing(read(DECKS[deck_name]), *over) == pytest.approx((value, frequency), rel=1e-7)
 
 
 def test_a_wien_bridge_oscillates_from_a_ratio_of_2(read: Read) -> None:
@@ -93,20 +107,12 @@ def test_a_wien_bridge_oscillates_from_a_ratio_of_2(read: Read) -> None:
     assert ohms == pytest.approx(2e4, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("name", "factor"), [("phase-shift", 1.0 / math.sqrt(6.0)), ("phase-shift-low", math.sqrt(6.0))]
-)
-def test_a_phase_shift_oscillator_oscillates_from_29(name: str, factor: float, read: Read) -> None:
-    gain, frequency = crossing(read(DECKS[name]), "gain", 20.0, 40.0)
-    assert gain == pytest.approx(29.0, rel=1e-7)
-    assert frequency == pytest.approx(factor / (2.0 * math.pi * 1e4 * 1e-8), rel=1e-7)
-
-
-def test_a_ring_of_three_oscillates_from_gain_2(read: Read) -> None:
-    """1 / (1 + j w R C)^3 has the phase 180 degrees at w R C = sqrt(3), and the size 1/8."""
-    gain, frequency = crossing(read(DECKS["ring"]), "gain", 1.5, 2.5)
-    assert gain == pytest.approx(2.0, rel=1e-7)
-    assert frequency == pytest.approx(math.sqrt(3.0) / (2.0 * math.pi * 1e4 * 1e-10), rel=1e-7)
+def sign_change(function: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a function that is positive at `low` becomes 0, to the last digit."""
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if function(middle) > 0.0 else (low, middle)
+    return low
 
 
 def test_a_colpitts_oscillator(read: Read) -> None:
@@ -124,11 +130,7 @@ def test_a_colpitts_oscillator(read: Read) -> None:
         a1 = L * g * h + (C1 + C2)
         return a2 * a1 - a3 * h
 
-    low, high = 1e-6, 1e-2
-    for _ in range(200):
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if routh(middle) > 0.0 else (low, middle)
-    assert gm == pytest.approx(low, rel=1e-7)
+    assert gm == pytest.approx(sign_change(routh, 1e-6, 1e-2), rel=1e-7)
 
 
 def test_a_follower_with_a_capacitor_at_its_output(read: Read) -> None:
@@ -165,11 +167,7 @@ def test_a_follower_of_two_poles_oscillates_at_its_closed_form(read: Read) -> No
         return (a * b + (a + b) * c) * (a + b + c) - a * b * c * (1.0 + A)
 
     (edge,) = sweep.crossings
-    low, high = 1e-9, 1e-5
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if routh(middle) > 0.0 else (low, middle)
-    assert edge.value == pytest.approx(low / Ro, rel=1e-7)
+    assert edge.value == pytest.approx(sign_change(routh, 1e-9, 1e-5) / Ro, rel=1e-7)
 
 
 def test_settling_of_two_poles_in_closed_form(read: Read) -> None:
@@ -178,14 +176,11 @@ def test_settling_of_two_poles_in_closed_form(read: Read) -> None:
                 "E1 out 0 b 0 1")  # fmt: skip
     found = checked(read(text))
     T = 1e-5
-    low, high = 0.0, 100.0
-    for _ in range(200):
-        x = 0.5 * (low + high)
-        low, high = (x, high) if (1.0 + x) * math.exp(-x) > 0.01 else (low, x)
+    settled = T * sign_change(lambda x: (1.0 + x) * math.exp(-x) - 0.01, 0.0, 100.0)
     (row,) = found.outputs
     assert row.settling_time is not None
     assert row.settling_bound is not None
-    assert abs(row.settling_time - low * T) <= row.settling_bound + 1e-12 * T
+    assert abs(row.settling_time - settled) <= row.settling_bound + 1e-12 * T
     assert row.overshoot == pytest.approx(0.0, abs=1e-9)
 
 
@@ -249,27 +244,27 @@ def test_a_margin_counts_every_part(read: Read) -> None:
     assert checked(read(DECKS["wien"]), checks=("margin=1.1",)).outcome.value == "fail"
 
 
-def test_a_coil_between_two_coils_is_refused_by_name(read: Read) -> None:
-    """Its current is that of the other one: an index above 1 that is not reduced."""
-    from taction.system.errors import EngineError
-
-    board = read(deck("series", "L1 in m 1m", "L2 m out 1m", "R1 out 0 1k"))
-    with pytest.raises(EngineError, match=r"stay undetermined: .*\bm\b"):
-        poles(board.circuit)
-
-
-def test_a_loop_of_sources_is_refused_by_name(read: Read) -> None:
-    from taction.system.errors import EngineError
-
-    board = read(deck("loop", "V2 a in 1", "E1 a 0 in 0 2", "R1 a out 1k", "C1 out 0 1n"))
-    with pytest.raises(EngineError, match="closes a loop of ideal voltage sources"):
-        poles(board.circuit)
+@pytest.mark.parametrize(
+    ("cards", "says"),
+    [
+        # The current of the middle node is that of the other coil: an index above 1.
+        (("L1 in m 1m", "L2 m out 1m", "R1 out 0 1k"), r"stay undetermined: .*\bm\b"),
+        (
+            ("V2 a in 1", "E1 a 0 in 0 2", "R1 a out 1k", "C1 out 0 1n"),
+            "closes a loop of ideal voltage sources",
+        ),
+    ],
+    ids=["coils in series", "loop of sources"],
+)
+def test_what_has_no_equations_is_refused_by_name(
+    cards: tuple[str, ...], says: str, read: Read
+) -> None:
+    with pytest.raises(EngineError, match=says):
+        poles(read(deck("refused", *cards)).circuit)
 
 
 def test_a_step_through_a_sensed_capacitor_jumps(read: Read) -> None:
     """F copies the impulse of C2 = 10 pF into C1 = 1 nF: 2 x 10 pF x 1 V / 1 nF = 20 mV."""
-    from taction.verification.engines.statespace.transients.exact import exact_solution
-
     board = read(DECKS["cccs-mirror"])
     solution = exact_solution(LinearBoard(board.circuit), initial="rest")
     assert solution.start[0] == pytest.approx(0.02, rel=1e-12)

@@ -57,9 +57,12 @@ def test_a_piece_that_is_known_is_checked_where_it_stands() -> None:
             screen(transient("I7 0 free 1.0\n" + lines.format(known)))
 
 
-def test_a_file_that_includes_itself() -> None:
-    with pytest.raises(DidNotLoad, match="within itself"):
-        screen(transient(".include a.inc", files={"a.inc": ".include a.inc\n"}))
+@pytest.mark.parametrize(
+    ("lines", "says"), [(".include a.inc\n", "within itself"), ("+ R7 out 0 1.0\n", "not accepted")]
+)
+def test_an_include_neither_includes_itself_nor_continues_a_line(lines: str, says: str) -> None:
+    with pytest.raises(DidNotLoad, match=says):
+        screen(transient(".include a.inc", files={"a.inc": lines}))
 
 
 def test_a_script_in_place_of_a_title() -> None:
@@ -111,11 +114,6 @@ ACCEPTED = {
 def test_accepted(case: str) -> None:
     deck = transient(ACCEPTED[case], BUFFER, files={"a.inc": "R9 f 0 1.0\n"})
     assert screen(deck) is None  # what is not accepted raises
-
-
-def test_a_line_that_continues_nothing() -> None:
-    with pytest.raises(DidNotLoad, match="not accepted"):
-        screen(transient(".include a.inc", files={"a.inc": "+ R7 out 0 1.0\n"}))
 
 
 def test_the_same_lines_in_another_circuit_are_judged_there() -> None:

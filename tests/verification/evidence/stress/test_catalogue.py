@@ -88,12 +88,8 @@ def test_their_numbers_are_those_of_the_reports(path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", BOARDS, ids=name_of)
-def test_a_scene_that_is_not_refused_can_be_read(case: Case) -> None:
+def test_a_scene_is_read_and_its_true_values_are_those_of_its_tables_and_deck(case: Case) -> None:
     assert {case.scene(engine).analysis.engine for engine in case.engines} == set(case.engines)
-
-
-@pytest.mark.parametrize("case", BOARDS, ids=name_of)
-def test_true_values_are_those_of_the_tables_and_of_the_deck(case: Case) -> None:
     assert case.truth is not None, "scripts/stress_truth.py computes it"
     record = STORED[case.name]
     assert record["tables"] == case.digest
@@ -109,23 +105,19 @@ def test_a_refused_scene_has_no_deck(case: Case) -> None:
     assert (case.truth, deck_digest(case)) == (None, None)
 
 
-def test_two_cases_of_one_name_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the name of one case only"):
-        load_catalogue(folder_with(tmp_path, one=FILE, two=FILE))
-
-
 @pytest.mark.parametrize(
-    ("line", "text"),
-    [('why = "w"\n', "every case needs why"), ('outcome = "pass"', "every case needs why")],
+    ("files", "text"),
+    [
+        ({"one": FILE, "two": FILE}, "the name of one case only"),
+        ({"one": FILE.replace('why = "w"\n', "")}, "every case needs why"),
+        ({"one": FILE.replace('outcome = "pass"', "")}, "every case needs why"),
+        ({"one": FILE.replace('"pass"', '["pass", "perhaps"]')}, "expected one of"),
+    ],
+    ids=["two of one name", "no reason", "no outcome", "an unknown outcome"],
 )
-def test_a_case_without_a_key_is_refused(tmp_path: Path, line: str, text: str) -> None:
+def test_a_wrong_catalogue_is_refused(tmp_path: Path, files: dict[str, str], text: str) -> None:
     with pytest.raises(InputError, match=text):
-        load_catalogue(folder_with(tmp_path, one=FILE.replace(line, "")))
-
-
-def test_an_unknown_outcome_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected one of"):
-        load_catalogue(folder_with(tmp_path, one=FILE.replace('"pass"', '["pass", "perhaps"]')))
+        load_catalogue(folder_with(tmp_path, **files))
 
 
 def test_tables_of_a_case_are_laid_over_the_base(tmp_path: Path) -> None:
