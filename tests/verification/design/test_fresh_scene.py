@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from numpy.typing import NDArray
 
-from taction.cli.main import main
 from taction.netlist_gen.board.part_warnings import broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
@@ -24,6 +24,7 @@ from taction.system.errors import InputError
 from taction.verification.design.fresh_scene import (
     BAND,
     GRADES,
+    FreshScene,
     exceeded,
     fresh_scene,
     noise_of,
@@ -32,6 +33,7 @@ from taction.verification.design.fresh_scene import (
 )
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.verdict.verify import verify
+from tests.support.running import taction
 
 T = np.array([[1.0, 0.5, 0.2], [0.5, 1.0, 0.5], [0.2, 0.5, 1.0], [0.1, 0.2, 0.5]])
 EPS = np.array([1.0, 0.8, 0.3, 0.2])
@@ -89,12 +91,12 @@ def test_no_finer_resistors_where_input_errors_decide(scene: Scene) -> None:
     assert note.startswith("resistors of 1 %")
 
 
-def test_the_values_are_of_a_series_and_can_be_bought(
-    tmp_path: Path, problem: tuple[Matrix, Matrix]
-) -> None:
-    file = tmp_path / "board.toml"
-    assert new(*write(tmp_path, *problem), str(file)).exit_code == 0
-    scene = load_scene(file)
+def test_the_values_are_of_a_series_can_be_bought_and_are_all_used(plain: Path) -> None:
+    """The files that needed no change stay where they are, and nothing is pruned."""
+    assert [path.name for path in plain.parent.iterdir()] == ["board.toml"]
+    assert "prune" not in plain.read_text(encoding="utf-8")
+    scene = load_scene(plain)
+    assert scene.problem.matrix == "../T.csv"  # type: ignore[union-attr]
     circuit = synthesise(scene)
     ohms = circuit.forward.ohms[np.isfinite(circuit.forward.ohms)]
     decades = 10.0 ** np.floor(np.log10(ohms))
@@ -112,10 +114,26 @@ SIGMA = 0.01
 Matrix = NDArray[np.float64]
 
 
-@pytest.fixture
-def problem(rng: np.random.Generator) -> tuple[Matrix, Matrix]:
+@pytest.fixture(scope="module")
+def problem() -> tuple[Matrix, Matrix]:
+    rng = np.random.default_rng(1993)
     T = rng.normal(size=(6, 3))
     return T, T @ np.array([1.0, 0.5, -0.3]) + SIGMA * rng.normal(size=6)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory, problem: tuple[Matrix, Matrix]) -> Path:
+    """The scene that `new` writes for the matrix without an option, in a folder beside it."""
+    folder = tmp_path_factory.mktemp("plain")
+    (folder / "elsewhere").mkdir()
+    file = folder / "elsewhere" / "board.toml"
+    assert new(*write(folder, *problem), str(file)).exit_code == 0
+    return file
+
+
+def fresh(folder: Path, **options: Any) -> FreshScene:
+    """The scene for the files that `write` wrote."""
+    return fresh_scene(folder / "T.csv", folder / "eps.csv", folder / "s.toml", **options)
 
 
 def write(folder: Path, T: Matrix, eps: Matrix, head: str = "") -> list[str]:
@@ -127,7 +145,7 @@ def write(folder: Path, T: Matrix, eps: Matrix, head: str = "") -> list[str]:
 
 
 def new(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ["new", *arguments])
+    return taction("new", *arguments)
 
 
 @pytest.mark.parametrize("opamp", ["tl084", "op27"])
@@ -165,12 +183,11 @@ def test_lambda_leaves_the_residual_of_the_noise(
 ) -> None:
     T, eps = problem
     write(tmp_path, T, eps)
-    paths = (tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml")
-    lam = fresh_scene(*paths, noise=SIGMA).scaling.lam
+    lam = fresh(tmp_path, noise=SIGMA).scaling.lam
     u = np.linalg.solve(T.T @ T + lam * np.eye(3), T.T @ eps)
     residual = float(np.sum((T @ u - eps) ** 2))
     assert residual == pytest.approx(1.3 * len(eps) * SIGMA**2, rel=0.02)  # lambda has 3 digits
-    default = fresh_scene(*paths)
+    default = fresh(tmp_path)
     assert default.scaling.lam == pytest.approx(0.01 * np.linalg.svd(T)[1][0] ** 2, rel=0.005)
     assert "default" in default.rule
 
@@ -186,41 +203,28 @@ def test_a_transposed_matrix_with_a_header(tmp_path: Path, problem: tuple[Matrix
     np.testing.assert_array_equal(read.strain, eps)
 
 
-def test_files_without_changes_stay_where_they_are(
-    tmp_path: Path, problem: tuple[Matrix, Matrix]
+@pytest.mark.parametrize(
+    ("T", "eps", "noise", "says"),
+    [
+        (np.ones((4, 3)), np.ones(5), None, "is 4 rows and 3 columns and the strain has 5 values"),
+        (np.zeros((2, 2)), np.ones(2), None, "T is all zeros"),
+        (np.eye(2), np.ones(2), 100.0, r"SIGMA = 100: the whole strain is .* --noise"),
+    ],
+    ids=["shapes", "zeros", "noise above the strain"],
+)
+def test_a_problem_without_an_answer_is_refused(
+    tmp_path: Path, T: Matrix, eps: Matrix, noise: float | None, says: str
 ) -> None:
-    folder = tmp_path / "elsewhere"
-    folder.mkdir()
-    file = folder / "board.toml"
-    assert new(*write(tmp_path, *problem), str(file)).exit_code == 0
-    assert sorted(path.name for path in folder.iterdir()) == ["board.toml"]
-    assert load_scene(file).problem.matrix == "../T.csv"  # type: ignore[union-attr]
-
-
-def test_shapes_that_do_not_fit(tmp_path: Path) -> None:
-    write(tmp_path, np.ones((4, 3)), np.ones(5))
-    with pytest.raises(InputError, match="is 4 rows and 3 columns and the strain has 5 values"):
-        fresh_scene(tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml")
-
-
-def test_a_matrix_of_zeros(tmp_path: Path) -> None:
-    write(tmp_path, np.zeros((2, 2)), np.ones(2))
-    with pytest.raises(InputError, match="T is all zeros"):
-        fresh_scene(tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml")
+    write(tmp_path, T, eps)
+    with pytest.raises(InputError, match=says):
+        fresh(tmp_path, noise=noise)
 
 
 def test_a_strain_of_zeros_has_no_loads(tmp_path: Path) -> None:
     write(tmp_path, np.eye(2), np.zeros(2))
     design = {"opamp": {"base": "tl084", "input_errors": "none"}}
-    arguments = tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml"
-    found = fresh_scene(*arguments, design=design)
+    found = fresh(tmp_path, design=design)
     assert "nothing moves with this strain: U0 is that of the scene" in found.scaling.notes
-
-
-def test_a_noise_above_the_strain(tmp_path: Path, problem: tuple[Matrix, Matrix]) -> None:
-    write(tmp_path, *problem)
-    with pytest.raises(InputError, match=r"SIGMA = 100: the whole strain is .* --noise"):
-        fresh_scene(tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml", noise=100.0)
 
 
 def test_a_noise_that_explains_nothing_and_the_noise_that_does(tmp_path: Path) -> None:
@@ -234,12 +238,11 @@ def test_a_noise_that_explains_nothing_and_the_noise_that_does(tmp_path: Path) -
     drawn -= T @ np.linalg.lstsq(T, drawn, rcond=None)[0]
     eps = T @ np.array([1.0, -0.5]) + drawn * (0.03 * np.sqrt(38.0) / np.linalg.norm(drawn))
     write(tmp_path, T, eps)
-    files = tmp_path / "T.csv", tmp_path / "eps.csv", tmp_path / "s.toml"
     with pytest.raises(InputError, match=r"at least 0\.029 rms") as caught:
-        fresh_scene(*files, noise=1e-3)
+        fresh(tmp_path, noise=1e-3)
     proposed = float(str(caught.value).rpartition("--noise ")[2])
     assert proposed == pytest.approx(0.03, rel=0.01)
-    assert "noise 0.03" in fresh_scene(*files, noise=proposed, any_part=True).rule
+    assert "noise 0.03" in fresh(tmp_path, noise=proposed, any_part=True).rule
 
 
 def test_a_noise_in_percent_is_of_the_largest_strain() -> None:
@@ -307,11 +310,3 @@ def test_a_given_pruning_stays(tmp_path: Path) -> None:
     arguments += ["--lambda", "90", "--prune", "0.01", "--opamp", "opa189"]
     assert new(*arguments, str(file)).exit_code == 0
     assert load_scene(file).design.prune == 0.01
-
-
-def test_a_matrix_without_small_entries_is_not_pruned(
-    tmp_path: Path, problem: tuple[Matrix, Matrix]
-) -> None:
-    file = tmp_path / "board.toml"
-    assert new(*write(tmp_path, *problem), str(file)).exit_code == 0
-    assert "prune" not in file.read_text(encoding="utf-8")
