@@ -73,26 +73,6 @@ def test_a_grid_has_the_axes_as_coordinates(result: SweepResult) -> None:
     assert float(chosen) == table[(2e-11, "passive")]
 
 
-def test_a_point_is_what_verify_finds(result: SweepResult, scene: Path) -> None:
-    verdict = taction.verify(scene)
-    first = next(result.records())
-    assert first["outcome"] == verdict.outcome.value
-    assert first["growth_rate"] == verdict.poles.rightmost.real
-
-
-def test_a_picture_is_drawn(result: SweepResult, tmp_path: Path) -> None:
-    result.plot(tmp_path / "map.png")
-    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_a_stored_sweep_is_not_computed_again(scene: Path, tmp_path: Path) -> None:
-    over, file = {"C": ("10pF", "20pF", 3)}, tmp_path / "a.sqlite"
-    first = taction.sweep(scene, over=over, output=file, jobs=1)
-    again = taction.sweep(scene, over=over, output=file, jobs=1)
-    assert (first.count.ran, again.count.ran) == (3, 0)
-    assert list(again.records()) == list(first.records())
-
-
 def test_arrays_are_swept_in_other_processes() -> None:
     parts = {"capacitance": "1nF", "gain": "100kohm", "unit_conductance": "10uS", "opamp": "opa189"}
     made = taction.Scene.from_arrays([[1.0, 0.5], [0.5, 1.0]], [0.2, 0.1], lam=0.1, **parts)

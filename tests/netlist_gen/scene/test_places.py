@@ -42,6 +42,13 @@ def refusal(folder: Path, text: str) -> InputError:
     ("old", "new", "key", "value", "instead", "underlined"),
     [
         ('min = "9.5us"', 'min = "11us"', "checks.rise_time.min", "11us", "at most 10.5 us", "min"),
+        ('min = "9.5us", max = "10.5us"', 'min = "10.5us", max = "9.5us"', "checks.rise_time.min",
+         "10.5us", "are they swapped?", "min"),
+        ('tolerance = 1e-3', 'tolerance = "0.1%"', "checks.steady_state.tolerance", "0.1%",
+         "0.1 % is 0.001", "tolerance"),
+        ('amplifier = "linear"', 'amplifier = "exp"', "design.amplifier", "exp", "'exponential'",
+         "amplifier"),
+        ('= "10pF"\nres', '= "10ohm"\nres', "design.capacitance", "10ohm", "in F", "capacitance"),
         ("channel = 4", "channel = 8", "checks.rise_time.channel", "8", "1 to 7", "channel"),
         ("tolerance = 1e-3", "tolerance = 10", "checks.steady_state.tolerance", "10", "10 % is 0.1",
          "tolerance"),

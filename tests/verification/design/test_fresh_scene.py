@@ -254,25 +254,6 @@ def test_a_noise_in_percent_is_of_the_largest_strain() -> None:
             noise_of(wrong, strain)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["--matrix", "T.csv"], "belong together"),
-        (["--noise", "0.1"], "needs --matrix"),
-        (["a.toml", "-o", "b.toml"], "not both"),
-        (["--matrix", "none.csv", "--strain", "none.csv", "-o", "x.toml"], "none.csv"),
-    ],
-)
-def test_options_that_cannot_be(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], text: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    found = new(*arguments)
-    assert found.exit_code == 2
-    assert text in found.stderr
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_file_that_exists_stays(tmp_path: Path, problem: tuple[Matrix, Matrix]) -> None:
     file = tmp_path / "board.toml"
     file.write_text("mine", encoding="utf-8")

@@ -146,13 +146,15 @@ def test_parameters_of_values_in_a_series_are_refused(key: str) -> None:
         taction.netlist(parse_scene(data, scene.file), parameters=True)
 
 
-def test_a_dialect_that_refuses_a_board_names_the_key_of_the_scene() -> None:
-    with pytest.raises(
-        InputError, match=r"paper-exponential.toml: design.amplifier = 'exponential'"
-    ):
-        taction.netlist(SCENES / "paper-exponential.toml", dialect="spectre")
-
-
-def test_an_unknown_dialect_is_refused() -> None:
-    with pytest.raises(InputError, match=r"dialect = 'pspice': expected one of ngspice, ltspice"):
-        taction.netlist(SCENES / "known-readings.toml", dialect="pspice")
+@pytest.mark.parametrize(
+    ("name", "dialect", "says"),
+    [
+        ("paper-exponential", "spectre", r"paper-exponential.toml: design.amplifier = 'exponent"),
+        ("known-readings", "pspice", r"dialect = 'pspice': expected one of ngspice, ltspice"),
+    ],
+)
+def test_a_dialect_is_known_and_names_the_key_that_it_refuses(
+    name: str, dialect: str, says: str
+) -> None:
+    with pytest.raises(InputError, match=says):
+        taction.netlist(SCENES / f"{name}.toml", dialect=dialect)

@@ -123,14 +123,6 @@ def test_runs_are_in_the_order_of_the_catalogue() -> None:
     assert dict(report.versions).keys() == {"taction", "numpy", "scipy", "ngspice"}
 
 
-def test_without_ngspice_its_runs_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
-    report = run_catalogue(select(ALL, ("two-channels",)), jobs=1)
-    assert [run.judgement for run in report.runs] == [Judgement.NOT_RUN, Judgement.RIGHT]
-    assert report.exit_status == 3
-    assert "taction self doctor" in report.runs[0].reason
-
-
 def test_ctrl_c_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(*_: object) -> list[object]:
         raise KeyboardInterrupt

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import taction
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.hybrid import (
@@ -194,9 +193,3 @@ def test_results_of_ngspice_elsewhere_are_not_shown(
         assert 6 < count.total < 12
         assert len(list(records(hybrid, store))) == count.total
         assert len(list(records(both, store))) == 12
-
-
-def test_without_ngspice_a_hybrid_sweep_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TACTION_NGSPICE", "/nowhere/ngspice")
-    with pytest.raises(taction.NoVerdictError, match="without ngspice: --engine statespace"):
-        taction.sweep(PAPER, over={"C": ["10pF"]}, engine="hybrid")
