@@ -21,8 +21,8 @@ from benchmarks.measuring import (
     taction,
 )
 from taction.netlist_gen.scene.loading import load_scene
+from taction.system.progress import Clock
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.progress import Clock
 
 SCENE = """
 name = "larger-board"

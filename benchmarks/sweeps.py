@@ -30,12 +30,12 @@ from benchmarks.rivals import by_xargs, rivals
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.axes import parse_axes, points, with_values
 from taction.netlist_gen.scene.loading import load_scene
+from taction.system.progress import Clock
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Plan, plan_sweep
 from taction.verification.studies.sweep.run import sweep
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.record import FIGURES, Record
 
 SIZES = {Extent.TINY: (2, 2, 20), Extent.QUICK: (31, 21, 1000), Extent.FULL: (31, 21, 10_000)}

@@ -35,7 +35,6 @@ from taction.system.foreign_text import visible
 if TYPE_CHECKING:
     from taction.netlist_gen.kicad.project import KicadProject
     from taction.verification.design.fresh_scene import NewScene
-    from taction.verification.verdict.deck import Netlist
 
 DOCUMENTS = "verification.report.documents"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
@@ -161,7 +160,7 @@ VERIFY = Command(
 )
 
 
-def _netlist_remarks(found: Netlist, call: Call) -> None:
+def _netlist_remarks(found: Any, call: Call) -> None:
     if call.options["explain"]:
         click.echo(f"{visible(found.circuit.name)}: left out, not needed by the scene:", err=True)
         for item in found.circuit.omissions:
@@ -172,7 +171,7 @@ def _netlist_remarks(found: Netlist, call: Call) -> None:
         click.echo(f"warning: {visible(warning)}", err=True)
 
 
-def _netlist_text(found: Netlist) -> None:
+def _netlist_text(found: Any) -> None:
     if not found.written:
         click.echo(found.text, nl=False)
 

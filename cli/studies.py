@@ -96,17 +96,16 @@ def _ask_limits(call: Call) -> None:
     """Ask on stderr what may be a slip in the limits of the options; name the database."""
     from taction.netlist_gen.scene.checks import unitless_times
     from taction.netlist_gen.scene.questions import value_questions
-    from taction.verification.design.choose import choice_base, request_of
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.design.choose import base_of, request_of
 
     given = call.arguments
-    scene = given["scene"] = read_scene(given["scene"])
     names = ("settling", "rise", "overshoot", "noise", "margin", "supply")
     request = request_of(
         given["opamps"], given["c_range"], given["gain_range"], given["points"],
         **{name: given[name] for name in names},
     )  # fmt: skip
-    base = choice_base(scene, request)
+    scene, base = base_of(given["scene"], request)
+    given["scene"] = scene
     times = {"settling_time": given["settling"], "rise_time": given["rise"]}
     bare = {name: {"max": float(text)} for name, text in times.items() if _is_plain(text)}
     known = set(value_questions(scene))
@@ -167,11 +166,11 @@ SCALE = Command(
 
 def _ask_axis(call: Call) -> None:
     from taction.netlist_gen.scene.questions import axis_questions
-    from taction.verification.reference.ideal_answer import read_scene
-    from taction.verification.studies.onset.onset import parse_onset_axis
+    from taction.verification.studies.onset.onset import planned
 
-    scene = call.arguments["scene"] = read_scene(call.arguments["scene"])
-    for question in axis_questions(scene, [[parse_onset_axis(scene, call.arguments["over"])]]):
+    given = call.arguments
+    given["scene"], axis = planned(given["scene"], given["over"])
+    for question in axis_questions(given["scene"], [[axis]]):
         say(f"question: {question}")
 
 

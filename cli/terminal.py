@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from taction.system.foreign_text import shortened, visible_lines
-from taction.verification.verdict.progress import Notice
+from taction.system.progress import Notice
 
 if TYPE_CHECKING:
     from rich.console import Console

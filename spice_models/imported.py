@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from taction.spice_models.foreign_netlist import Subcircuit
 
@@ -35,13 +36,13 @@ class LinearModel:
 
     gain: Rational
     impedance: Rational
-    conductance: float  # S
-    capacitance: float  # F
-    offset: float  # of v_p - v_n at rest, V
-    rest: float  # of the output, V
-    bias_current: float  # A
+    conductance: Annotated[float, "S"]
+    capacitance: Annotated[float, "F"]
+    offset: Annotated[float, "V"]  # of v_p - v_n at rest
+    rest: Annotated[float, "V"]  # of the output
+    bias_current: Annotated[float, "A"]
     error: float
-    band: tuple[float, float]
+    band: Annotated[tuple[float, float], "Hz"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +53,16 @@ class Figures:
     """
 
     dc_gain: float
-    unity_gain_bandwidth: float
+    unity_gain_bandwidth: Annotated[float, "Hz"]
     phase_margin: float
-    output_resistance: float  # open loop, at the unity-gain bandwidth
-    supply_current: float
-    offset_voltage: float | None = None  # adds to v_p
-    bias_current: float | None = None  # mean of the currents into the inputs
-    offset_current: float | None = None  # current into the non-inverting input less the other
+    output_resistance: Annotated[float, "ohm"]  # open loop, at the unity-gain bandwidth
+    supply_current: Annotated[float, "A"]
+    offset_voltage: Annotated[float | None, "V"] = None  # adds to v_p
+    bias_current: Annotated[float | None, "A"] = None  # mean of the currents into the inputs
+    offset_current: Annotated[float | None, "A"] = None  # of inp less inn
     common_mode_rejection: float | None = None  # at DC
-    slew_rate: float | None = None  # the smaller one of rise and fall
-    swing: float | None = None  # of the output, the smaller one of both signs
+    slew_rate: Annotated[float | None, "V/s"] = None  # the smaller one of rise and fall
+    swing: Annotated[float | None, "V"] = None  # of the output, the smaller one of both signs
 
 
 @dataclass(frozen=True, slots=True)

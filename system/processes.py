@@ -7,8 +7,11 @@ unless it replaces its environment: then it is not found.
 
 from __future__ import annotations
 
+import functools
 import os
+import shutil
 import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +20,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """The variables that set how many threads the linear algebra libraries use."""
 
 PROCESSES = Path("/proc")
+GUARD_OPTIONS = ("--pdeathsig", "KILL")  # of `setpriv`: the signal for a process whose parent ends
 ROUNDS = 5  # of looking; a process may start another one while it is being ended
 
 
@@ -84,3 +88,16 @@ def is_stopped(pid: int) -> bool:
     except OSError:
         return False
     return text.rpartition(")")[2].split()[0] in "Tt"
+
+
+@functools.cache
+def guard() -> tuple[str, ...]:
+    """Return the words before a command that ends with the thread that starts it.
+
+    The guard also works if the parent is killed. Empty where the system has no such guard.
+    """
+    setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
+    if setpriv is None:
+        return ()
+    trial = subprocess.run([setpriv, *GUARD_OPTIONS, "true"], capture_output=True, check=False)
+    return (setpriv, *GUARD_OPTIONS) if trial.returncode == 0 else ()

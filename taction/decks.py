@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from taction.system.progress import Progress
     from taction.verification.studies.board_check import BoardCheck
-    from taction.verification.verdict.progress import Progress
 
 
 def check(

@@ -11,11 +11,11 @@ if TYPE_CHECKING:
 
     from taction.netlist_gen.kicad.project import KicadProject
     from taction.netlist_gen.scene.scene import Scene
+    from taction.system.progress import Progress
     from taction.verification.reference import Solution
     from taction.verification.verdict.board_power import PartsList
     from taction.verification.verdict.built_board import BuiltBoard
     from taction.verification.verdict.deck import Netlist
-    from taction.verification.verdict.progress import Progress
 
 
 def netlist(

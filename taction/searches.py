@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.scene import Scene
+    from taction.system.progress import Progress
     from taction.verification.design.choose import Choice
     from taction.verification.design.fresh_scene import NewScene
     from taction.verification.design.scaling import Scaled
     from taction.verification.design.tune import Tuned
-    from taction.verification.verdict.progress import Progress
 
 
 def tune(

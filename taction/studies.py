@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.axes import Fixed, Over
     from taction.netlist_gen.scene.scene import Scene
+    from taction.system.progress import Progress
     from taction.verification.evidence.paper.reproduce import Reproduction
     from taction.verification.evidence.stress.run import StressReport
     from taction.verification.studies.onset.onset import Onset
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from taction.verification.studies.tolerance.varied_board import VerifiedSample
     from taction.verification.studies.tolerance.yield_report import YieldReport
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
-    from taction.verification.verdict.progress import Progress
 
 
 def onset(
@@ -70,13 +70,10 @@ def onset(
     >>> print(f"stable from {onset.findings[-1].crossing.value:.3g} F")
     stable from 9.02e-12 F
     """
-    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.onset.onset import onset as find_crossings
-    from taction.verification.studies.onset.onset import parse_onset_axis
+    from taction.verification.studies.onset.onset import planned
 
-    scene = read_scene(scene)
-    axis = parse_onset_axis(scene, over)
-    return find_crossings(scene, axis, transients=transients, progress=progress)
+    return find_crossings(*planned(scene, over), transients=transients, progress=progress)
 
 
 def sweep(
@@ -250,6 +247,7 @@ def montecarlo(
     4
     """
     from taction.system.errors import Interrupted
+    from taction.system.progress import Notice
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.drawing import (
@@ -260,7 +258,6 @@ def montecarlo(
     from taction.verification.studies.tolerance.remedy import TARGET, verified_remedy
     from taction.verification.studies.tolerance.varied_board import prepare
     from taction.verification.studies.tolerance.yield_report import summarise_samples
-    from taction.verification.verdict.progress import Notice
 
     tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))
@@ -397,6 +394,7 @@ def corners(
     >>> study.corners[0].name, study.outcome
     ('capacitor=-1', 'pass')
     """
+    from taction.system.progress import Notice
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.corners import (
@@ -406,7 +404,6 @@ def corners(
         worst_corners,
     )
     from taction.verification.studies.tolerance.varied_board import prepare
-    from taction.verification.verdict.progress import Notice
 
     scene = read_scene(scene, engine)
     named = [deviations_of(each) for each in corner]
@@ -513,9 +510,9 @@ def accuracy(
     >>> study.scene.name, len(study.points) > 0
     ('tuned-breadboard', True)
     """
+    from taction.system.progress import Notice
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.work_precision.study import run_study
-    from taction.verification.verdict.progress import Notice
 
     def notice(stage: str) -> None:
         progress(Notice(stage))
@@ -564,9 +561,9 @@ def stress(
     0
     """
     from taction.system.errors import Interrupted
+    from taction.system.progress import Notice
     from taction.verification.evidence.stress.catalogue import load_catalogue, select
     from taction.verification.evidence.stress.run import expected_seconds, run_catalogue
-    from taction.verification.verdict.progress import Notice
 
     cases = select(load_catalogue(), tuple(only))
     progress(Notice(f"{len(cases)} cases, about {expected_seconds(cases, jobs):.0f} s"))
@@ -599,7 +596,7 @@ def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -
     >>> taction.reproduce(quick=True).outcome  # doctest: +SKIP
     'pass'
     """
+    from taction.system.progress import Notice
     from taction.verification.evidence.paper.reproduce import reproduce as run
-    from taction.verification.verdict.progress import Notice
 
     return run(quick=quick, progress=lambda stage: progress(Notice(stage)))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from taction.spice_models.opamp import OpAmp
+    from taction.system.progress import Progress
     from taction.verification.characterise.characterise import ImportedModel, OpAmpFigures
     from taction.verification.evidence.demonstration import Demonstration
     from taction.verification.studies.running.installation import Installation
-    from taction.verification.verdict.progress import Progress
 
 
 def demo(
@@ -52,8 +52,8 @@ def demo(
 
     from taction.system.errors import InputError
     from taction.system.output_files import check_file
+    from taction.system.progress import Notice
     from taction.verification.evidence.demonstration import demonstrate
-    from taction.verification.verdict.progress import Notice
 
     if output is not None:
         check_file(str(output), "-o", (".html",), {})
@@ -118,8 +118,8 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     """
     from taction.netlist_gen.scene.open_tables import OPAMPS
     from taction.system.errors import Complaint, InputError, nearest_question
+    from taction.system.progress import Notice
     from taction.verification.characterise.characterise import opamp_figures
-    from taction.verification.verdict.progress import Notice
 
     if name not in OPAMPS:
         hint = nearest_question(name, tuple(OPAMPS), 0.6)

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from taction.netlist_gen.scene.scene import Scene
+    from taction.system.progress import Progress
     from taction.verification.design.remedies import Remedies
     from taction.verification.studies.difference import Curves, VerdictDifference
     from taction.verification.studies.verify_files import VerifiedFiles
-    from taction.verification.verdict.progress import Progress
     from taction.verification.verdict.recording import MeasuredTransient
     from taction.verification.verdict.verify import Verdict
 

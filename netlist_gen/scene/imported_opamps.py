@@ -14,7 +14,7 @@ from taction.spice_models.imported import (
     Rational,
     check_pins,
 )
-from taction.system.documents import read, taken
+from taction.system.documents import plain, read, taken
 from taction.system.errors import listed
 
 FORMAT = 2
@@ -27,26 +27,8 @@ FIGURES_LEAST = {
 """The least value of a figure that is not negative."""
 
 
-def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
-    """Return an imported op-amp as JSON data."""
-    linear = opamp.linear
-    return {
-        "taction_opamp": FORMAT,
-        "name": name,
-        "subcircuit": opamp.subcircuit.name,
-        "netlist": list(opamp.subcircuit.lines),
-        "pins": list(opamp.pins),
-        "supply": opamp.supply,
-        "compensation": opamp.compensation,
-        "figures": {key: getattr(opamp.figures, key) for key in Figures.__dataclass_fields__},
-        "linear": None if linear is None else _linear_document(linear),
-        "missing": opamp.missing,
-        "doubts": list(opamp.doubts),
-    }
-
-
-@dataclass(frozen=True, slots=True)
-class _Stored:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredOpAmp:
     """The file of an imported op-amp; a file of version 1 has neither compensation nor doubts."""
 
     taction_opamp: int
@@ -55,11 +37,20 @@ class _Stored:
     netlist: tuple[str, ...]
     pins: tuple[str, ...]
     supply: float
+    compensation: float = 0.0
     figures: Figures
     linear: LinearModel | None
     missing: str
-    compensation: float = 0.0
     doubts: tuple[str, ...] = ()
+
+
+def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
+    """Return an imported op-amp as JSON data."""
+    cards = {"subcircuit": opamp.subcircuit.name, "netlist": opamp.subcircuit.lines}
+    made: dict[str, Any] = plain(
+        taken(StoredOpAmp, opamp, taction_opamp=FORMAT, name=name, **cards)
+    )
+    return made
 
 
 def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
@@ -70,7 +61,7 @@ def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
     ValueError
         The data is no imported op-amp; the text says where, and what is expected.
     """
-    stored = read(_Stored, data)
+    stored = read(StoredOpAmp, data)
     if stored.taction_opamp not in READ:
         raise ValueError(f"taction_opamp = {stored.taction_opamp}: expected one of {listed(READ)}")
     if not (stored.name.isidentifier() and stored.name.isascii()):
@@ -124,17 +115,3 @@ def _check_linear(linear: LinearModel) -> None:
     low, high = linear.band
     if not LEAST <= low < high <= MOST:
         raise ValueError(f"linear.band = {low!r}, {high!r}: expected two rising frequencies, Hz")
-
-
-def _linear_document(linear: LinearModel) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        key: getattr(linear, key) for key in LinearModel.__dataclass_fields__
-    }
-    for key in ("gain", "impedance"):
-        rational = getattr(linear, key)
-        document[key] = {
-            "constant": rational.constant,
-            "poles": [[pole.real, pole.imag] for pole in rational.poles],
-            "residues": [[each.real, each.imag] for each in rational.residues],
-        }
-    return document

@@ -10,8 +10,7 @@ import pytest
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.readings.settling import ChannelState
-from taction.verification.verdict.progress import FULL, Effort
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import FULL, Effort, Verdict, verify
 from tests.support.making import make_scene
 from tests.support.paths import ROOT
 from tests.support.rounding import rounded

@@ -48,7 +48,12 @@ from taction.verification.design.trials import (
     broken_at_rest,
 )
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.reference.ideal_answer import (
+    IdealAnswer,
+    ideal_answer,
+    ideal_network,
+    read_scene,
+)
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.verdict.checks import Outcome
@@ -204,6 +209,12 @@ def choice_base(scene: Scene, request: Request) -> Scene:
             ERRORS: scene.design.opamp.input_errors,
         },
     )
+
+
+def base_of(scene: str | Path | Scene, request: Request) -> tuple[Scene, Scene]:
+    """Return a scene with lambda as a number, and its `choice_base`; errors as its readers'."""
+    read = read_scene(scene)
+    return read, choice_base(read, request)
 
 
 def _values(scene: Scene, path: str, option: str, text: str, points: int) -> tuple[float, ...]:

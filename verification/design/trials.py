@@ -28,9 +28,8 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.verify import verify
+from taction.verification.verdict.verify import Effort, verify
 
 BARE = Effort(details=False, full_margin=False)
 

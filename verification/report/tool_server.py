@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import FOLDERS
 from taction.system.foreign_text import shortened
-from taction.verification.engines.ngspice.process import guard
+from taction.system.processes import guard
 
 if TYPE_CHECKING:
     from mcp.server.lowlevel import Server

@@ -16,6 +16,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference import IdealNetwork
@@ -23,7 +24,6 @@ from taction.verification.reference.ideal_answer import ideal_network, resolve_l
 from taction.verification.stability.poles import poles_behind
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.simulation import ENGINES, choose_engine
 from taction.verification.verdict.transient_plan import plan_transient
 

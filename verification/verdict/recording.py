@@ -15,6 +15,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
+from taction.system.progress import Clock, Progress
 from taction.system.quantities import quantity
 from taction.system.results import Result
 from taction.system.waveforms import Waveforms
@@ -32,7 +33,6 @@ from taction.verification.verdict.companion import (
 )
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.progress import Clock, Progress
 from taction.verification.verdict.simulation import (
     ENGINES,
     Pending,

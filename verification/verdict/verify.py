@@ -16,6 +16,7 @@ from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.spice_models.input_errors import MOST, not_known
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
+from taction.system.progress import Clock, Progress
 from taction.system.quantities import sizes
 from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import RENDERERS, Result, load
@@ -41,7 +42,6 @@ from taction.verification.verdict.headroom import PartLoads
 from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
-from taction.verification.verdict.progress import FULL, Clock, Effort, Progress
 from taction.verification.verdict.recording import (
     Accuracy,
     Recording,
@@ -63,6 +63,27 @@ from taction.verification.verdict.warnings import (
     missing_witness,
     notes,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """Results that a verification computes in addition to the checks.
+
+    No outcome and no reading of a check depends on these choices.
+
+    Attributes
+    ----------
+    details : bool
+        Whether to compute the figures of the constraint plane, the error budget and the energy.
+    full_margin : bool
+        Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene.
+    """
+
+    details: bool = True
+    full_margin: bool = True
+
+
+FULL = Effort()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

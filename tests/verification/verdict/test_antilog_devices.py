@@ -17,13 +17,13 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.spice_models.transistor import load_pairs
 from taction.system.errors import InputError
+from taction.system.progress import Clock
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.paths import SCENES
 

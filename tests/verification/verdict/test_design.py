@@ -23,6 +23,7 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import KNEE
 from taction.spice_models.subcircuits import opamp_subcircuit
+from taction.system.progress import Clock
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.ngspice.process import simulate as by_ngspice
@@ -32,7 +33,6 @@ from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene
 from tests.support.paths import CASES, SCENES

@@ -18,6 +18,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
+from taction.system.progress import Clock
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.documents.verdict import verdict_document
@@ -28,7 +29,6 @@ from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.headroom import Load, PartLoads, headroom
 from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import CASES, SCENES

@@ -14,6 +14,7 @@ import pytest
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import EngineError, InputError
+from taction.system.progress import Clock
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.transients import simulate
 from taction.verification.engines.statespace.transients.exact import exact_solution
@@ -24,7 +25,6 @@ from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.companion import Companion
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.recording import (
     Accuracy,
     Recording,

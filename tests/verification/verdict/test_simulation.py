@@ -12,13 +12,13 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
+from taction.system.progress import Clock
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import simulate, stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.simulation import (
     HALVED,
     StateSpaceError,

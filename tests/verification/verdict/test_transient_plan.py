@@ -14,10 +14,10 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError
+from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.transient_plan import (
     UNSTABLE_SECONDS,
     TransientPlan,

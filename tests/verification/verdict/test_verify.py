@@ -15,6 +15,7 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import SimulatorNotFound, TimedOut
+from taction.system.progress import Clock
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
@@ -29,7 +30,6 @@ from taction.verification.verdict import design
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.recording import record_transient
 from taction.verification.verdict.verify import Request, Verdict, verify, verify_together

@@ -14,10 +14,8 @@ import errno
 import functools
 import os
 import shlex
-import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
 import weakref
@@ -36,7 +34,7 @@ from taction.system.errors import (
 )
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
 from taction.system.own_folders import keep_folder, make_own_folder, remove_own_folder
-from taction.system.processes import end_orphans
+from taction.system.processes import end_orphans, guard
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.evidence import (
     Ending,
@@ -47,21 +45,6 @@ from taction.verification.engines.ngspice.evidence import (
 )
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
 from taction.verification.engines.ngspice.screening import Deck, screen
-
-OPTIONS = ("--pdeathsig", "KILL")  # of `setpriv`: the signal for a process whose parent ends
-
-
-@functools.cache
-def guard() -> tuple[str, ...]:
-    """Return the words before a command that ends with the thread that starts it.
-
-    The guard also works if the parent is killed. Empty where the system has no such guard.
-    """
-    setpriv = shutil.which("setpriv") if sys.platform == "linux" else None
-    if setpriv is None:
-        return ()
-    trial = subprocess.run([setpriv, *OPTIONS, "true"], capture_output=True, check=False)
-    return (setpriv, *OPTIONS) if trial.returncode == 0 else ()
 
 
 def guard_of_process() -> tuple[str, ...]:

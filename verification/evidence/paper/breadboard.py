@@ -29,8 +29,7 @@ from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.stability.margin import stability_margin
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.constraint_stage import constraint_plane
-from taction.verification.verdict.progress import Effort
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import Effort, Verdict, verify
 
 CENTRE = 3  # channel 4 of 7
 NEXT_E12 = 8.2e-12  # F, the E12 value below 10 pF

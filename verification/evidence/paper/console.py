@@ -22,9 +22,8 @@ from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.recording import record_transient
-from taction.verification.verdict.verify import verify
+from taction.verification.verdict.verify import Effort, verify
 
 FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)  # of the scene's own gain
 GAINS = 49  # tried by the search

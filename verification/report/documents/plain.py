@@ -6,18 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from taction.netlist_gen.scene.imported_opamps import StoredOpAmp
 from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
 from taction.system.documents import (
     OPTIONAL,
-    Amperes,
-    Farads,
-    Hertz,
     Key,
     Note,
     Number,
-    Ohms,
     Volts,
     taken,
 )
@@ -95,64 +92,25 @@ class ShowDocument:
 
 
 @dataclass(frozen=True, slots=True)
-class ImportedFigures:
-    """What the simulation of an imported op-amp shows; phase margin in degrees, rejection in dB.
+class ImportDocument:
+    """``taction parts import``: `file` is the file that was written.
 
-    Null: the netlist has no such limit, or `doubts` says why it was not measured.
+    Of the figures the phase margin is in degrees and the rejection in dB; null: the netlist has no
+    such limit, or `doubts` says why it was not measured.
     """
 
-    dc_gain: Number
-    unity_gain_bandwidth: Hertz
-    phase_margin: Number
-    output_resistance: Ohms
-    supply_current: Amperes
-    offset_voltage: Volts
-    bias_current: Amperes
-    offset_current: Amperes
-    common_mode_rejection: Number
-    slew_rate: Annotated[Number, "V/s"]
-    swing: Volts
-
-
-@dataclass(frozen=True, slots=True)
-class Rational:
-    """``constant + sum residues / (s - poles)``: pairs of real and imaginary part, 1/s."""
-
-    constant: Number
-    poles: tuple[tuple[float, ...], ...]
-    residues: tuple[tuple[float, ...], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class LinearPart:
-    """The small-signal model; `error` is relative, over the `band` in Hz."""
-
-    gain: Rational
-    impedance: Rational
-    conductance: Annotated[Number, "S"]
-    capacitance: Farads
-    offset: Volts
-    rest: Volts
-    bias_current: Amperes
-    error: Number
-    band: Annotated[tuple[float, ...], "Hz"]
-
-
-@dataclass(frozen=True, slots=True)
-class ImportDocument:
-    """``taction parts import``: `file` is the file that was written."""
+    DOCUMENT = (
+        *("file", "taction_opamp = model.taction_opamp # version of the format of the file"),
+        *("name = model.name", "subcircuit = model.subcircuit", "pins = model.pins"),
+        "supply [V] = model.supply",
+        "compensation [F] = model.compensation # capacitor between the two ports `comp`",
+        *("figures = model.figures", "linear = model.linear"),
+        "missing = model.missing # why there is no linear model",
+        "doubts = model.doubts # figures that op-amps do not have",
+    )
 
     file: str
-    taction_opamp: Annotated[int, Note("version of the format of the file")]
-    name: str
-    subcircuit: str
-    pins: tuple[str, ...]
-    supply: Volts
-    compensation: Annotated[Farads, Note("capacitor between the two ports `comp`")]
-    figures: ImportedFigures
-    linear: LinearPart | None
-    missing: Annotated[str, Note("why there is no linear model")]
-    doubts: Annotated[tuple[str, ...], Note("figures that op-amps do not have")]
+    model: StoredOpAmp
 
     @staticmethod
     def of(found: ImportedModel) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from taction.verification.reference import Solution
 from taction.verification.report.blocks import EVERYWHERE, Notes, Page, Section
 from taction.verification.report.views.verdict import channel_table
+from taction.verification.verdict.record import channels_of
 from taction.verification.verdict.recording import MeasuredTransient
 
 
@@ -34,10 +35,10 @@ def _lines(solution: Solution) -> Iterator[str]:
 
 def transient_view(result: MeasuredTransient) -> Page:
     """Return the page of the measurements of a transient, and what it cost."""
-    cost = result.waveforms.cost
+    cost, channels = result.waveforms.cost, channels_of(result.measurements)
     return Page(
         title=result.circuit.name,
         command="taction export waveforms",
-        sections=(Section("Channels", (channel_table(result.measurements),), media=EVERYWHERE),),
+        sections=(Section("Channels", (channel_table(channels),), media=EVERYWHERE),),
         foot=(f"{result.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s",),
     )

@@ -10,7 +10,6 @@ import numpy as np
 
 from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
-from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.report.blocks import (
     BOTH,
     EVERYWHERE,
@@ -59,6 +58,7 @@ from taction.verification.verdict.cause import cause, causes, listed, named
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
 from taction.verification.verdict.headroom import Load
+from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict
 
 LIMITED = ("settling_time", "rise_time")  # checks that may have a smallest accepted value, too
@@ -261,45 +261,47 @@ def _records(verdict: Verdict) -> tuple[Chart, Chart, Chart | None]:
 
 def _channels(verdict: Verdict) -> Table:
     noise = () if verdict.noise is None or verdict.noise.unknown else verdict.noise.rms
-    return channel_table(verdict.measurements, verdict.steady.values.tolist(), noise)
+    return channel_table(Record.of(verdict).channels, noise)
 
 
-def channel_table(
-    measurements: Measurements, rest: Sequence[float] = (), noise: Sequence[float] = ()
-) -> Table:
+def channel_table(channels: Sequence[Channel], noise: Sequence[float] = ()) -> Table:
     """Return target, end, times and excursions of every channel, numbered from 1.
 
-    `rest` (N,) and `noise` (N,), V, have a column where they are known.
+    What is known at rest, and `noise` (N,), V, have a column.
     """
-    columns: dict[str, Callable[[ChannelMeasure], Shown]] = {
-        "channel": lambda each: Cell(f"u{each.index + 1}", each.index + 1),
-        "target": lambda each: number_cell(each.target, "V"),
+
+    def volts(name: str) -> Callable[[Channel], Cell]:
+        return lambda each: number_cell(each.figures.get(name), "V")
+
+    columns: dict[str, Callable[[Channel], Shown]] = {
+        "channel": lambda each: Cell(f"u{each.index}", each.index),
+        "target": volts("reference"),
     }
-    if rest:
-        columns["at rest"] = lambda each: number_cell(rest[each.index], "V")
-    columns["end"] = lambda each: number_cell(each.final, "V")
+    if any(each.figures["equilibrium"] is not None for each in channels):
+        columns["at rest"] = volts("equilibrium")
+    columns["end"] = volts("final")
     for name, known in READINGS.items():
         columns[known.short if name in TIMES else name] = partial(_reading, name)
     if noise:
-        columns["noise, rms"] = lambda each: number_cell(noise[each.index], "V", 3)
-    columns["state"] = lambda each: each.state.value
+        columns["noise, rms"] = lambda each: number_cell(noise[each.index - 1], "V", 3)
+    columns["state"] = lambda each: each.state
     note = f"{' and '.join(EXCURSIONS).capitalize()} are in % of the step of the network."
-    return Table.of("Channels", measurements.channels, columns, note)
+    return Table.of("Channels", channels, columns, note)
 
 
-def _reading(name: str, channel: ChannelMeasure) -> Cell | None:
-    reading = channel.readings[name]
-    if reading is None:
+def _reading(name: str, channel: Channel) -> Cell | None:
+    reading = channel.figure(name)
+    value, error = reading.value, reading.uncertainty
+    if value is None:
         return None
     if name in EXCURSIONS:
-        value, error = reading.value, reading.uncertainty
-        if 0.0 < abs(value) <= error < 1.0:  # only the bound is known
+        if error is not None and 0.0 < abs(value) <= error < 1.0:  # only the bound is known
             return Cell(f"<{100 * rounded_up(2.0 * error):.1g} %", value)
         return number_cell(value, "step", 3)
-    text = quantity(reading.value, "s")
+    text = quantity(value, "s")
     if reading.fragile and reading.alternative is not None:
         text += f" (fragile: or {quantity(reading.alternative, 's')})"
-    return Cell(text, reading.value)
+    return Cell(text, value)
 
 
 def headroom_blocks(verdict: Verdict) -> tuple[Block, ...]:

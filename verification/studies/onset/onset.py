@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
@@ -30,6 +31,7 @@ from taction.system.errors import (
 from taction.system.quantities import quantity
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.reference.ideal_answer import read_scene
 from taction.verification.stability.edges import Edge, Scan
 from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles
@@ -190,6 +192,12 @@ def parse_onset_axis(scene: Scene, over: Over) -> Axis:
         accepted = f"onset needs a range, such as {axis.name}=LOW:HIGH, or two values"
         raise InputError("--over", Complaint("values", repr(over), accepted))
     return axis
+
+
+def planned(scene: str | Path | Scene, over: Over) -> tuple[Scene, Axis]:
+    """Return a scene with lambda as a number, and the axis of its onset; errors as its readers'."""
+    read = read_scene(scene)
+    return read, parse_onset_axis(read, over)
 
 
 def board_over(scene: Scene, axis: Axis) -> Callable[[float], Circuit]:

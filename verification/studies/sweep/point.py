@@ -17,9 +17,8 @@ from taction.system.errors import MACHINE_FAILURES, TactionError
 from taction.verification.studies.running.collecting import repeated_if_killed
 from taction.verification.studies.running.versions import Versions
 from taction.verification.studies.store import StoredResult
-from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
+from taction.verification.verdict.verify import Effort, Request, Verdict, verify, verify_together
 
 POINT_EFFORT = Effort(details=False)
 

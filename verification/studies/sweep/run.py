@@ -19,6 +19,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Bools
 from taction.system.errors import MACHINE_FAILURES, Interrupted, TactionError
+from taction.system.progress import Notice, Progress
 from taction.verification.studies.running.collecting import collected_together, together
 from taction.verification.studies.running.versions import digest, own_code, own_versions
 from taction.verification.studies.running.worker import Workers
@@ -34,7 +35,6 @@ from taction.verification.studies.sweep.forecast import (
 from taction.verification.studies.sweep.hybrid import confirmed_points
 from taction.verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
 from taction.verification.studies.sweep.point import Job, compute, failure
-from taction.verification.verdict.progress import Notice, Progress
 from taction.verification.verdict.record import ERROR
 
 

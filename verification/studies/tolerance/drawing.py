@@ -16,6 +16,7 @@ from taction.netlist_gen.board.variation import draw
 from taction.system.array_types import Floats
 from taction.system.documents import plain, read
 from taction.system.errors import Complaint, InputError
+from taction.system.progress import Progress
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.versions import digest
 from taction.verification.studies.running.worker import Workers
@@ -23,7 +24,6 @@ from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.tolerance.samples import BoardSample, Varied, evaluate_all
 from taction.verification.studies.tolerance.varied_board import VariedBoard
 from taction.verification.studies.tolerance.yield_report import MIN_SAMPLES, interval
-from taction.verification.verdict.progress import Progress
 
 
 class SampleStore:

@@ -25,6 +25,7 @@ import numpy as np
 from taction.netlist_gen.board.variation import Parameter, draw, parameters
 from taction.system.array_types import Bools, Floats
 from taction.system.errors import EngineError
+from taction.system.progress import Notice, Progress
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.tolerance.drawing import SampleCollection, draw_samples
@@ -38,7 +39,6 @@ from taction.verification.studies.tolerance.yield_report import (
     interval,
     yield_sentence,
 )
-from taction.verification.verdict.progress import Notice, Progress
 
 TARGET = 0.99  # the yield that a remedy is looked for, and wanted from it
 

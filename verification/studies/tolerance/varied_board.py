@@ -25,10 +25,9 @@ from taction.system.results import Result
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.studies.running.versions import Versions, own_versions
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
-from taction.verification.verdict.progress import Effort
 from taction.verification.verdict.record import Record, signed_errors
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
+from taction.verification.verdict.verify import Effort, Request, Verdict, verify, verify_together
 
 SAMPLE_EFFORT = Effort(details=False, full_margin=False)
 
@@ -92,7 +91,7 @@ class VariedBoard(Varied):
     nominal: Circuit
     varied: tuple[Parameter, ...]  # in the order of the deviations z
     ideal: IdealAnswer  # independent of the components
-    full_margin: bool  # see `taction.verification.verdict.progress.Effort`
+    full_margin: bool  # see `taction.verification.verdict.verify.Effort`
     versions: Versions  # of the process that runs the study
 
     @property

@@ -23,6 +23,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SimulationError
+from taction.system.progress import Progress
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
@@ -45,7 +46,6 @@ from taction.verification.studies.work_precision.methods import (
     load_integrators,
     ngspice,
 )
-from taction.verification.verdict.progress import Progress
 from taction.verification.verdict.transient_plan import (
     AFTER_SETTLING,
     FEWEST_PERIODS,

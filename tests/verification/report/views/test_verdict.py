@@ -36,6 +36,7 @@ from taction.verification.report.views.verdict import channel_table, check_bar, 
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.headroom import Load
+from taction.verification.verdict.record import channels_of
 from tests.support.measured import channel, measured
 from tests.support.report_pages import VERDICTS, page, verdicts
 
@@ -274,6 +275,7 @@ def test_a_channel_in_trouble_is_told_with_its_numbers() -> None:
         1, state=ChannelState.OSCILLATING, frequency=4e4, growth_rate=1e3, settling_time=None,
         rise_time=Reading(10e-6, 0.0, True, 4e-6),
     )  # fmt: skip
-    cells = [cell.text for cell in channel_table(measured(channel(0), ringing)).rows[1]]
+    table = channel_table(channels_of(measured(channel(0), ringing)))
+    cells = [cell.text for cell in table.rows[1]]
     assert cells.count("oscillating") == 1
     assert "10 µs (fragile: or 4 µs)" in cells

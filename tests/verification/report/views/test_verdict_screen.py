@@ -16,8 +16,7 @@ from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.report.blocks import Page
 from taction.verification.report.renderers.terminal import Terminal, print_page
 from taction.verification.report.views.verdict_screen import CHANGES, COLUMNS, MOST, screen
-from taction.verification.verdict.progress import Effort
-from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify import Effort, Verdict, verify
 from tests.support.paths import SCENES
 from tests.support.report_pages import verdicts
 

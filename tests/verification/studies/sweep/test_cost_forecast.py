@@ -11,6 +11,7 @@ import pytest
 from taction.netlist_gen.scene.axes import parse_axes, with_values
 from taction.system.array_types import Floats
 from taction.system.errors import NoVerdictError
+from taction.system.progress import Clock
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.sweep import forecast as module
 from taction.verification.studies.sweep.forecast import (
@@ -24,7 +25,6 @@ from taction.verification.studies.sweep.forecast import (
 from taction.verification.studies.sweep.hybrid import sample
 from taction.verification.studies.sweep.plan import ENGINE, Plan, plan_sweep
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.progress import Clock
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 from tests.support.sweeping import BOTH, grid_plan

@@ -17,6 +17,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
+from taction.system.progress import Clock
 from taction.verification.studies.running.versions import own_versions
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
@@ -25,7 +26,6 @@ from taction.verification.studies.sweep.point import Job, compute
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import sweep
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.progress import Clock
 from taction.verification.verdict.record import FIGURES, TRANSIENT_READINGS, Record
 from taction.verification.verdict.verify import verify
 from tests.support.paths import SCENES

@@ -1,10 +1,9 @@
-"""How much a verification computes, and how far it is: its extent, the wall time of its stages."""
+"""How far a job is: its stages as lines of text, and the wall time of each."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 Progress = Callable[[str], None]
 
@@ -51,24 +50,3 @@ class Clock:
         if self._stage:
             self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._last
         self._last = now
-
-
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """Results that a verification computes in addition to the checks.
-
-    No outcome and no reading of a check depends on these choices.
-
-    Attributes
-    ----------
-    details : bool
-        Whether to compute the figures of the constraint plane, the error budget and the energy.
-    full_margin : bool
-        Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene.
-    """
-
-    details: bool = True
-    full_margin: bool = True
-
-
-FULL = Effort()
