@@ -161,7 +161,7 @@ def refusal(error: BaseException | None) -> str:
 
 
 def _run(function: Callable[[], object], received: list[int]) -> None:
-    """Run a command; its error after a signal is the signal: libraries wrap what interrupts them."""
+    """Run a command; its error after a signal is the signal: libraries wrap what ends them."""
     try:
         function()
     except Exception as error:
