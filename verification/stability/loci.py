@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -135,9 +135,15 @@ class PortResponse:
     @cached_property
     def _modal(self) -> tuple[Complexes, Complexes, Floats]:
         """Voltages of the modes (K, n), currents into the modes (n, K), and the direct part."""
-        space = driven(self.board.descriptor, self.board.operating_point, self._rows)
+        B, C, D = self._driven
         modes, columns = self.board.state_space.modes, self._columns.T
-        return columns @ space.C @ modes.right, modes.left @ space.B, columns @ space.D
+        return columns @ C @ modes.right, modes.left @ B, columns @ D
+
+    @cached_property
+    def _driven(self) -> tuple[Floats, Floats, Floats]:
+        """Currents into the states, all unknowns as combinations of these, and the direct part."""
+        space = driven(self.board.descriptor, self.board.operating_point, self._rows)
+        return space.B, space.C, space.D
 
     def _from_modes(self, omega: Floats) -> Complexes:
         right, left, direct = self._modal
@@ -194,20 +200,55 @@ class LawResponse(PortResponse):
         reactive, u, v = self._change
         return complex((left @ u) * (v @ right) * (-s if reactive else -1.0))
 
-    def at(self, omega: Floats) -> Complexes:
-        """Return the response at angular frequencies (P,), 1/s; shape (P, 1, 1)."""
-        reactive, u, v = self._change
+    @cached_property
+    def _modes_suffice(self) -> bool:
+        """Not so where a capacitor is at the output of the source: its current is a derivative."""
+        try:
+            return bool(self._driven) and super()._modes_suffice
+        except EngineError:
+            return False
+
+    @cached_property
+    def _roots(self) -> Floats:
+        return np.ones(1)
+
+    @cached_property
+    def _columns(self) -> Floats:
+        return self._change[2][:, None]
+
+    @cached_property
+    def _rows(self) -> Floats:
+        return self._change[1][:, None]
+
+    def _from_solves(self, omega: Floats) -> Complexes:
+        _, u, v = self._change
         dense = self.board.descriptor.dense
-        s = 1j * omega[:, None, None]
-        X = s * dense.mass - dense.stiffness
+        X = 1j * omega[:, None, None] * dense.mass - dense.stiffness
         scale = np.abs(X).max(axis=2, keepdims=True)
         scale[scale == 0.0] = 1.0
         try:
             solved = np.linalg.solve(X / scale, u[:, None] / scale)
         except np.linalg.LinAlgError:
             raise EngineError("a pole of the board is on the imaginary axis") from None
-        found = v @ solved
-        return np.asarray(s * found[:, None, :] if reactive else found[:, None, :])
+        return np.asarray((v @ solved)[:, None, :])
+
+
+def share_modes(responses: Iterable[PortResponse]) -> None:
+    """Eliminate the unknowns without charge once for all R and C of one linear board.
+
+    Each part would do it by itself, at many times the cost of one more column.
+    """
+    every = [each for each in responses if each.parts]
+    if not every or every[0].board.descriptor.is_large:
+        return
+    board = every[0].board
+    rows = [each._rows for each in every]
+    space = driven(board.descriptor, board.operating_point, np.concatenate(rows, axis=1))
+    first = 0
+    for each, own in zip(every, rows, strict=True):
+        taken = slice(first, first + own.shape[1])
+        each.__dict__["_driven"] = space.B[:, taken], space.C, space.D[:, taken]
+        first += own.shape[1]
 
 
 def trace_loci(ports: PortResponse, low: float, high: float = 1.0, unstable: int = 0) -> Edges:
@@ -228,15 +269,18 @@ def trace_loci(ports: PortResponse, low: float, high: float = 1.0, unstable: int
     channels: 5 ms); for a large board, one structured factorisation at each of them.
     """
     trace = _Trace(ports, math.log(low), math.log(high))
-    trace.run(_frequencies(ports.poles, low, high))
+    trace.run(_frequencies(ports.poles.tobytes(), low, high))
     return Edges.counted((low, high), trace.crossings, trace.nearest(), (1.0, unstable))
 
 
-def _frequencies(poles: Complexes, low: float, high: float) -> Floats:
+@lru_cache(maxsize=4)
+def _frequencies(content: bytes, low: float, high: float) -> Floats:
     """Return angular frequencies whose distances follow that to the nearest pole, 1/s.
 
-    The poles of the boards at other shares are at most so much slower or faster as the shares.
+    The poles of the boards at other shares are at most so much slower or faster as the shares. All
+    parts of a board have the same `content`: its poles.
     """
+    poles = np.frombuffer(content, dtype=np.complex128)
     upper = np.unique(poles[poles.imag >= 0.0])
     size = np.abs(upper)
     omega = [BOTTOM * float(max(size.min(), TINY * size.max())) / max(high, 1.0)]

@@ -250,8 +250,9 @@ def _alone(board: MeasuredBoard, response: _Response) -> MeasuredBoard | Excepti
 
 def _begun(board: LinearBoard, initial: Start, band: float) -> tuple[MeasuredBoard, _Response]:
     """Return a board without readings, and the step that has to be read; None if not stable."""
-    found, (before, rest, error) = poles(board), ends(board, initial)
-    response, returns = step_response(board, initial, band)
+    found, places = poles(board), ends(board, initial)
+    before, rest, error = places
+    response, returns = step_response(board, initial, band, places)
     if not found.known_stable:
         still = _without_rest(response, found)
         return MeasuredBoard(board, initial, found, still, before, rest, error), None
@@ -259,9 +260,17 @@ def _begun(board: LinearBoard, initial: Start, band: float) -> tuple[MeasuredBoa
     return MeasuredBoard(board, initial, found, empty, before, rest, error), (response, returns)
 
 
-def step_response(board: LinearBoard, initial: Start, band: float) -> tuple[ExactResponse, bool]:
-    """Return the step of the outputs, to be measured, and whether they return to their start."""
-    before, rest, error = ends(board, initial)
+def step_response(
+    board: LinearBoard,
+    initial: Start,
+    band: float,
+    places: tuple[Floats, Floats, float] | None = None,
+) -> tuple[ExactResponse, bool]:
+    """Return the step of the outputs, to be measured, and whether they return to their start.
+
+    `places` are the `ends` of the board, where they are known.
+    """
+    before, rest, error = places or ends(board, initial)
     start = _pulses(board, before, rest, error, initial)
     return ExactResponse(board, rest, start, initial, band, error), start is not before
 

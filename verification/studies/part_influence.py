@@ -8,18 +8,22 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import lu_solve
+from scipy.linalg.lapack import zgetrf
 
 from taction.netlist_gen.board.circuit import Knob
-from taction.system.array_types import Complexes
+from taction.system.array_types import EPS, Complexes
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 from taction.verification.stability.families import Family
+from taction.verification.stability.loci import share_modes
 from taction.verification.stability.margin import REACH, Margin, find_margin
 from taction.verification.stability.poles import Poles
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
+BESIDE, ITERATIONS = 1e-10, 3  # of the inverse iteration: relative distance from the pole
 MOVED = 1e-5  # relative change of a value for a sensitivity
 
 
@@ -88,14 +92,21 @@ def sensitivities(
 def _vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
     """Return the right and the left null vector of ``p M - K``, by inverse iteration."""
     dense = linear_matrices(board.descriptor, board.operating_point)
-    X = (p * (1.0 + 1e-10) + 1e-300) * dense.mass - dense.stiffness
+    X = (p * (1.0 + BESIDE) + 1e-300) * dense.mass - dense.stiffness
     rows = np.abs(X).max(axis=1)
     rows[rows == 0.0] = 1.0
     columns = np.abs(X / rows[:, None]).max(axis=0)
     columns[columns == 0.0] = 1.0
     scaled = X / rows[:, None] / columns
-    U, _, Vh = np.linalg.svd(scaled)
-    return Vh[-1].conj() / columns, U[:, -1].conj() / rows
+    lu, pivots, _ = zgetrf(scaled)
+    pivot = np.einsum("ii->i", lu)  # a view of the diagonal
+    pivot[np.abs(pivot) < EPS] = EPS  # a pole that is exact
+    factors = lu, pivots
+    right = left = np.ones(len(X), dtype=np.complex128)
+    for _ in range(ITERATIONS):
+        right = lu_solve(factors, right / np.abs(right).max(), check_finite=False)
+        left = lu_solve(factors, left / np.abs(left).max(), trans=1, check_finite=False)
+    return right / np.abs(right).max() / columns, left / np.abs(left).max() / rows
 
 
 def influences(
@@ -108,53 +119,73 @@ def influences(
     """
     c = board.circuit
     families = {knob.name: Family.of(board, knob) for knob in c.knobs if knob.role}
+    share_modes(each.ports for each in families.values() if each.ports is not None)
     rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
     looked = (order if every else order[:MOST_MARGINS]) if found.known_stable else []
-    rows = []
+    rows, nearest = list[PartRow](), dict[str, _Nearest]()
     for name in order:
-        edges = _nearest(families[name], found) if name in looked else (None, None, "")
+        edges = nearest[name] = _nearest(families[name], found) if name in looked else _Nearest()
         rate, unit = rates[name], c.facts[name].unit
-        frequency = rate.imag / math.tau
-        rows.append(PartRow(name, c.value(name), unit, rate.real, frequency, *edges))
+        frequency, ends = rate.imag / math.tau, (edges.below, edges.above, edges.doubt)
+        rows.append(PartRow(name, c.value(name), unit, rate.real, frequency, *ends))
     if not every:
         return None, tuple(rows)
     if not looked:
         return Margin(0.0, 0.0, "the board is not stable"), tuple(rows)
-    return _least(board, rows, found), tuple(rows)
+    return _least(board, nearest, found), tuple(rows)
 
 
-def _nearest(family: Family, found: Poles) -> tuple[float | None, float | None, str]:
-    """Return the nearest edges below and above the own value, and why they are in doubt."""
+@dataclass(frozen=True, slots=True)
+class _Nearest:
+    """The nearest edges below and above a value; a doubt, and the factor up to which is none."""
+
+    below: float | None = None
+    above: float | None = None
+    doubt: str = ""
+    sure: float = math.inf
+
+
+def _nearest(family: Family, found: Poles) -> _Nearest:
+    """Return the nearest edges of a value, and where a pole may reach the axis before them."""
     own = family.own
     if not own > 0.0 or family.ports is None:
-        return None, None, ""
+        return _Nearest()
     try:
         edges = family.edges(own / REACH, own * REACH, found)
     except EngineError as error:
-        return None, None, str(error)
+        return _Nearest(doubt=str(error), sure=1.0)
     values = [edge.value for edge in edges.edges]
-    doubt = "a pole comes close to the axis" if edges.near else ""
     below = max((value for value in values if value < own), default=None)
-    return below, min((value for value in values if value > own), default=None), doubt
+    above = min((value for value in values if value > own), default=None)
+    inside = [v for v in edges.near if (below or 0.0) <= v <= (above or math.inf)]
+    if not inside:
+        return _Nearest(below, above)
+    sure = min(max(v / own, own / v) for v in inside)
+    return _Nearest(below, above, "a pole comes close to the axis", sure)
 
 
-def _least(board: LinearBoard, rows: list[PartRow], found: Poles) -> Margin:
+def _least(board: LinearBoard, nearest: Mapping[str, _Nearest], found: Poles) -> Margin:
     """Return the least margin of all parts, confirmed by poles on both sides of its edge."""
     factors = {}
-    for row in rows:
-        own = row.value or 1.0
-        if row.below is not None:
-            factors[row.name, "below"] = own / row.below
-        if row.above is not None:
-            factors[row.name, "above"] = row.above / own
-    name, side = min(factors, key=factors.__getitem__, default=(rows[0].name, "above"))
+    for part, edges in nearest.items():
+        own = board.circuit.value(part)
+        if edges.below is not None:
+            factors[part, "below"] = own / edges.below
+        if edges.above is not None:
+            factors[part, "above"] = edges.above / own
+    first = next(iter(nearest))
+    name, side = min(factors, key=factors.__getitem__, default=(first, "above"))
     knob = replace(board.circuit.knob(name), margin=WAYS[side])
     least = find_margin(_turning(board, knob), name, REACH, found)
     if not factors:
         least = replace(least, text=f"no crossing up to a factor of {REACH:g} of any part")
-    doubts = next((f"{row.name}: {row.doubt}" for row in rows if row.doubt), "")
-    return replace(least, doubt=least.doubt or doubts)
+    doubts = (
+        f"{part}: {edges.doubt}"
+        for part, edges in nearest.items()
+        if edges.doubt and edges.sure <= least.factor
+    )
+    return replace(least, doubt=least.doubt or next(doubts, ""))
 
 
 WAYS: Mapping[str, Literal["smaller", "larger"]] = {"below": "smaller", "above": "larger"}

@@ -66,3 +66,16 @@ def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
             if value is not None and there is not None:
                 apart = value.uncertainty + there.uncertainty
                 assert abs(value.value - there.value) <= 1e-7 * abs(value.value) + apart + 1e-9
+
+
+def test_a_pole_near_the_axis_beyond_the_margin_leaves_the_margin_decided(
+    tmp_path: Path, ngspice: str
+) -> None:
+    """At 1/48 of Rf_2_2 a real pole comes close to zero; the margin of the board is 3.27."""
+    place = tmp_path / "board.cir"
+    place.write_text(taction.netlist("scenes/tuned-breadboard.toml").text)
+    found = taction.check(place, checks="margin=2", ngspice=False)
+    assert found.outcome.value == "pass"
+    (check,) = found.checks
+    assert check.value == pytest.approx(3.269, rel=1e-3)
+    assert any(row.doubt for row in found.parts)

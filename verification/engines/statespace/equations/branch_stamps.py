@@ -10,7 +10,6 @@ source determines. A coil has its current as state.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import chain
 
@@ -222,15 +221,15 @@ class _Branches:
         A part between two nodes that have one row adds exactly nothing to it. The others stay as
         they are, so that their exact sums are known (`pole_count`).
         """
-        rows, sums = [*self.rows, GROUND], dict[tuple[int, int], Counter[float]]()
+        rows, counts = [*self.rows, GROUND], dict[tuple[int, int, float], int]()
         for row, column, value in entries:
             if (taken := rows[row]) != GROUND != column:
-                sums.setdefault((taken, column), Counter())[value] += 1
+                entry = taken, column, value
+                counts[entry] = counts.get(entry, 0) + 1
         return [
-            (*place, value)
-            for place, values in sums.items()
-            for value, count in values.items()
-            for _ in range(count - values.get(-value, 0))
+            entry
+            for entry, count in counts.items()
+            for _ in range(count - counts.get((*entry[:2], -entry[2]), 0))
         ]
 
 
