@@ -16,7 +16,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.engines.statespace.transients.steps import DenseBoard
+from taction.verification.engines.statespace.transients.small_steps import StateBoard
 from taction.verification.readings.mode_fit import fit_modes
 from taction.verification.readings.readings import settling_times
 from taction.verification.readings.signals import FEWEST_POINTS, SampledSignal
@@ -164,7 +164,7 @@ def board_lsoda(task: Task, time: Floats) -> Floats:
 
     board = LinearBoard(task.circuit)
     run = stepped.Run.of(board, board.reported(None), task.transient, TIGHT, float(time[-1]))
-    if not isinstance(run.board, DenseBoard):
+    if not isinstance(run.board, StateBoard):
         raise EngineError("the board is too large for LSODA")
     rate, jacobian, watch = run.board.equations(run.reported.amplifiers)
     solution = solve_ivp(

@@ -28,16 +28,14 @@ from taction.verification.engines.statespace.transients.integrator import (
     Integrator,
     Present,
 )
-from taction.verification.engines.statespace.transients.modal_steps import ModalBoards, is_modal
 from taction.verification.engines.statespace.transients.record_times import record_times
-from taction.verification.engines.statespace.transients.steps import (
-    Alone,
-    Amplifiers,
-    Board,
-    Boards,
-    DenseBoard,
-    LargeBoard,
+from taction.verification.engines.statespace.transients.small_steps import (
+    SmallBoards,
+    StateBoard,
+    is_modal,
 )
+from taction.verification.engines.statespace.transients.steps import Amplifiers, Boards
+from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
 METHOD = "Radau IIA"
 TOLERANCE = 1e-9  # of a step, in step amplitudes
@@ -45,7 +43,6 @@ ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, 
 FLOOR = 1e-3  # of the board's largest voltage: the least voltage to which errors are relative
 REPEATED = 1.0 / 16.0  # of the tolerance: what a second run leaves of its iterations
 FIRST = 2.0**-16  # of the record: the first step tried
-MODAL = 1e-8  # least tolerance of steps in the basis of the modes: solves lose fewer digits
 
 
 class Reported:
@@ -107,7 +104,7 @@ class Reported:
 class Run:
     """One integration of a board, with what another one of it needs."""
 
-    board: Board
+    board: StateBoard | StructuredBoard
     modes: Modes | None  # of a board at its slopes at rest, where they are a basis for the steps
     reported: Reported
     state: Floats
@@ -125,7 +122,7 @@ class Run:
         """Prepare the integration of `board` up to `stop`, s."""
         reported = Reported(board, nodes)
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
-        equations, slopes, modes = _equations(board, reported, unknowns, tolerance)
+        equations, slopes, modes = _equations(board, reported, unknowns)
         state = equations.state(unknowns)
         start = equations.start(state, reported.amplifiers)
         amplitude = float(reported.distance(start[None])[0])
@@ -146,31 +143,28 @@ class Run:
     @property
     def kind(self) -> tuple[Hashable, ...]:
         """What boards have in common that are integrated together."""
-        if self.modes is None:
+        if isinstance(self.board, StructuredBoard):
             return (id(self),)
         devices, source = self.reported.amplifiers.kinds, tuple(self.reported.source.tolist())
-        return devices, source, len(self.state), len(self.start)
+        return devices, source, len(self.state), len(self.start), self.modes is None
 
 
 def _equations(
-    board: LinearBoard, reported: Reported, unknowns: Floats, tolerance: float
-) -> tuple[Board, Floats, Modes | None]:
+    board: LinearBoard, reported: Reported, unknowns: Floats
+) -> tuple[StateBoard | StructuredBoard, Floats, Modes | None]:
     """Return the equations, the slopes of the first steps, and the modes to work in.
 
     The slopes are the smaller of start and rest.
     """
     slopes = board.equilibrium.slopes
     if board.descriptor.is_large:
-        return LargeBoard(board, reported.others), slopes, None
+        return StructuredBoard(board, reported.others), slopes, None
     inputs = unknowns[None, board.descriptor.devices.input, None]
     first = reported.amplifiers.slopes(inputs)[0, :, 0]
     least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
-    space = board.open_loop
-    if tolerance >= MODAL and space.states == board.state_space.states:
-        modes = board.state_space.modes
-        if is_modal(modes):
-            return DenseBoard(space, reported.others, slopes), least, modes
-    return DenseBoard(space, reported.others, least), least, None
+    space, modes = board.open_loop, board.state_space.modes
+    known = is_modal(modes) and space.states == board.state_space.states
+    return StateBoard(space, reported.others, slopes), least, modes if known else None
 
 
 def integrate(
@@ -196,14 +190,15 @@ def integrate(
 
 def _integrator(runs: Sequence[Run], share: float) -> Integrator:
     """Return an integrator at the start of boards of one kind."""
-    first, state = runs[0], np.stack([run.state for run in runs])
-    boards: Boards = Alone(first.board)
+    state = np.stack([run.state for run in runs])
+    boards: Boards
     start: Any = state
-    modes = [run.modes for run in runs if run.modes is not None]
-    if modes:
-        dense = [run.board for run in runs if isinstance(run.board, DenseBoard)]
-        boards = modal = ModalBoards(dense, modes)
-        start = modal.state(state)
+    if isinstance(runs[0].board, StructuredBoard):
+        boards = runs[0].board
+    else:
+        states = [run.board for run in runs if isinstance(run.board, StateBoard)]
+        boards = small = SmallBoards(states, [run.modes for run in runs if run.modes is not None])
+        start = small.state(state)
     present = Present(
         start,
         np.stack([run.start for run in runs]),

@@ -17,7 +17,7 @@ from taction.verification.engines.statespace.transients.integrator import (
     Present,
 )
 from taction.verification.engines.statespace.transients.radau import tableau
-from taction.verification.engines.statespace.transients.steps import STAGES, Alone, DenseBoard
+from taction.verification.engines.statespace.transients.steps import SIGMA, STAGES, TABLE
 
 
 def test_three_stages_are_the_published_ones() -> None:
@@ -79,33 +79,69 @@ class Everything:
     watched: int = 1
 
 
-class Space:
-    """The part of a state space that a board needs: watched are the inputs, then all states."""
+class Solved:
+    """One board ``x' = A x + E a`` with inputs ``v = G x``, watched before all of x if asked."""
 
-    def __init__(self, A: Floats, inputs: Floats, E: Floats) -> None:
-        n, m = E.shape
-        self.A, self.B = A, np.concatenate([np.zeros((n, 2)), E], axis=1)
-        self.C, self.D = inputs, np.zeros((m, 2 + m))
-        self.descriptor = self
-        self.devices, self.input = self, slice(None)
+    factorisations = 0
 
-    def rows(self, nodes: tuple[str, ...]) -> tuple[Floats, Floats]:
-        n, m = len(self.A), len(self.C)
-        return (np.eye(n), np.zeros((n, 2 + m))) if nodes else (self.C[:0], self.D[:0])
+    def __init__(self, A: Floats, G: Floats, E: Floats, *, watched: bool) -> None:
+        self.A, self.G, self.E, self.m = A, G, E, E.shape[1]
+        self.rows = np.concatenate([G, np.eye(len(A))]) if watched else G
 
-    def state_of(self, unknowns: Floats) -> Floats:
-        return unknowns
+    def part(self, rows: Ints) -> Solved:
+        return self
+
+    def rate(self, state: Floats, inputs: Floats, outputs: Floats) -> Floats:
+        return np.asarray((self.A @ state[0] + self.E @ outputs[0])[None])
+
+    def size(self, state: Floats) -> Floats:
+        return np.asarray(np.abs(state).max(axis=1))
+
+    def step(self, length: Floats, slopes: Floats) -> SolvedStep:
+        closed = self.A + (self.E * slopes[0]) @ self.G
+        return SolvedStep(
+            self, [s / length[0] * np.eye(len(closed)) - closed for s in TABLE.shifts]
+        )
+
+
+@dataclass
+class SolvedStep:
+    """Its steps, by solves with the whole matrices."""
+
+    board: Solved
+    matrices: list[Any]
+
+    def part(self, rows: Ints) -> SolvedStep:
+        return self
+
+    def _solved(self, right: Any) -> Any:
+        return np.array(list(map(np.linalg.solve, self.matrices, right)))
+
+    def _stages(self, x: Any) -> Floats:
+        return np.asarray((TABLE.right @ (x @ self.board.rows.T)).real.T[None])
+
+    def free(self, rate: Floats) -> tuple[Floats, Any]:
+        x = self._solved(SIGMA[:, None] * rate)
+        return self._stages(x)[:, : self.board.m], [x]
+
+    def response(self, remainder: Floats, parts: Any) -> Floats:
+        parts[1:] = [self._solved((TABLE.left @ remainder[0].T) @ self.board.E.T)]
+        return self._stages(parts[1])[:, : self.board.m]
+
+    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Floats, Floats]:
+        x = sum(parts)
+        return (TABLE.right[-1] @ x).real[None], self._stages(x)
 
 
 class OneBoard:
     """The integrator of one board, whose failure is an error."""
 
     def __init__(
-        self, board: DenseBoard, reported: Everything, z: Floats, slopes: Floats, numbers: Floats
+        self, board: Solved, reported: Everything, z: Floats, slopes: Floats, numbers: Floats
     ) -> None:
         columns = numbers[:, None]  # tolerance, unit, base, limit
         present = Present(z[None], z[None], slopes[None], *columns)
-        self.work = Integrator(Alone(board), reported, present)
+        self.work = Integrator(board, reported, present)
 
     def run(self, stop: float, max_steps: int = 1_000_000) -> Dense:
         return self.work.run(np.array([stop]), max_steps)[0].checked()
@@ -119,17 +155,16 @@ def integrator(
 ) -> OneBoard:
     """``z' = A z`` with all states watched."""
     n = len(z)
-    space: Any = Space(A, np.zeros((0, n)), np.zeros((n, 0)))
-    board, none = DenseBoard(space, ("all",), np.zeros(0)), Functions(0, np.exp, np.exp)
+    board = Solved(A, np.zeros((0, n)), np.zeros((n, 0)), watched=True)
+    none = Functions(0, np.exp, np.exp)
     reported = Everything(none, n)
     return OneBoard(board, reported, z, np.zeros(0), np.array([tolerance, 1.0, first, limit]))
 
 
 def scalar(f: Callable[[Floats], Floats], slope: Any, z: float, **more: Any) -> OneBoard:
     """``z' = f(z)`` with one amplifier, whose input is z."""
-    space: Any = Space(np.zeros((1, 1)), np.eye(1), np.eye(1))
-    slopes = np.asarray(slope(np.array([z])))
-    board, start = DenseBoard(space, (), slopes), np.array([z])
+    board = Solved(np.zeros((1, 1)), np.eye(1), np.eye(1), watched=False)
+    slopes, start = np.asarray(slope(np.array([z]))), np.array([z])
     reported = Everything(Functions(1, f, slope), 1)
     given = {"tolerance": 1e-8, "unit": 1.0, "base": 1e-3, "limit": np.inf} | more
     return OneBoard(board, reported, start, slopes, np.array(list(given.values())))

@@ -1,0 +1,274 @@
+"""Steps of several small boards at a time, in the basis of their modes where they have one.
+
+The boards are linearised at their equilibria, so in this basis their equations are
+
+    z' = poles z + drive n + constant,    v = seen z + direct n + ...
+
+with the remainders n of the amplifiers beyond their slopes at rest, and the systems of a step (see
+`steps`) are divisions. Boards whose modes are nearly defective keep their states, and the systems
+have inverse matrices. Every board may have a length of step and slopes of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.equilibrium import solve_loop
+from taction.verification.engines.statespace.linearised.modes import Modes
+from taction.verification.engines.statespace.linearised.state_space import StateSpace
+from taction.verification.engines.statespace.transients.steps import (
+    BEYOND,
+    SIGMA,
+    TABLE,
+    Amplifiers,
+    Function,
+)
+
+DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solves keep
+
+
+def is_modal(modes: Modes) -> bool:
+    """Whether the modes are a basis in which steps lose no digits."""
+    return modes.defect < DEFECT and bool(modes.alone.all())
+
+
+class StateBoard:
+    """A board by its states: ``x' = A x + B + E a``, ``y = C x + D + H a``.
+
+    y are the inputs of the amplifiers, then other watched nodes. `core` are the four matrices, and
+    `constant` the other terms of x', of the board with `slopes` in the place of its amplifiers.
+    """
+
+    def __init__(self, space: StateSpace, nodes: tuple[str, ...], slopes: Floats) -> None:
+        places = space.descriptor.devices.input
+        self.space, self.slopes, self.count = space, slopes, len(slopes)
+        watched, direct = space.rows(nodes)
+        self.A, self.B, self.E = space.A, space.B[:, :2].sum(axis=1), space.B[:, 2:]
+        self.C = np.concatenate([space.C[places], watched])
+        D = np.concatenate([space.D[places], direct])
+        self.D, self.H = D[:, :2].sum(axis=1), D[:, 2:]
+        loop = np.linalg.inv(np.eye(self.count) - self.H[: self.count] * slopes)
+        closed = loop @ self.C[: self.count]
+        beyond = np.eye(self.count) + slopes[:, None] * (loop @ self.H[: self.count])
+        self.core = (
+            self.A + (self.E * slopes) @ closed,
+            self.E @ beyond,
+            self.C + (self.H * slopes) @ closed,
+            self.H @ beyond,
+        )
+        self.constant = self.B + (self.E * slopes) @ (loop @ self.D[: self.count])
+
+    def state(self, unknowns: Floats) -> Floats:
+        """Return the states of all unknowns, (n,)."""
+        return self.space.state_of(unknowns)
+
+    def start(self, state: Floats, amplifiers: Amplifiers) -> Floats:
+        """See `StructuredBoard`."""
+        m, watched = self.count, self.C @ state + self.D
+        inputs, H = watched[:m], self.H[:m]
+        if H.any():
+            scale = amplifiers.v_scale[0, :, 0]
+            loop = H * amplifiers.u_scale[0, :, 0] / scale[:, None]
+            inputs = scale * solve_loop(loop, inputs / scale, amplifiers.gain)[0]
+        outputs = amplifiers.outputs(inputs[None, :, None])[0, :, 0]
+        if not np.all(np.isfinite(outputs)):
+            raise EngineError(BEYOND)
+        return np.append(inputs, (watched + self.H @ outputs)[m:])
+
+    def equations(self, amplifiers: Amplifiers) -> tuple[Function, Function, Function]:
+        """Return rate, Jacobian and watched voltages of states, for other integrators.
+
+        The voltages (P, m + K) are those of states (n, P).
+
+        Raises
+        ------
+        EngineError
+            The output of an amplifier acts on its own input without delay.
+        """
+        m = self.count
+        if self.H[:m].any():
+            raise EngineError("an amplifier feeds back on itself without delay")
+        C, D = self.C[:m], self.D[:, None]
+
+        def rate(x: Floats) -> Floats:
+            inputs = (C @ x + self.D[:m])[None, :, None]
+            outputs = amplifiers.outputs(inputs)[0, :, 0]
+            return np.asarray(self.A @ x + self.B + self.E @ outputs)
+
+        def jacobian(x: Floats) -> Floats:
+            slopes = amplifiers.slopes((C @ x + self.D[:m])[None, :, None])[0, :, 0]
+            return np.asarray(self.A + (self.E * slopes) @ C)
+
+        def watch(x: Floats) -> Floats:
+            found = self.C @ x + D
+            return np.asarray((found + self.H @ amplifiers.outputs(found[None, :m])[0]).T)
+
+        return rate, jacobian, watch
+
+
+@dataclass(frozen=True, eq=False)
+class SmallStep:
+    """One step of each of R boards; see `Steps`.
+
+    Attributes
+    ----------
+    weight : ndarray (R, k, n), or (R, k, n, n) without modes
+        Of the right-hand sides of the systems, s.
+    core, inverse, transfer : ndarray (R, k, m, m)
+        Inputs of nu at the slopes at rest, what other slopes make of them, and their product.
+    change : ndarray (R, m)
+        Slopes minus those at rest, V/V.
+    """
+
+    board: SmallBoards
+    weight: Complexes
+    core: Complexes
+    inverse: Complexes
+    transfer: Complexes
+    change: Floats
+
+    def part(self, rows: Ints) -> SmallStep:
+        """See `Steps`."""
+        found = {name: values[rows] for name, values in vars(self).items() if name != "board"}
+        return replace(self, board=self.board.part(rows), **found)
+
+    def free(self, rate: Complexes) -> tuple[Floats, Complexes]:
+        """See `Steps`."""
+        x = _weighted(self.weight, SIGMA[:, None, None] * rate[:, None, None, :])[:, :, 0]
+        inputs = x @ self.board.seen_inputs
+        return _stages((self.inverse @ inputs[..., None])[..., 0]), x
+
+    def response(self, remainder: Floats, parts: Complexes) -> Floats:
+        """See `Steps`."""
+        return _stages((self.transfer @ _systems(remainder)[..., None])[..., 0])
+
+    def end(self, remainder: Floats, inputs: Floats, parts: Complexes) -> tuple[Complexes, Floats]:
+        """See `Steps`."""
+        board = self.board
+        nu = _systems(remainder + self.change[:, :, None] * inputs)
+        x = parts + _weighted(self.weight, (nu @ board.drive)[:, :, None])[:, :, 0]
+        half = 0.5 * (TABLE.right[-1] @ x)
+        change = half + np.take_along_axis(half, board.mates, axis=1).conj()
+        if not board.seen_others.shape[2]:
+            return change, inputs
+        others = _stages(x @ board.seen_others + nu @ board.direct_others)
+        return change, np.concatenate([inputs, others], axis=1)
+
+
+def _weighted(weight: Complexes, rows: Complexes) -> Complexes:
+    """Return the solutions (R, k, q, n) of the systems for right-hand sides (R, k or 1, q, n)."""
+    if weight.ndim == 3:
+        return np.asarray(weight[:, :, None, :] * rows)
+    return np.asarray(rows @ weight.swapaxes(-1, -2))
+
+
+def _systems(stages: Floats) -> Complexes:
+    """Return the values of the method's systems (R, k, m) from those of the stages (R, m, s)."""
+    return np.asarray(TABLE.left @ stages.transpose(0, 2, 1))
+
+
+def _stages(systems: Complexes) -> Floats:
+    """Return the values of the stages (R, m, s) from those of the method's systems (R, k, m)."""
+    return np.asarray((TABLE.right @ systems).real.transpose(0, 2, 1))
+
+
+class SmallBoards:
+    """R boards by their modes, as `Boards`.
+
+    All have as many states, amplifiers and watched nodes. The voltages of a mode are at most 1 V,
+    so that its coordinate is about its share in volts.
+
+    Parameters
+    ----------
+    boards : sequence of StateBoard
+        At their slopes at rest.
+    modes : sequence of Modes
+        Of the same boards; empty where they are no basis.
+    """
+
+    factorisations = 1
+
+    def __init__(self, boards: Sequence[StateBoard], modes: Sequence[Modes]) -> None:
+        m, cores = boards[0].count, zip(*(board.core for board in boards), strict=True)
+        matrix, drive, seen, direct = (np.stack(part) for part in cores)
+        if modes:
+            right, left = (
+                np.stack(x) for x in zip(*((m.right, m.left) for m in modes), strict=True)
+            )
+            scale = np.abs(right).max(axis=1)
+            right, left = right / scale[:, None, :], scale[:, :, None] * left
+            self.matrix = np.stack([each.poles for each in modes])
+            self.mates = np.stack([each.mates for each in modes])
+        else:
+            count, n = matrix.shape[:2]
+            left = right = np.broadcast_to(np.eye(n, dtype=np.complex128), matrix.shape).copy()
+            self.matrix = matrix.astype(np.complex128)
+            self.mates = np.broadcast_to(np.arange(n), (count, n)).copy()
+        self.slopes = np.stack([each.slopes for each in boards])
+        self.left, self.drive = left, (left @ drive).transpose(0, 2, 1)  # (R, m, n)
+        self.constant = (left @ np.stack([each.constant for each in boards])[..., None])[..., 0]
+        seen, direct = (seen @ right).transpose(0, 2, 1), direct.transpose(0, 2, 1)
+        self.seen_inputs, self.seen_others = seen[:, :, :m], seen[:, :, m:]
+        self.direct_inputs, self.direct_others = direct[:, :, :m], direct[:, :, m:]
+        count, k = len(boards), len(SIGMA)
+        self.length, self.at = np.zeros(count), np.full((count, m), np.nan)
+        self.weight = np.zeros((count, k, *self.matrix.shape[1:]), dtype=np.complex128)
+        self.core = np.zeros((count, k, m, m), dtype=np.complex128)
+        self.inverse, self.transfer = np.zeros_like(self.core), np.zeros_like(self.core)
+
+    def part(self, rows: Ints) -> SmallBoards:
+        """See `Boards`."""
+        found = copy(self)
+        for name, values in vars(self).items():
+            setattr(found, name, values[rows])
+        return found
+
+    def state(self, states: Floats) -> Complexes:
+        """Return the coordinates of states (R, n), (R, n)."""
+        return np.asarray((self.left @ states[..., None])[..., 0])
+
+    def rate(self, state: Complexes, inputs: Floats, outputs: Floats) -> Complexes:
+        """See `Boards`."""
+        remainder = (outputs - self.slopes * inputs)[:, None, :]
+        moving = _weighted(self.matrix[:, None], state[:, None, None, :])[:, 0, 0]
+        return np.asarray(moving + self.constant + (remainder @ self.drive)[:, 0])
+
+    def size(self, state: Complexes) -> Floats:
+        """See `Boards`."""
+        return np.asarray(np.abs(state).max(axis=1, initial=0.0))
+
+    def step(self, length: Floats, slopes: Floats) -> SmallStep:
+        """See `Boards`."""
+        longer = length != self.length
+        rows = np.flatnonzero(longer)
+        if rows.size:
+            weight = self.weight[rows] = self._inverse(rows, length[rows])
+            driven = _weighted(weight, self.drive[rows, None])
+            core = driven @ self.seen_inputs[rows, None] + self.direct_inputs[rows, None]
+            self.core[rows] = core.transpose(0, 1, 3, 2)
+            self.length = length
+        rows = np.flatnonzero(longer | (slopes != self.at).any(axis=1))
+        if rows.size:
+            change = slopes[rows] - self.slopes[rows]
+            core = self.core[rows]
+            inverse = np.linalg.inv(np.eye(core.shape[2]) - core * change[:, None, None, :])
+            self.inverse[rows], self.transfer[rows] = inverse, inverse @ core
+            self.at = slopes
+        change = slopes - self.slopes
+        return SmallStep(self, self.weight, self.core, self.inverse, self.transfer, change)
+
+    def _inverse(self, rows: Ints, length: Floats) -> Complexes:
+        """Return the inverses of the systems of some boards for steps of a length (R,), s."""
+        shifts = TABLE.shifts / length[:, None]
+        matrix = self.matrix[rows, None]
+        if matrix.ndim == 3:
+            return np.asarray(1.0 / (shifts[:, :, None] - matrix))
+        return np.asarray(
+            np.linalg.inv(shifts[:, :, None, None] * np.eye(matrix.shape[3]) - matrix)
+        )
