@@ -37,6 +37,38 @@ def board() -> Figure:
     return figure
 
 
+def schematic_of(scene: str) -> Callable[[], Figure]:
+    """Return what draws one channel of the board of a scene."""
+
+    def drawn() -> Figure:
+        figure: Figure = taction.synthesise(taction.load_scene(SCENES / f"{scene}.toml")).plot()
+        return figure
+
+    return drawn
+
+
+def feedback() -> Figure:
+    """Return the rightmost pole of a closed-loop board over its feedback conductance gf."""
+    circuit = taction.synthesise(taction.load_scene(SCENES / "least-squares.toml"))
+    over = np.geomspace(1e-4, 1e-2, 121)
+    growth = np.array([rightmost(circuit.turned("gf", value)) for value in over.tolist()])
+    best = int(growth.argmin())
+    falling = slice(best + 1)
+    edge = float(np.exp(np.interp(0.0, -growth[falling], np.log(over[falling]))))
+    figure, axes = panel(
+        f"gf decides stability and speed: {1e6 * edge:.0f} µS is the least, fastest at"
+        f" {1e6 * over[best]:.0f} µS"
+    )
+    axes.axhspan(0.0, 1.3 * growth.max() / 1e6, color=BAD, alpha=0.12)
+    axes.axhline(0.0, color=GREY, lw=0.8)
+    axes.plot(over * 1e6, growth / 1e6, color=GOOD)
+    axes.plot([edge * 1e6, over[best] * 1e6], [0, growth[best] / 1e6], "o", color=INK)
+    axes.set_xscale("log")
+    axes.set(xlabel="gf (µS)", ylabel="rightmost pole (1/µs)")
+    axes.set_ylim(1.15 * growth.min() / 1e6, 1.3 * growth.max() / 1e6)
+    return figure
+
+
 def transresistance() -> Figure:
     """Return an amplifier of the constraint plane: a current in, a voltage out."""
     circuit = taction.synthesise(taction.load_scene(SCENES / "paper-breadboard.toml"))
@@ -144,6 +176,10 @@ def rightmost(circuit: taction.Circuit) -> float:
 
 PICTURES: dict[str, Callable[[], Figure]] = {
     "board": board,
+    "inverse": schematic_of("inverse"),
+    "least-squares": schematic_of("least-squares"),
+    "ridge": schematic_of("ridge"),
+    "feedback-conductance": feedback,
     "transresistance": transresistance,
     "lambda": regularisation,
     "settling": settling,

@@ -28,6 +28,7 @@ GROUPS = (
     "taction.amplifiers",
     "taction.checks",
     "taction.engines",
+    "taction.networks",
     "taction.opamps",
     "taction.topologies",
 )

@@ -310,12 +310,11 @@ def solve(
     [[2.0, 0.0], [0.0, 1.0]]
     """
     from taction.netlist_gen.scene.inverse_problem import make_problem, with_strains
-    from taction.verification.reference import solve as solve_one
     from taction.verification.reference import solve_each
     from taction.verification.reference.ideal_answer import ideal_network, read_scene
 
     scene = read_scene(scene)
-    problem = ideal_network(make_problem(scene), scene).problem
+    network = ideal_network(make_problem(scene), scene)
     if strains is None:
-        return solve_one(problem)
-    return solve_each(problem, [inverse.strain for inverse in with_strains(scene, strains)])
+        return network.rest
+    return solve_each(network.problem, [inverse.strain for inverse in with_strains(scene, strains)])

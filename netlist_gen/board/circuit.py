@@ -25,6 +25,8 @@ from taction.system.quantities import quantity, sizes
 from taction.system.results import Result
 
 GROUND = "0"
+SMALL_CAPACITANCE = 1e-12  # F
+ROUNDING = 1e-12  # of an offset: an entry of T below it is zero
 FOLLOWS = {"digest": False}  # of a field that says nothing that the other fields do not say
 
 
@@ -39,6 +41,11 @@ class Role:
     STRAIN_RESISTOR = "resistor 1/G0 from a strain voltage"
     STAGE = "part of an antilog stage"
     STRAY = "stray capacitance"
+    OUTPUT_CONDUCTANCE = "resistor 1/gf of a stage that turns a current into its voltage"
+    REGULARISING = "resistor 1/(sqrt(lambda) G0) of a row that adds lambda"
+    PADDING = "resistor to ground that loads both inputs of an op-amp alike"
+    OFFSET = "resistor of an offset column"
+    SUM = "resistor of an inverter of a sum"
     FORWARD = "matrix from the signal amplifiers to the constraint nodes"
     FEEDBACK = "matrix from the constraint amplifiers to the signal nodes"
 
@@ -85,6 +92,11 @@ class Fact:
         return f"{self.title} {self.symbol}"
 
     @property
+    def words(self) -> str:
+        """Name, and symbol where it is another: ``"gain s"``."""
+        return self.name if self.name == self.symbol else f"{self.name} {self.symbol}"
+
+    @property
     def text(self) -> str:
         """The value with its unit, as a person reads it."""
         return quantity(self.value, self.unit) if self.unit else f"{self.value:.4g}"
@@ -105,8 +117,10 @@ _COMMON: Mapping[str, Any] = {
     "lambda": ("", "lambda", "regularisation parameter", "design.lambda"),
     "Ve": ("V", "Ve", "slope of the signal amplifiers", "design.exponential_slope",
            "u = U0 g(v/Ve)"),
+    "gf": ("S", "gf", "feedback conductance of every first stage", "design.feedback_conductance",
+           "", Role.OUTPUT_CONDUCTANCE),
 }  # fmt: skip
-NEEDED = ("G0", "U0", "R", "C", "gain", "lambda")  # facts of every board that is verified
+NEEDED = ("G0", "U0", "lambda")  # facts of every board that is verified
 
 
 def common_facts(**values: float) -> dict[str, Fact]:
@@ -133,7 +147,8 @@ class Knob:
     key : str
         Dotted: ``"design.capacitance"``.
     role : str
-        The parts whose values are proportional to it; empty if more changes than values of parts.
+        The parts whose values are proportional to `power` of it; empty if more changes than values
+        of parts.
     moves : mapping of str to float
         Other facts that change with a power of it, while R keeps its value.
     margin : {"", "smaller", "larger"}
@@ -142,6 +157,8 @@ class Knob:
         The subject of a sentence: ``"the gain"``.
     series : str
         The key of the series that rounds these parts alone, if there is one.
+    power : float
+        Of the value, to which the parts are proportional: -1 for a conductance.
     """
 
     name: str
@@ -151,6 +168,7 @@ class Knob:
     margin: Literal["", "smaller", "larger"] = ""
     words: str = ""
     series: str = ""
+    power: float = 1.0
 
 
 def common_knobs(*, linear: bool) -> tuple[Knob, ...]:
@@ -308,6 +326,7 @@ class ResistorMatrix:
     plus: tuple[str, ...]  # driving nodes of positive entries
     minus: tuple[str, ...]  # driving nodes of negative entries, "" where there is no such entry
     sinks: tuple[str, ...]  # summing nodes, one per index of the other axis
+    opposite: bool = False  # the sinks are the other inputs: every entry counts as negative
 
     def elements(self) -> Iterator[tuple[int, int, str, str, float]]:
         """Yield ``(k, n, driving node, summing node, ohms)`` of every resistor by rows, from 0."""
@@ -389,6 +408,10 @@ class Circuit(Result):
             raise ValueError(f"topology {self.topology!r} states no fact {name!r}")
         return self.facts[name].value
 
+    def number(self, name: str) -> float | None:
+        """Return the number of a fact; None where the topology does not state it."""
+        return self.facts[name].value if name in self.facts else None
+
     def named(self, role: str) -> Collection[str]:
         """Return the names in the deck of the parts with a role."""
         return self.roles.get(role, ())
@@ -408,6 +431,19 @@ class Circuit(Result):
         """The capacitors that are parts: all but stray capacitances."""
         strays = self.named(Role.STRAY)
         return tuple(part for part in self.capacitors if part.card not in strays)
+
+    @property
+    def charged_capacitance(self) -> float:
+        """The capacitance whose charge tells what a small charge is, F.
+
+        C, or on a board without it the largest capacitance at an input of an op-amp; a board that
+        has neither takes 1 pF.
+        """
+        if "C" in self.facts:
+            return self.value("C")
+        strays = [part.farads for part in self.capacitors]
+        inputs = [model.input_capacitance for model in self.models.values()]
+        return max([*strays, *inputs], default=0.0) or SMALL_CAPACITANCE
 
     @property
     def forward(self) -> ResistorMatrix:
@@ -433,11 +469,34 @@ class Circuit(Result):
         return rows, columns
 
     @property
+    def forward_ohms(self) -> Floats:
+        """Resistors of the entries of T towards the constraint nodes, ohm, (M, N).
+
+        Infinite where there is none. A topology may have one matrix for positive entries and one
+        for negative entries.
+        """
+        names = self.named(Role.FORWARD)
+        parts = [matrix.ohms for matrix in self.matrices if matrix.name in names]
+        return np.asarray(np.minimum.reduce(parts))
+
+    @property
     def realised(self) -> Floats:
-        """T (M, N) as the resistors have it, with their rounding."""
-        forward = self.forward
-        sign = np.where(forward.negative, -1.0, 1.0)
-        return sign / (forward.ohms * self.value("G0"))
+        """T (M, N) as the resistors have it, with their rounding.
+
+        Each resistor counts with its sign: `ResistorMatrix.negative`, or the input of the op-amp
+        at which it ends; an offset column subtracts the same from every entry.
+        """
+        names, siemens = self.named(Role.FORWARD), self.value("G0")
+        T = np.zeros(self.shape)
+        for matrix in self.matrices:
+            if matrix.name in names:
+                sign = np.where(matrix.negative, -1.0, 1.0) * (-1.0 if matrix.opposite else 1.0)
+                T = T + sign / (matrix.ohms * siemens)
+        offset = self.number("offset")
+        if offset is None:
+            return T
+        T = T - offset
+        return np.where(np.abs(T) < ROUNDING * offset, 0.0, T)
 
     def knob(self, name: str) -> Knob:
         """Return the knob of a fact, or of a key of the scene.
@@ -467,9 +526,10 @@ class Circuit(Result):
         knob = self.knob(name)
         if not knob.role:
             raise ValueError(f"{knob.key} does not scale parts of the board")
-        names, factor = self.named(knob.role), value / self.value(knob.name)
+        names, ratio = self.named(knob.role), value / self.value(knob.name)
+        factor = ratio if knob.power == 1.0 else ratio**knob.power
         changed = {knob.name: value}
-        changed |= {other: self.value(other) * factor**by for other, by in knob.moves.items()}
+        changed |= {other: self.value(other) * ratio**by for other, by in knob.moves.items()}
         return replace(
             self,
             resistors=tuple(
@@ -483,6 +543,10 @@ class Circuit(Result):
             branches=tuple(
                 replace(part, value=part.value * factor) if part.card in names else part
                 for part in self.branches
+            ),
+            matrices=tuple(
+                replace(each, ohms=each.ohms * factor) if each.name in names else each
+                for each in self.matrices
             ),
             facts={
                 name: replace(fact, value=changed.get(name, fact.value))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -113,8 +114,9 @@ NO_PARAMETERS = Parameters((), {})
 def parameters_of(circuit: Circuit, *, fixed_lambda: bool = False) -> Parameters:
     """Return C, gain and lambda of `circuit` as parameters.
 
-    The parameters are the facts that are knobs with a margin, and lambda; R follows from them. The
-    topology states the expressions of the parts.
+    The parameters are the facts that are knobs with a margin, and lambda, as far as parts depend on
+    them; R follows from them. The topology states the expressions of the parts, of which G0 is no
+    parameter.
 
     Parameters
     ----------
@@ -137,6 +139,7 @@ def parameters_of(circuit: Circuit, *, fixed_lambda: bool = False) -> Parameters
     """
     free = [knob.name for knob in circuit.knobs if knob.margin]
     free += [] if fixed_lambda else ["lambda"]
+    free = [name for name in free if _counts(circuit, name)]
     lines = [
         "* edit these numbers; the values of all other parts stay as they are",
         *(f".param {name}={circuit.value(name)!r}" for name in free),
@@ -153,6 +156,14 @@ def parameters_of(circuit: Circuit, *, fixed_lambda: bool = False) -> Parameters
             )
         expressions[card] = text
     return Parameters(tuple(lines), expressions)
+
+
+def _counts(circuit: Circuit, name: str) -> bool:
+    """Whether a part, or a fact that follows, depends on a fact."""
+    texts = [text for text, _ in circuit.expressions.values()]
+    laws = (fact.follows[1] for fact in circuit.facts.values() if fact.follows is not None)
+    named = re.compile(rf"\b{re.escape(name)}\b")
+    return any(map(named.search, texts)) or any(name in law for law in laws)
 
 
 def _following(circuit: Circuit) -> list[Fact]:

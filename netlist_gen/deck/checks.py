@@ -132,7 +132,7 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
         relative=relative,
         current=max(1e-3 * relative * amps, VENDORS_AMPS * circuit.has_imported),
         voltage=1e-3 * relative * volts,
-        charge=1e-3 * relative * circuit.value("C") * volts,
+        charge=1e-3 * relative * circuit.charged_capacitance * volts,
         gmin=1e-6 * relative * siemens,
         junction=VENDORS_GMIN if circuit.has_imported else 1e-6 * relative * siemens,
     )

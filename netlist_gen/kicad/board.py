@@ -12,12 +12,12 @@ from itertools import count
 from typing import Literal
 
 from taction.netlist_gen.board.bill_of_materials import packages
-from taction.netlist_gen.board.circuit import Circuit, Role
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
 from taction.netlist_gen.kicad.drawing import LEFT, TOP, Drawing
-from taction.netlist_gen.kicad.parts import Catalogue, value_text
+from taction.netlist_gen.kicad.parts import Catalogue, knob_values
 from taction.netlist_gen.kicad.project import project_files
 from taction.netlist_gen.kicad.sheet import TITLE, Below, Label, Sheet
-from taction.netlist_gen.kicad.stages import nodes_of_branch, shared_nodes
+from taction.netlist_gen.kicad.stages import input_of, nodes_of_branch, shared_nodes
 from taction.netlist_gen.scene.scene import Scene
 
 ROW = 270  # width of the first sheet, steps of the grid; a large board has a wider one
@@ -47,9 +47,8 @@ def board_files(circuit: Circuit, scene: Scene) -> dict[str, str]:
         drawing.branch(TOP, words, start)
         sheets[title] = drawing.sheet
     _supplies(first, _boxes(first, list(sheets.values())))
-    capacitance, gain = (value_text(circuit.value(fact)) for fact in ("C", "gain"))
     comments = (
-        f"C = {capacitance}F, gain s = {gain}ohm, lambda = {circuit.value('lambda'):.4g}",
+        knob_values(circuit),
         "Field Deck: the name in the deck; packages U as in taction export bom",
     )
     drawn = {name: first.sheet} | sheets
@@ -68,11 +67,12 @@ def branches(circuit: Circuit) -> Iterator[tuple[str, str, str]]:
     known: set[str] = set()
     for role, (word, title) in KINDS.items():
         matrices = [each for each in circuit.matrices if each.name in circuit.named(role)]
-        for number, start in enumerate((s for each in matrices for s in each.sinks), 1):
-            if start not in known:
+        sinks = (pair for each in matrices for pair in enumerate(each.sinks, 1))
+        for number, start in sinks:
+            if start and start != GROUND and start not in known:
                 known |= set(nodes_of_branch(circuit, start))
                 yield f"{word}-{number}", start, f"{title} {number}"
-    inputs = [cell.inverting for cell in circuit.opamps]
+    inputs = [input_of(cell) for cell in circuit.opamps]
     left = [node for node in inputs if node not in known | shared]
     for number, start in enumerate(left, 1):
         if start not in known:

@@ -24,7 +24,15 @@ from taction.netlist_gen.board.circuit import (
 from taction.netlist_gen.kicad import symbols
 from taction.netlist_gen.kicad.parts import Catalogue, spare_node
 from taction.netlist_gen.kicad.sheet import TITLE, Label, Part, Placed, Sheet
-from taction.netlist_gen.kicad.stages import Branch, Passive, Rung, Stage, branch, shared_nodes
+from taction.netlist_gen.kicad.stages import (
+    Branch,
+    Passive,
+    Rung,
+    Stage,
+    branch,
+    branches_of,
+    shared_nodes,
+)
 from taction.netlist_gen.kicad.symbols import Point, Symbol
 from taction.netlist_gen.scene.scene import Scene
 
@@ -50,8 +58,9 @@ def channel_sheet(
         else set()
     )
     hidden -= {f"{matrix.name}_{k}_{n}" for matrix in circuit.matrices}
-    y = drawing.branch(TOP, f"Signal plane, channel {n}", circuit.feedback.sinks[n - 1], hidden)
-    drawing.branch(y, f"Constraint plane, sensor row {k}", circuit.forward.sinks[k - 1], hidden)
+    y = TOP
+    for title, node in branches_of(circuit, n, k):
+        y = drawing.branch(y, title, node, hidden)
     if not brief:
         parts = [placed.part for placed in drawing.sheet.placed]
         used = {int(part.reference[1:]) for part in parts if part.symbol.prefix == "U"}
@@ -144,7 +153,7 @@ class Drawing:
             self.sheet.wire((place, at[1]), drawn.pin(0))
             self.port(symbols.GROUND, drawn.pin(1))
             at = self.sheet.wire(at, (at[0] + 14, at[1]))
-        if stage.rungs and stage.node not in self.shared:
+        if cell is not None and stage.rungs and stage.node not in self.shared:
             self.name(stage.node, (at[0] + 1, at[1]))
         if cell is None:
             return at
@@ -152,7 +161,9 @@ class Drawing:
             return self.function(at, cell)
         if cell.inverting == stage.node:
             return self.summing(at, cell, stage.feedback)
-        return self.follower(at, cell)
+        if cell.inverting == cell.output:
+            return self.follower(at, cell)
+        return self.open(at, cell)
 
     def function(self, at: Point, cell: SignalAmplifier) -> Point:
         """Draw an ideal amplifier."""
@@ -179,6 +190,14 @@ class Drawing:
             self.sheet.wire((left, y), (left, y - LEVEL * len(feedback)))
             self.sheet.wire(output, (right, y - LEVEL * len(feedback)))
         return output
+
+    def open(self, at: Point, cell: OpAmpCell) -> Point:
+        """Draw an op-amp from its non-inverting input, without feedback of its own."""
+        drawn = self.cell(cell, (at[0] + 12, at[1] - 2))
+        self.sheet.wire(at, drawn.pin(1))
+        (left, y), (x, out) = drawn.pin(0), drawn.pin(2)
+        self.label(cell.inverting, self.sheet.wire((left, y), (left - 2, y)), "left")
+        return self.sheet.wire((x, out), (x + 2, out))
 
     def follower(self, at: Point, cell: OpAmpCell) -> Point:
         """Draw a buffer."""

@@ -42,6 +42,13 @@ def value_text(value: float, digits: int = DIGITS) -> str:
     return show(value, "", digits).replace(" ", "")
 
 
+def knob_values(circuit: Circuit) -> str:
+    """Return the values of the knobs with a margin, and lambda, as a schematic has them."""
+    facts = (circuit.facts[knob.name] for knob in circuit.knobs if knob.margin)
+    values = [f"{fact.words} = {value_text(fact.value)}{fact.unit}" for fact in facts]
+    return ", ".join([*values, f"lambda = {circuit.value('lambda'):.4g}"])
+
+
 def reference(name: str) -> str:
     """Return the reference of a part of the deck: KiCad wants a number at the end.
 

@@ -83,13 +83,15 @@ def schematic_summary(circuit: Circuit) -> str:
     """Return in words what the schematic shows."""
     n = middle_channel(circuit)
     k = driven_row(circuit, n)
-    forward, facts = circuit.forward, circuit.facts
-    present = forward.ohms < float("inf")
-    entry = quantity(float(forward.ohms[k - 1, n - 1]), "ohm")
+    ohms = circuit.forward_ohms
+    present = ohms < float("inf")
+    entry = quantity(float(ohms[k - 1, n - 1]), "ohm")
+    facts = (circuit.facts[knob.name] for knob in circuit.knobs if knob.margin)
+    values = "".join(f"{fact.words} = {fact.text}, " for fact in facts)
     return (
         f"Channel {n} with sensor row {k}, one of {present[:, n - 1].sum()} resistors into the"
-        f" channel and of {present[k - 1].sum()} resistors into the row. C = {facts['C'].text},"
-        f" gain s = {facts['gain'].text}, matrix resistor {entry}"
-        f" (T is {'negative' if forward.negative[k - 1, n - 1] else 'positive'}), op-amps"
+        f" channel and of {present[k - 1].sum()} resistors into the row. {values}"
+        f"matrix resistor {entry}"
+        f" (T is {'negative' if circuit.realised[k - 1, n - 1] < 0.0 else 'positive'}), op-amps"
         f" {opamp_name(next(iter(circuit.models)))}. Stray capacitances are not drawn."
     )

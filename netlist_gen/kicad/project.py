@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import channel_sheet
-from taction.netlist_gen.kicad.parts import Catalogue, value_text
+from taction.netlist_gen.kicad.parts import Catalogue, knob_values
 from taction.netlist_gen.kicad.sheet import library
 from taction.netlist_gen.kicad.stages import driven_row
 from taction.netlist_gen.kicad.symbols import LIBRARY
@@ -76,10 +76,9 @@ def kicad_project(circuit: Circuit, scene: Scene, channel: int = 1) -> Project:
         raise InputError("--channel", Complaint("N", repr(channel), text))
     sheet, catalogue = channel_sheet(circuit, channel, row, scene), Catalogue(circuit, scene)
     name = sheet.project
-    capacitance, gain = (value_text(circuit.value(fact)) for fact in ("C", "gain"))
     comments = (
         f"Channel {channel} of {total}, sensor row {row} of {circuit.shape[0]}",
-        f"C = {capacitance}F, gain s = {gain}ohm, lambda = {circuit.value('lambda'):.4g}",
+        knob_values(circuit),
         "Field Deck: the name in the deck; packages U as in taction export bom",
     )
     drawn = {f"{name}.kicad_sch": sheet.schematic(scene.name, comments)}

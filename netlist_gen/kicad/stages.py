@@ -18,6 +18,7 @@ from taction.netlist_gen.board.circuit import (
     CurrentSource,
     OpAmpCell,
     Resistor,
+    Role,
     SignalAmplifier,
     TransistorCell,
 )
@@ -79,8 +80,30 @@ def shared_nodes(circuit: Circuit) -> set[str]:
 
 def driven_row(circuit: Circuit, n: int) -> int:
     """Return the sensor row that channel `n` drives most; 0 without a matrix resistor."""
-    ohms = circuit.forward.ohms[:, n - 1]
+    ohms = circuit.forward_ohms[:, n - 1]
     return 1 + int(np.argmin(ohms)) if np.isfinite(ohms).any() else 0
+
+
+def branches_of(circuit: Circuit, n: int, k: int) -> list[tuple[str, str]]:
+    """Return title and first node of the branches of channel `n` and row `k`, from 1, each once."""
+    found: list[tuple[str, str]] = []
+    kinds = (
+        (Role.FEEDBACK, f"Signal plane, channel {n}", n),
+        (
+            Role.FORWARD,
+            f"Constraint plane, sensor row {k}",
+            k,
+        ),
+    )
+    for role, title, place in kinds:
+        for matrix in circuit.matrices:
+            if matrix.name in circuit.named(role) and (node := matrix.sinks[place - 1]):
+                if node != GROUND and all(
+                    node not in nodes_of_branch(circuit, start) for _, start in found
+                ):
+                    found.append((title, node))
+                break
+    return found
 
 
 def middle_channel(circuit: Circuit) -> int:
@@ -99,9 +122,10 @@ def branch(circuit: Circuit, start: str) -> Branch:
     left = {part.card: part for part in parts if known & {part.a, part.b}}
     amplifiers: tuple[Cell, ...] = (*circuit.opamps, *circuit.amplifiers)
     chains: list[list[Stage]] = []
+    summing = {node for matrix in circuit.matrices for node in matrix.sinks}
     for node in nodes:
-        cells: list[Cell | None] = [cell for cell in amplifiers if _input(cell) == node]
-        for cell in cells or [None] * (node == start):
+        cells: list[Cell | None] = [cell for cell in amplifiers if input_of(cell) == node]
+        for cell in cells or [None] * (node == start or node in summing):
             stage = _stage(circuit, node, cell, left)
             before = next((chain for chain in chains if stage.follows(chain[-1])), None)
             if before is None:
@@ -176,7 +200,9 @@ def _ends(part: Passive | Cell | TransistorCell) -> tuple[str, ...]:
     return part.a, part.b
 
 
-def _input(cell: Cell) -> str:
+def input_of(cell: Cell) -> str:
+    """Return the node at which the stage of an amplifier begins."""
     if isinstance(cell, SignalAmplifier):
         return cell.input
-    return cell.noninverting if cell.inverting == cell.output else cell.inverting
+    other = cell.inverting in (cell.output, GROUND)
+    return cell.noninverting if other else cell.inverting

@@ -110,7 +110,8 @@ def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
         for knob in topology.knobs(scene)
         if knob.margin
     ]
-    found.append(_control(scene, LAMBDA, "λ", "regularisation", AROUND_LAMBDA))
+    if facts["lambda"].value > 0.0:
+        found.append(_control(scene, LAMBDA, "λ", "regularisation", AROUND_LAMBDA))
     strain = float(np.mean(problem.strain**2)) or 1.0
     for path, symbol, name, low, high in (
         (STRAY, "stray", "capacitance", LEAST_STRAY, MOST_STRAY),

@@ -28,7 +28,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.problem import fitted
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.writing import scene_text
-from taction.netlist_gen.topologies.frame.planes import pruned
+from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import number

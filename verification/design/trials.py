@@ -205,10 +205,11 @@ class Trials:
         self.check_time()
         return LinearBoard(synthesise(self.scene_at(changes), self.problem))
 
-    def resistance_at(self, changes: Mapping[str, Value]) -> float:
-        """Return R of the board with a change, ohm."""
+    def resistance_at(self, changes: Mapping[str, Value]) -> float | None:
+        """Return R of the board with a change, ohm; None where it has none."""
         scene = self.scene_at(changes)
-        return topology_of(scene).facts(scene)["R"].value
+        fact = topology_of(scene).facts(scene).get("R")
+        return None if fact is None else fact.value
 
     def at(self, changes: Mapping[str, Value]) -> Trial:
         """Return the trial of a change.

@@ -47,7 +47,8 @@ def change_bound(solution: Solution, changed: Floats) -> float:
     """Return a proven bound on the largest change of a channel when T becomes `changed` (M, N).
 
     The bound holds between the exact solutions; the error of `solution` is included. It is infinite
-    if the solution is not trusted or if no distance d exists (see the head of this file).
+    at lambda = 0, if the solution is not trusted, or if no distance d exists (see the head of this
+    file).
 
     Examples
     --------
@@ -58,7 +59,7 @@ def change_bound(solution: Solution, changed: Floats) -> float:
     True
     """
     problem = solution.problem
-    if not (isinstance(problem, Problem) and solution.trusted):
+    if not (isinstance(problem, Problem) and solution.trusted and problem.lam > 0.0):
         return math.inf
     kind, size = REGULARISERS[problem.regulariser], math.sqrt(len(solution.u))
     E, mu = changed - problem.T, kind.weight * problem.lam

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +20,21 @@ from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.solve import solve
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+
+@dataclass(frozen=True, slots=True)
+class AtOnce:
+    """A network without capacitors: with ideal op-amps it is at rest at once.
+
+    Attributes
+    ----------
+    solver : callable
+        Solves the problem of its rest.
+    regularised : bool
+        Whether lambda stands in it; else it is 0.
+    """
+
+    solver: Callable[[Problem], Solution]
+    regularised: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,11 +44,28 @@ class IdealNetwork:
     T: Floats  # (M, N)
     eps: Floats  # (M,)
     lam: float  # regularisation parameter
-    RC: float  # time constant of a signal node, s
+    RC: float  # time constant of a signal node, s; 0 of a network without capacitors
     U0: float = 1.0  # unit voltage, V
     amplifier: str = "linear"  # a key of `REGULARISERS`
     Ve: float = 1.0  # slope of a nonlinear amplifier, V; unused by the linear amplifier
     bias: bool = False  # whether ``I_b = Ve / R`` flows
+    solver: Callable[[Problem], Solution] = solve
+
+    @property
+    def flows(self) -> bool:
+        """Whether it comes to rest by the flow of this module, and not at once."""
+        return self.RC > 0.0
+
+    @property
+    def rest(self) -> Solution:
+        """Solution of the network's problem, by its own solver.
+
+        Raises
+        ------
+        SolverError
+            The solver can return no answer.
+        """
+        return self.solver(self.problem)
 
     @property
     def unit(self) -> float:
@@ -210,16 +240,18 @@ def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None
     Raises
     ------
     ValueError
-        The amplifiers are not linear.
+        The amplifiers are not linear, or the network has no capacitors.
     """
     if network.amplifier != "linear":
         raise ValueError(f"modes are for linear amplifiers, not {network.amplifier}")
+    if not network.flows:
+        raise ValueError("a network without capacitors has no modes")
     M, N = network.T.shape
     _, sigma, Vt = np.linalg.svd(network.T, full_matrices=M < N)
     rates = np.ones(N)
     rates[: len(sigma)] += sigma**2 / network.mu
     rates /= network.RC
-    target = (solve(network.problem) if rest is None else rest).u * network.U0
+    target = (network.rest if rest is None else rest).u * network.U0
     start = np.asarray(v0, dtype=np.float64)
     amplitudes = Vt @ (start - target)
 

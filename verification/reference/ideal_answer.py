@@ -10,7 +10,9 @@ A rule such as ``lambda = "discrepancy"`` becomes a number before the synthesis.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +31,9 @@ from taction.verification.reference import (
     ideal_linear,
     ideal_transient,
     lambda_times_resistance,
-    solve,
+    networks,
 )
-from taction.verification.reference.dynamics import Response, ScaledNetwork, Trust
+from taction.verification.reference.dynamics import AtOnce, Response, ScaledNetwork, Trust
 from taction.verification.reference.regularisers import REGULARISERS
 
 ENERGY_STRIDE = 20  # every 20th instant of the response, whose instants are 1 % apart
@@ -78,6 +80,8 @@ class IdealAnswer:
     @functools.cached_property
     def transient(self) -> TransientFigures:
         """Figures of the transient, computed at the first use: no check needs them."""
+        if not self.network.flows:
+            return TransientFigures(0.0, 0.0)
         if self.network.amplifier == "linear":
             response = ideal_linear(self.network, self.start, self.solution)
             residual = _linear_residual(self.network, response)
@@ -100,6 +104,9 @@ def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
         Lambda is no number, or out of range.
     """
     design = scene.design
+    network = NETWORKS.get(design.topology)
+    if network is not None:
+        return _at_once(network, problem, scene)
     kind, slope = design.amplifier, design.exponential_slope or 1.0
     product = lambda_times_resistance(
         kind, s=design.gain, G0=design.unit_conductance, U0=design.unit_voltage, Ve=slope
@@ -122,6 +129,27 @@ def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
     )
 
 
+def _at_once(network: AtOnce, problem: InverseProblem, scene: Scene) -> IdealNetwork:
+    """Return a network without capacitors; only a regularised one has a lambda."""
+    design, lam = scene.design, 0.0
+    if network.regularised:
+        if not isinstance(design.lam, int | float):
+            text = "the problem needs a number for lambda"
+            raise InputError(scene.file, Complaint("design.lambda", repr(design.lam), text))
+        lam = float(design.lam)
+    T, eps, volts = problem.matrix, problem.strain, design.unit_voltage
+    return IdealNetwork(T, eps, lam, RC=0.0, U0=volts, solver=network.solver)
+
+
+@functools.cache
+def _own() -> Mapping[str, AtOnce]:
+    return {name: import_module(f"{networks.__name__}.{name}").NETWORK for name in networks.NAMES}
+
+
+NETWORKS: Mapping[str, AtOnce] = plugins.OpenTable("taction.networks", _own, AtOnce)
+"""Networks without capacitors by their topologies; all others follow the flow of eq (9)."""
+
+
 def is_biased(scene: Scene) -> bool:
     """Whether Omega has the term of the bias current, by the scene or by the paper's Omega."""
     bias = scene.design.bias
@@ -138,7 +166,7 @@ def initial_voltages(scene: Scene, network: IdealNetwork) -> Floats:
     """
     if scene.analysis.initial == "zero" or network.amplifier == "linear":
         return np.zeros(network.T.shape[1])
-    rest = solve(replace(network, eps=np.zeros_like(network.eps)).problem)
+    rest = replace(network, eps=np.zeros_like(network.eps)).rest
     return network.unit * (rest.v if rest.v is not None else rest.u)
 
 
@@ -150,7 +178,7 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     SolverError
         The solver can return no answer.
     """
-    initial, solution = initial_voltages(scene, network), _solve_cached(network.problem)
+    initial, solution = initial_voltages(scene, network), _solve_cached(network)
     gain = REGULARISERS[network.amplifier].g
     start, target = network.U0 * gain(initial / network.unit), solution.u * network.U0
     amplitude = float(np.abs(target - start).max()) or 1.0
@@ -166,19 +194,27 @@ def ideal_answer(network: IdealNetwork, scene: Scene) -> IdealAnswer:
     )
 
 
-def _solve_cached(problem: Problem) -> Solution:
+def _solve_cached(network: IdealNetwork) -> Solution:
+    problem = network.problem
     T, eps = problem.T, problem.eps
     content = (T.shape, T.tobytes(), eps.tobytes())
-    return _solve_content(*content, problem.lam, problem.regulariser, problem.bias)
+    kind = problem.regulariser, problem.bias
+    return _solve_content(*content, problem.lam, *kind, network.solver)
 
 
 @plugins.forgotten
 @functools.lru_cache(maxsize=CACHED_SOLUTIONS)
 def _solve_content(
-    shape: tuple[int, ...], T: bytes, eps: bytes, lam: float, regulariser: str, bias: bool
+    shape: tuple[int, ...],
+    T: bytes,
+    eps: bytes,
+    lam: float,
+    regulariser: str,
+    bias: bool,
+    solver: Callable[[Problem], Solution],
 ) -> Solution:
     matrix = np.frombuffer(T).reshape(shape)
-    return solve(Problem(matrix, np.frombuffer(eps), lam, regulariser, bias))
+    return solver(Problem(matrix, np.frombuffer(eps), lam, regulariser, bias))
 
 
 def _linear_residual(network: IdealNetwork, response: Response) -> float:
@@ -205,9 +241,12 @@ class EnergyRise:
 def energy_rise(network: IdealNetwork, time: Floats, u: Floats) -> EnergyRise | None:
     """Follow the energy of outputs `u` (P, N) in V over `time` (P,) in s.
 
-    Return None if the energy never falls, or if an output leaves the amplifier's range (a
-    positive amplifier's output becomes negative, say), where the energy is undefined.
+    Return None for a network without capacitors, if the energy never falls, or if an output leaves
+    the amplifier's range (a positive amplifier's output becomes negative, say), where the energy is
+    undefined.
     """
+    if not network.flows:
+        return None
     every = max(len(time) // INSTANTS, 1)
     scaled, regulariser = ScaledNetwork(network), REGULARISERS[network.amplifier]
     with np.errstate(all="ignore"):

@@ -40,11 +40,14 @@ class Family:
         A value in the middle of interest.
     ports : PortResponse or None
         The board at `own` with the parts that the number scales; None if more depends on it.
+    power : float
+        Of the number, to which the values of these parts are proportional.
     """
 
     board: Callable[[float], LinearBoard]
     own: float = 1.0
     ports: PortResponse | None = None
+    power: float = 1.0
 
     @classmethod
     def of(cls, board: LinearBoard, knob: Knob) -> Family:
@@ -61,7 +64,7 @@ class Family:
             ports = PortResponse(board, parts)
         elif not parts and circuit.is_linear:
             ports = LawResponse.of(board, knob.name)
-        return cls(moved, circuit.value(knob.name), ports)
+        return cls(moved, circuit.value(knob.name), ports, knob.power)
 
     @classmethod
     def over(
@@ -84,7 +87,9 @@ class Family:
             middle, near = board(own), build(APART * own)
             knobs = [k for k in middle.circuit.knobs if k.key == key and k.role]
             alone = [knob for knob in knobs if _follows(knob, middle.circuit, near)]
-            return cls(board, own, cls.of(middle, alone[0]).ports if alone else None)
+            if not alone:
+                return cls(board, own)
+            return cls(board, own, cls.of(middle, alone[0]).ports, alone[0].power)
         except (InputError, EngineError):
             return cls(board)
 
@@ -133,12 +138,16 @@ class Family:
         return edges.unstable_at(value) if self.ports else count_unstable(self.board(value))
 
     def _loci(self, ports: PortResponse, low: float, high: float, unstable: int) -> Edges:
-        own = self.own
-        if ports.proportional:
+        own, power = self.own, self.power if ports.proportional else -self.power
+        if power == 1.0:
             found = trace_loci(ports, low / own, high / own, unstable)
             return found.mapped(lambda share: own * share)
-        found = trace_loci(ports, own / high, own / low, unstable)
-        return found.mapped(lambda share: own / share)
+        if power == -1.0:
+            found = trace_loci(ports, own / high, own / low, unstable)
+            return found.mapped(lambda share: own / share)
+        first, last = sorted((value / own) ** power for value in (low, high))
+        found = trace_loci(ports, first, last, unstable)
+        return found.mapped(lambda share: own * share ** (1.0 / power))
 
     def _confirmed(self, found: Edges, unstable: int) -> Edges:
         """Return the edges without those at which no real pole crosses; `unstable` is of `own`.

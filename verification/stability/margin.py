@@ -57,11 +57,16 @@ def stability_margin(
     circuit: Circuit | LinearBoard, reach: float = REACH, found: Poles | None = None
 ) -> Margin:
     """Return the margin that a scene limits: of the first knob with a margin; see `find_margin`."""
-    return find_margin(circuit, _first_knob(LinearBoard.of(circuit).circuit), reach, found)
+    board = LinearBoard.of(circuit)
+    name = first_knob(board.circuit)
+    if not name:
+        return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
+    return find_margin(board, name, reach, found)
 
 
-def _first_knob(circuit: Circuit) -> str:
-    return next(knob.name for knob in circuit.knobs if knob.margin)
+def first_knob(circuit: Circuit) -> str:
+    """Return the name of the first knob with a margin; empty if there is none."""
+    return next((knob.name for knob in circuit.knobs if knob.margin), "")
 
 
 def stable_values(
@@ -92,7 +97,7 @@ def stable_values(
     [['9.023e-12', '3e-10']]
     """
     board = LinearBoard.of(circuit)
-    family = Family.of(board, board.circuit.knob(name or _first_knob(board.circuit)))
+    family = Family.of(board, board.circuit.knob(name or first_knob(board.circuit)))
     return family.edges(family.own / around, family.own * around, found)
 
 

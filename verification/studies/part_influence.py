@@ -78,7 +78,7 @@ def sensitivities(
     for knob in board.circuit.knobs:
         ports = families[knob.name].ports if families and knob.name in families else None
         if ports is not None and not knob.moves:
-            rates[knob.name] = ports.rate(left, right, p) / complex(scale)
+            rates[knob.name] = knob.power * ports.rate(left, right, p) / complex(scale)
         elif knob.role:
             own, both = board.circuit.value(knob.name), []
             for factor in (1.0 + MOVED, 1.0 - MOVED):

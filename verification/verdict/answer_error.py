@@ -19,7 +19,7 @@ import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import SolverError
-from taction.verification.reference import IdealNetwork, Solution, solve
+from taction.verification.reference import IdealNetwork, Solution
 from taction.verification.verdict.checks import Check, Evidence, Outcome
 from taction.verification.verdict.input_spread import SHARE
 from taction.verification.verdict.run_checks import unconfirmed
@@ -144,7 +144,7 @@ class AnswerError:
         network = self.network
         strain = network.T @ (self.stress / network.U0)
         try:
-            solution = solve(replace(network, eps=strain).problem)
+            solution = replace(network, eps=strain).rest
         except SolverError:
             return None
         return solution.u * network.U0 if solution.trusted else None

@@ -45,17 +45,18 @@ class ConstraintPlane:
 def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
     """Measure the step response of the constraint stage with the largest load.
 
-    Returns None for a board whose op-amps have no poles: its rise time is zero; also for imported
-    op-amps, which have offsets, and input capacitances that cannot be left out.
+    Returns None for a board without a constraint plane, and for one whose op-amps have no poles:
+    its rise time is zero; also for imported op-amps, which have offsets, and input capacitances
+    that cannot be left out.
 
     Raises
     ------
     EngineError
         The stage has no state-space form.
     """
-    if circuit.has_imported:
+    if circuit.has_imported or not circuit.named(Role.CONSTRAINT_RESISTOR):
         return None
-    load = np.sum(1.0 / circuit.forward.ohms, axis=1)
+    load = np.sum(1.0 / circuit.forward_ohms, axis=1)
     sinks = circuit.forward.sinks
     for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
         load[sinks.index(part.b)] += 1.0 / part.ohms

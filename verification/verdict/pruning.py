@@ -11,11 +11,11 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.planes import pruned
+from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.system.quantities import show
-from taction.verification.reference import IdealNetwork, Solution, solve
+from taction.verification.reference import IdealNetwork, Solution
 from taction.verification.reference.changed_matrix import change_bound
 from taction.verification.reference.ideal_answer import ideal_network
 
@@ -65,7 +65,7 @@ def pruning_effect(
     entries = int(np.count_nonzero(kept != network.T))
     if not entries:
         return None
-    after = solve(replace(network, T=kept).problem)
+    after = replace(network, T=kept).rest
     change = float(np.max(np.abs(after.u - solution.u)))
     bound = change_bound(solution, kept)
     return PruningEffect(entries, after.u * network.U0, change * network.U0, bound * network.U0)
@@ -119,7 +119,7 @@ def pruning_of(scene: Scene) -> Pruning | None:
         return None
     problem = make_problem(scene)
     network = ideal_network(problem, scene)
-    effect = pruning_effect(network, scene.design.prune, solve(network.problem))
+    effect = pruning_effect(network, scene.design.prune, network.rest)
     if effect is None:
         return None
     kept = synthesise(scene, problem)

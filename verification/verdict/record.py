@@ -130,7 +130,7 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
         "V", lambda v: v.measurements.amplitude, lambda v: v.ideal.error * v.measurements.amplitude
     ),
     "lambda": FigureRule("", lambda v: v.circuit.value("lambda")),
-    "resistance": FigureRule("ohm", lambda v: v.circuit.value("R")),
+    "resistance": FigureRule("ohm", lambda v: v.circuit.number("R")),
     "wanted_error": FigureRule("step", lambda v: v.recording.design.plan.wanted),
     "attained_error": FigureRule("step", lambda v: v.recording.achieved),
     "simulation_error": FigureRule("step", lambda v: v.error.steady_state),

@@ -186,7 +186,7 @@ class StepModel:
             shares=shares[shown] / amplitude,
             all_poles=poles,
             charges=charges[:, np.abs(charges).max(axis=0, initial=0.0) > 0.0],
-            charge=CHARGE * board.circuit.value("C") * amplitude,
+            charge=CHARGE * board.circuit.charged_capacitance * amplitude,
         )
 
     @cached_property

@@ -93,6 +93,13 @@ class Parts:
         self.opamps.append(OpAmpCell(name, self.model, GROUND, summing, output))
         self.stray_at(summing)
 
+    def stage(self, name: str, plus: str, minus: str, output: str) -> None:
+        """Place an op-amp whose inputs are summing nodes or ground, and their strays."""
+        self.opamps.append(OpAmpCell(name, self.model, plus, minus, output))
+        for node in (plus, minus):
+            if node != GROUND:
+                self.stray_at(node)
+
     def follower(self, name: str, source: str, output: str) -> None:
         """Place a unity-gain buffer from `source` to `output`."""
         self.opamps.append(OpAmpCell(name, self.model, source, output, output))

@@ -6,7 +6,6 @@ parts that the scene needs; `Circuit.omissions` has the others.
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -15,23 +14,26 @@ from typing import ClassVar
 import numpy as np
 
 from taction.netlist_gen.board.circuit import (
-    GROUND,
     Circuit,
-    CurrentSource,
     Fact,
-    NoiseCurrent,
     Omission,
     Output,
     ResistorMatrix,
     Role,
     SignalAmplifier,
-    VoltageSource,
 )
 from taction.netlist_gen.board.opamp_choice import choose_opamp
-from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.antilog import AntilogStage
+from taction.netlist_gen.topologies.frame.entries import (
+    left_out_of_the_matrix,
+    matrix_resistors,
+    place_strain,
+    pruned,
+    pruning_omission,
+    simplest_parts,
+)
 from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.netlist_gen.topologies.frame.topology import Topology, slope_of
 from taction.spice_models.opamp import OpAmp
@@ -172,26 +174,9 @@ class Planes(Topology):
             parts.resistor(
                 Role.CONSTRAINT_RESISTOR, f"s_{k}", (f"w_{k}", f"c_{k}"), design.gain, "gain"
             )
-            self._strain(board, k, float(strain[k - 1]))
-            if design.sensor_noise > 0.0:
-                parts.noises.append(NoiseCurrent(f"eps_{k}", f"c_{k}", design.sensor_noise))
+            place_strain(parts, board.scene, k, f"c_{k}", float(strain[k - 1]))
             if needs_inverter[k - 1]:
                 parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
-
-    def _strain(self, board: Board, k: int, strain: float) -> None:
-        """Place the source of the strain of sensor `k`, in volts with a resistor 1/G0.
-
-        Without strain the resistor ends at ground, so that the noise gain is that of the others.
-        """
-        parts, name, sink = board.parts, f"eps_{k}", f"c_{k}"
-        conductance, unit = (board.facts[fact].value for fact in ("G0", "U0"))
-        if board.scene.design.strain_input == "voltage":
-            node = f"e_{k}" if strain else GROUND
-            parts.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)
-            if strain:
-                parts.voltages.append(VoltageSource(name, node, strain * unit, switched=True))
-        elif strain:
-            parts.currents.append(CurrentSource(name, sink, strain * conductance * unit))
 
     def _connect(self, board: Board, sinks: tuple[str, ...]) -> None:
         """Place both resistor matrices; the feedback ends at `sinks`, one node a channel."""
@@ -214,7 +199,7 @@ class Planes(Topology):
         pruning = pruning_omission(problem.matrix, scene.design.prune)
         if pruning is not None:
             yield pruning
-        yield from _left_out_of_the_matrix(problem, kept, scene.design.strain_input)
+        yield from left_out_of_the_matrix(problem, kept, scene.design.strain_input)
         linear = scene.design.amplifier == "linear"
         yield from _inverters("u", "columns", kept.T, "positive" if linear else "negative")
         rows = kept[kept.any(axis=1)]
@@ -226,62 +211,7 @@ class Planes(Topology):
             yield Omission("antilog stages and bias current", why)
         elif not scene.design.biased:
             yield Omission("bias current", "design.bias is false, or the amplifier needs none")
-        yield from _macromodel(model)
-        if scene.design.stray_capacitance == 0:
-            yield Omission("stray capacitors", "design.stray_capacitance is 0")
-
-
-def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:
-    """Return ohms ``1 / (|T| G0)``, infinite for T = 0, and whether T is negative; both (M, N)."""
-    with np.errstate(divide="ignore"):
-        ohms = 1.0 / (np.abs(matrix) * scene.design.unit_conductance)
-    return nearest(ohms, scene.design.resistor_series), matrix < 0
-
-
-def pruned(matrix: Floats, fraction: float) -> Floats:
-    """Return T (M, N) with zeros for the entries below `fraction` of the largest ``|T|``.
-
-    `fraction` is below 1, so the largest entry stays; 0 returns `matrix` itself.
-
-    Examples
-    --------
-    >>> pruned(np.array([[1.0, -0.004], [0.1, 0.0]]), 0.01).tolist()
-    [[1.0, 0.0], [0.1, 0.0]]
-    """
-    if fraction == 0.0:
-        return matrix
-    size = np.abs(matrix)
-    return np.where(size < fraction * size.max(), 0.0, matrix)
-
-
-def pruning_omission(matrix: Floats, fraction: float) -> Omission | None:
-    """Return what `pruned` takes out of both resistor matrices; None if that is nothing."""
-    out = matrix - pruned(matrix, fraction)
-    count = int(np.count_nonzero(out))
-    if not count:
-        return None
-    largest = np.abs(out).max() / np.abs(matrix).max()
-    norm = np.linalg.norm(out) / np.linalg.norm(matrix)
-    why = (
-        f"{count} entries of T are below design.prune = {fraction:g} of the largest entry, the"
-        f" largest of them at {largest:.3g}; their norm is {norm:.2g} of the norm of T"
-    )
-    return Omission(f"{2 * count} pruned matrix resistors", why)
-
-
-def _left_out_of_the_matrix(
-    problem: InverseProblem, T: Floats, strain_input: str
-) -> Iterator[Omission]:
-    zeros = int(np.count_nonzero(problem.matrix == 0))
-    if zeros:
-        yield Omission(f"{2 * zeros} matrix resistors", f"{zeros} entries of T are zero")
-    rows = int(np.count_nonzero(~T.any(axis=1)))
-    if rows:
-        why = "their rows of T are all zeros: they would see no output"
-        yield Omission(f"{rows} constraint nodes", why)
-    silent = int(np.count_nonzero((problem.strain == 0) & T.any(axis=1)))
-    if silent:
-        yield Omission(f"{silent} strain {strain_input}s", "their strain is zero")
+        yield from simplest_parts(model, scene)
 
 
 def _inverters(signal: str, lines: str, entries: Floats, sign: str) -> Iterator[Omission]:
@@ -290,17 +220,3 @@ def _inverters(signal: str, lines: str, entries: Floats, sign: str) -> Iterator[
     count = int(np.count_nonzero(~signed.any(axis=1)))
     if count:
         yield Omission(f"{count} inverters of {signal}", f"their {lines} have no {sign} entry")
-
-
-def _macromodel(model: OpAmp) -> Iterator[Omission]:
-    figures = (
-        ("first pole", "gbw", math.inf),
-        ("second pole", "second_pole", math.inf),
-        ("input resistance", "input_resistance", math.inf),
-        ("differential input capacitance", "differential_capacitance", 0.0),
-        ("input capacitance", "input_capacitance", 0.0),
-        ("output resistance", "output_resistance", 0.0),
-    )
-    for what, figure, empty in figures:
-        if getattr(model, figure) == empty:
-            yield Omission(f"op-amp {what}", f"{model.name}.{figure} is {empty:g}")

@@ -35,10 +35,13 @@ class Topology(ABC):
         The word in the scene.
     keys : type or None
         The keys of its own table ``[design.NAME]``, if it has any.
+    unused : frozenset of str
+        Keys of ``[design]`` that have no effect on its boards.
     """
 
     name: ClassVar[str]
     keys: ClassVar[type[Model] | None] = None
+    unused: ClassVar[frozenset[str]] = frozenset({"feedback_conductance", "negative_entries"})
 
     @abstractmethod
     def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:

@@ -65,7 +65,7 @@ def run(*words: str) -> str:
 
 
 def test_the_own_topologies_are_the_modules_of_the_folder() -> None:
-    assert list(TOPOLOGIES) == ["integrator", "passive"]
+    assert list(TOPOLOGIES) == ["integrator", "inv", "passive", "pinv", "ridge"]
 
 
 def test_the_deck_has_its_parts_its_facts_and_its_expressions(folder: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.topologies.frame.planes import pruned
+from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.errors import InputError
 from tests.support.making import make_scene, matrix_problem
 

@@ -130,6 +130,6 @@ def _mean() -> Finding:
 
 def _resistors() -> Finding:
     scene = paper_scene("paper-breadboard")
-    ohms = synthesise(scene, make_problem(scene)).forward.ohms
+    ohms = synthesise(scene, make_problem(scene)).forward_ohms
     absent = int(np.sum(~np.isfinite(ohms)))
     return finding("resistors", {"absent": float(absent)}, weigh(absent == 0, absent == 12))

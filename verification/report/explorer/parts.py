@@ -111,7 +111,7 @@ def rest_part(view: RestView) -> Part:
     """Return the recovered stress, and the numbers of the board."""
     stated = view.board.circuit.facts
     names = {"R": "R", "λ": "lambda", "G0": "G0", "C on the board": "C"}
-    facts = {name: stated[key].text for name, key in names.items()}
+    facts = {name: stated[key].text for name, key in names.items() if key in stated}
     return {"stress": chart_part(stress_chart(view)), "facts": facts}
 
 

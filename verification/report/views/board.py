@@ -130,11 +130,9 @@ def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
 
 def matrix_chart(circuit: Circuit) -> Chart:
     """Return T as colours with signs: orange is negative, blue is positive."""
-    forward = circuit.forward
-    T, ohms = circuit.realised, forward.ohms
+    T, ohms = circuit.realised, circuit.forward_ohms
     M, N = T.shape
-    present = np.isfinite(ohms)
-    count, minus = int(present.sum()), int((forward.negative & present).sum())
+    count, minus = int(np.isfinite(ohms).sum()), int((T < 0.0).sum())
     note, step = "", 1
     if max(M, N) > LARGEST:
         step = -(-max(M, N) // LARGEST)

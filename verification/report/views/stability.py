@@ -26,7 +26,7 @@ from taction.verification.report.charts import (
 )
 from taction.verification.report.texts import figure, quantity
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.margin import AROUND, stable_values
+from taction.verification.stability.margin import AROUND, first_knob, stable_values
 from taction.verification.stability.poles import Poles
 
 SHOWN = 2000  # poles
@@ -35,36 +35,42 @@ RINGING = 0.5  # damping ratio up to which a pole is said to ring
 DAMPING = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.7)
 Window = tuple[float, float, float]
 
-LARGE = "not computed for a board of this size; `taction onset SCENE --over C` finds it"
+LARGE = "not computed for a board of this size; `taction onset SCENE --over {}` finds it"
 
 
 def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Block, ...]:
-    """Return the pole map, the numbers of the rightmost pole, and the stable values of C."""
-    lead, own = poles.rightmost, circuit.facts["C"].text
-    ranges = stable_capacitances(circuit, poles)
-    rows = (
+    """Return the pole map, the numbers of the rightmost pole, and the stable values of a knob.
+
+    The knob is the first one with a margin: C, say. A board may have none.
+    """
+    lead, name = poles.rightmost, first_knob(circuit)
+    rows: tuple[tuple[str, str], ...] = (
         ("rightmost pole, real part", figure(lead.real, "1/s")),
         ("its frequency", quantity(abs(lead.imag) / math.tau, "Hz")),
         ("damping ratio of the rightmost ringing pole", f"{poles.damping_ratio:.4g}"),
         ("poles", str(len(poles.poles)) if poles.complete else f"rightmost {len(poles.poles)}"),
-        ("C of this board", own),
-        ("stable values of C", ranges),
     )
     word = "stable" if poles.stable else "not stable"
-    text = f"The board is {word} at C = {own}. Stable values of C: {ranges}."
-    return Notes("", (text,)), pole_map(poles, ranges), Facts("", rows)
+    if not name:
+        return Notes("", (f"The board is {word}.",)), pole_map(poles), Facts("", rows)
+    ranges, own = knob_ranges(circuit, poles), circuit.facts[name].text
+    stated = f"Stable values of {name}: {ranges}."
+    rows = (*rows, (f"{name} of this board", own), (f"stable values of {name}", ranges))
+    text = f"The board is {word} at {name} = {own}. {stated}"
+    return Notes("", (text,)), pole_map(poles, stated), Facts("", rows)
 
 
-def stable_capacitances(circuit: Circuit, poles: Poles) -> str:
-    """Return the stable values of C in words, or why they are not known."""
-    board = LinearBoard(circuit)
+def knob_ranges(circuit: Circuit, poles: Poles) -> str:
+    """Return the stable values of the first knob with a margin, or why they are not known."""
+    board, name = LinearBoard(circuit), first_knob(circuit)
     if len(circuit.outputs) > MOST or not (poles.complete or poles.stable):
-        return LARGE
+        return LARGE.format(name)
     try:
         found = stable_values(board, found=poles)
     except EngineError as error:
         return f"not known: {error}"
-    return f"{ranges_text(found, found.low, found.high)} (from C/{AROUND:g} to {AROUND:g} C)"
+    words = ranges_text(found, found.low, found.high, circuit.facts[name].unit)
+    return f"{words} (from {name}/{AROUND:g} to {AROUND:g} {name})"
 
 
 def ranges_text(found: Edges, low: float, high: float, unit: str = "F") -> str:
@@ -85,7 +91,10 @@ def ranges_text(found: Edges, low: float, high: float, unit: str = "F") -> str:
 
 
 def pole_map(poles: Poles, ranges: str = "") -> Chart:
-    """Return the upper half plane with the poles and lines of equal damping."""
+    """Return the upper half plane with the poles and lines of equal damping.
+
+    `ranges` is a sentence about the stable values.
+    """
     values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
     views = _views(values)
     left, right, top = (
@@ -100,7 +109,7 @@ def pole_map(poles: Poles, ranges: str = "") -> Chart:
         "Poles of the linearised board in the upper half plane. Circles decay, crosses in the"
         " shaded half grow. On a thin line the damping ratio is"
         f" {', '.join(f'{zeta:g}' for zeta in DAMPING)}, from the axis to the left."
-        + (f" Stable values of C: {ranges}." if ranges else "")
+        + (f" {ranges}" if ranges else "")
     )
     return Chart(
         "Pole map",

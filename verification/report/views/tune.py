@@ -28,6 +28,7 @@ from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark, 
 from taction.verification.report.texts import figure, number_cell, percent, quantity
 from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.report.views.verdict_screen import on_screen
+from taction.verification.stability.margin import first_knob
 from taction.verification.verdict.verify import Verdict
 
 LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the points of the picture
@@ -69,7 +70,7 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
         ("designs tried", str(tuning.tried)),
         ("designs on the trade-off curve", str(len(tuning.frontier))),
         ("limit of the overshoot", percent(tuning.overshoot_limit)),
-        ("margin of C", f"{tuning.margin:g}"),
+        (f"margin of {first_knob(circuit)}", f"{tuning.margin:g}"),
         ("lambda, unchanged", circuit.facts["lambda"].text),
     )
     yield Facts("", facts)
@@ -77,7 +78,8 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
         f"{path.removeprefix('design.')} = {written(value, units[path])}"
         for path, value in tuning.after.values.items()
     ]
-    lines.append(f"resistance = {written(circuit.value('R'), 'ohm')}")
+    if "R" in circuit.facts:
+        lines.append(f"resistance = {written(circuit.value('R'), 'ohm')}")
     yield Code("the values for the table [design]", "\n".join(lines))
     edges = tuple(
         f"{name} is at the edge of its range, {quantity(edge, units[path])}: a wider range may hold"

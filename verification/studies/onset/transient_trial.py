@@ -219,7 +219,8 @@ def strained_along(board: LinearBoard, pole: complex) -> Circuit:
     shape = (space.C @ _mode(space, pole)).real
     present = [node for node in circuit.constraint_nodes if node in space.descriptor.places]
     pattern = shape[[space.descriptor.place(node) for node in present]]
-    largest = STRAINED * circuit.value("U0") / circuit.value("gain")
+    ohms = circuit.number("gain") or 1.0 / circuit.value("G0")
+    largest = STRAINED * circuit.value("U0") / ohms
     amps = largest * pattern / np.abs(pattern).max()
     summing = {cell.output: cell.inverting for cell in circuit.opamps}
     currents = [

@@ -1,0 +1,112 @@
+"""What every topology does with the entries of T and with the strain, and what it leaves out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import (
+    GROUND,
+    CurrentSource,
+    NoiseCurrent,
+    Omission,
+    Role,
+    VoltageSource,
+)
+from taction.netlist_gen.board.preferred_values import nearest
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.parts import Parts
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Bools, Floats
+
+
+def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:
+    """Return ohms ``1 / (|T| G0)``, infinite for T = 0, and whether T is negative; both (M, N)."""
+    with np.errstate(divide="ignore"):
+        ohms = 1.0 / (np.abs(matrix) * scene.design.unit_conductance)
+    return nearest(ohms, scene.design.resistor_series), matrix < 0
+
+
+def pruned(matrix: Floats, fraction: float) -> Floats:
+    """Return T (M, N) with zeros for the entries below `fraction` of the largest ``|T|``.
+
+    `fraction` is below 1, so the largest entry stays; 0 returns `matrix` itself.
+
+    Examples
+    --------
+    >>> pruned(np.array([[1.0, -0.004], [0.1, 0.0]]), 0.01).tolist()
+    [[1.0, 0.0], [0.1, 0.0]]
+    """
+    if fraction == 0.0:
+        return matrix
+    size = np.abs(matrix)
+    return np.where(size < fraction * size.max(), 0.0, matrix)
+
+
+def pruning_omission(matrix: Floats, fraction: float) -> Omission | None:
+    """Return what `pruned` takes out of both resistor matrices; None if that is nothing."""
+    out = matrix - pruned(matrix, fraction)
+    count = int(np.count_nonzero(out))
+    if not count:
+        return None
+    largest = np.abs(out).max() / np.abs(matrix).max()
+    norm = np.linalg.norm(out) / np.linalg.norm(matrix)
+    why = (
+        f"{count} entries of T are below design.prune = {fraction:g} of the largest entry, the"
+        f" largest of them at {largest:.3g}; their norm is {norm:.2g} of the norm of T"
+    )
+    return Omission(f"{2 * count} pruned matrix resistors", why)
+
+
+def place_strain(parts: Parts, scene: Scene, k: int, sink: str, strain: float) -> None:
+    """Place the source of the strain of sensor `k`, in volts with a resistor 1/G0, and its noise.
+
+    Without strain the resistor ends at ground, so that the noise gain is that of the others.
+    """
+    design, name = scene.design, f"eps_{k}"
+    conductance, unit = design.unit_conductance, design.unit_voltage
+    if design.strain_input == "voltage":
+        node = f"e_{k}" if strain else GROUND
+        parts.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)
+        if strain:
+            parts.voltages.append(VoltageSource(name, node, strain * unit, switched=True))
+    elif strain:
+        parts.currents.append(CurrentSource(name, sink, strain * conductance * unit))
+    if design.sensor_noise > 0.0:
+        parts.noises.append(NoiseCurrent(name, sink, design.sensor_noise))
+
+
+def left_out_of_the_matrix(
+    problem: InverseProblem, T: Floats, strain_input: str
+) -> Iterator[Omission]:
+    """Yield what the entries of `T` (M, N), after pruning, leave out on the board."""
+    zeros = int(np.count_nonzero(problem.matrix == 0))
+    if zeros:
+        yield Omission(f"{2 * zeros} matrix resistors", f"{zeros} entries of T are zero")
+    rows = int(np.count_nonzero(~T.any(axis=1)))
+    if rows:
+        why = "their rows of T are all zeros: they would see no output"
+        yield Omission(f"{rows} constraint nodes", why)
+    silent = int(np.count_nonzero((problem.strain == 0) & T.any(axis=1)))
+    if silent:
+        yield Omission(f"{silent} strain {strain_input}s", "their strain is zero")
+
+
+def simplest_parts(model: OpAmp, scene: Scene) -> Iterator[Omission]:
+    """Yield what the op-amps and the summing nodes of a scene do not have."""
+    figures = (
+        ("first pole", "gbw", math.inf),
+        ("second pole", "second_pole", math.inf),
+        ("input resistance", "input_resistance", math.inf),
+        ("differential input capacitance", "differential_capacitance", 0.0),
+        ("input capacitance", "input_capacitance", 0.0),
+        ("output resistance", "output_resistance", 0.0),
+    )
+    for what, figure, empty in figures:
+        if getattr(model, figure) == empty:
+            yield Omission(f"op-amp {what}", f"{model.name}.{figure} is {empty:g}")
+    if scene.design.stray_capacitance == 0:
+        yield Omission("stray capacitors", "design.stray_capacitance is 0")

@@ -1,0 +1,263 @@
+"""The board that solves in one loop: op-amps and arrays of conductances, without C and s.
+
+`Loop` is the frame of these topologies. Every op-amp has an array at one of its inputs; the other
+input is on ground, or takes the negative entries (`signs`). The arrays carry ``G0 T``, and the
+sources are those of the other topologies, so an output has the voltage ``-u U0``.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import (
+    GROUND,
+    Circuit,
+    Fact,
+    Knob,
+    Omission,
+    Output,
+    Role,
+    common_facts,
+)
+from taction.netlist_gen.board.opamp_choice import choose_opamp
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.entries import (
+    left_out_of_the_matrix,
+    pruned,
+    pruning_omission,
+    simplest_parts,
+)
+from taction.netlist_gen.topologies.frame.parts import Parts
+from taction.netlist_gen.topologies.frame.signs import WAYS, Array, Way
+from taction.netlist_gen.topologies.frame.topology import Topology
+from taction.spice_models.opamp import OpAmp
+from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
+
+SAME_LOAD = 1e-12  # relative difference of two loads that need no resistor
+
+
+@dataclass(slots=True)
+class Inputs:
+    """The two inputs of an op-amp: `first` takes the array, `other` what has the other sign."""
+
+    first: str
+    other: str
+
+
+@dataclass(slots=True)
+class LoopBoard:
+    """A board of one loop while it is built."""
+
+    scene: Scene
+    facts: dict[str, Fact]
+    T: Floats  # (M, N), after pruning
+    strain: Floats  # (M,)
+    parts: Parts
+    way: Way
+    stages: list[Inputs] = field(default_factory=list)
+
+    @property
+    def channels(self) -> range:
+        """The channels, from 1."""
+        return range(1, self.T.shape[1] + 1)
+
+    @property
+    def sensors(self) -> list[int]:
+        """The sensors whose rows of T have an entry, from 1."""
+        return (1 + np.flatnonzero(self.T.any(axis=1))).tolist()
+
+    def inputs(self, first: str, other: str, entries: Floats) -> Inputs:
+        """Return the inputs of an op-amp for its `entries` of T: the other one may be ground."""
+        needed = self.way.uses_other_input and bool(np.any(entries < 0.0))
+        stage = Inputs(first, other if needed else GROUND)
+        self.stages.append(stage)
+        return stage
+
+    def first_stage(self, name: str, stage: Inputs, output: str) -> None:
+        """Place an op-amp that turns the current into its input into ``-current / gf``.
+
+        gf loads the other input, too, if that is no ground: so both loads follow gf.
+        """
+        self.parts.stage(name, stage.other, stage.first, output)
+        role, ohms = Role.OUTPUT_CONDUCTANCE, 1.0 / self.facts["gf"].value
+        self.parts.resistor(role, f"g_{output}", (output, stage.first), ohms, "1/gf")
+        if stage.other != GROUND:
+            self.parts.resistor(role, f"go_{output}", (stage.other, GROUND), ohms, "1/gf")
+
+    def pad(self) -> None:
+        """Load both inputs of every op-amp alike, by a resistor to ground at the lighter one."""
+        loads: defaultdict[str, float] = defaultdict(float)
+        for part in self.parts.resistors:
+            for node in (part.a, part.b):
+                loads[node] += 1.0 / part.ohms
+        for matrix in self.parts.matrices:
+            siemens = np.sum(1.0 / matrix.ohms, axis=1 if matrix.by_column else 0)
+            for node, load in zip(matrix.sinks, siemens.tolist(), strict=True):
+                loads[node] += load
+        for stage in self.stages:
+            if stage.other == GROUND:
+                continue
+            light, heavy = sorted((stage.first, stage.other), key=loads.__getitem__)
+            missing = loads[heavy] - loads[light]
+            if missing > SAME_LOAD * loads[heavy]:
+                ends = (light, GROUND)
+                self.parts.resistor(Role.PADDING, f"pad_{light}", ends, 1.0 / missing)
+
+
+class Loop(Topology):
+    """A topology of one loop; its class says which op-amps there are.
+
+    Attributes
+    ----------
+    has_first_stages : bool
+        Whether the board has stages with the feedback conductance gf.
+    regularised : bool
+        Whether lambda stands in it.
+    """
+
+    has_first_stages: ClassVar[bool] = True
+    regularised: ClassVar[bool] = False
+    unused = frozenset(
+        {"capacitance", "resistance", "gain", "capacitor_series", "exponential_slope", "antilog"}
+    )
+
+    @abstractmethod
+    def check(self, scene: Scene, T: Floats) -> None:
+        """Raise InputError for a scene or a matrix (M, N) that the topology cannot be built for."""
+
+    @abstractmethod
+    def place(self, board: LoopBoard) -> None:
+        """Place op-amps, strains and arrays."""
+
+    @property
+    def constraint_outputs(self) -> str:
+        """The letter of the outputs that belong to the sensors."""
+        return "w" if self.has_first_stages else "v"
+
+    def facts(self, scene: Scene) -> dict[str, Fact]:
+        """Return G0, U0, lambda and gf; see `Topology`.
+
+        Raises
+        ------
+        InputError
+            Lambda is given and the topology has none, or it is missing.
+        """
+        design = scene.design
+        gf = design.feedback_conductance or design.unit_conductance
+        numbers = {
+            "G0": design.unit_conductance,
+            "U0": design.unit_voltage,
+            "lambda": self._lambda(scene),
+        }
+        return common_facts(**numbers, **({"gf": gf} if self.has_first_stages else {}))
+
+    def knobs(self, scene: Scene) -> tuple[Knob, ...]:
+        """Return gf, G0 and U0 as the keys that can be moved."""
+        scales = Knob("G0", "design.unit_conductance"), Knob("U0", "design.unit_voltage")
+        if not self.has_first_stages:
+            return scales
+        return (
+            Knob(
+                "gf",
+                "design.feedback_conductance",
+                Role.OUTPUT_CONDUCTANCE,
+                margin="smaller",
+                words="gf",
+                power=-1.0,
+            ),
+            *scales,
+        )
+
+    def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:
+        """Design the board of `scene` for `problem`; see `Topology`."""
+        design, facts, model = scene.design, self.facts(scene), choose_opamp(scene)
+        if design.amplifier != "linear":
+            text = f"topology {self.name!r} has no signal amplifiers; expected 'linear'"
+            complaint = Complaint("design.amplifier", repr(design.amplifier), text)
+            raise InputError(scene.file, complaint)
+        T = pruned(problem.matrix, design.prune)
+        self.check(scene, T)
+        inverter, series = design.inverter_resistance, design.resistor_series
+        parts = Parts(model.name, design.stray_capacitance, inverter, series)
+        way = WAYS[design.negative_entries]
+        board = LoopBoard(scene, facts, T, problem.strain, parts, way)
+        self.place(board)
+        board.pad()
+        rows = board.sensors if self.has_first_stages else board.channels
+        return Circuit(
+            name=scene.name,
+            amplifier=design.amplifier,
+            topology=self.name,
+            facts={**facts, **way.facts(T)},
+            models={model.name: model},
+            opamps=tuple(parts.opamps),
+            amplifiers=(),
+            resistors=tuple(parts.resistors),
+            matrices=tuple(parts.matrices),
+            capacitors=tuple(parts.capacitors),
+            currents=tuple(parts.currents),
+            voltages=tuple(parts.voltages),
+            signal_nodes=tuple(f"v_{n}" for n in board.channels),
+            constraint_nodes=tuple(f"{self.constraint_outputs}_{k}" for k in rows),
+            outputs=tuple(Output(f"v_{n}", -1.0) for n in board.channels),
+            omissions=tuple(self._omissions(scene, problem, T, model)),
+            supply=design.supply,
+            noises=tuple(parts.noises),
+            roles={role: frozenset(names) for role, names in parts.roles.items()},
+            knobs=self.knobs(scene),
+            expressions=parts.expressions,
+        )
+
+    def array(
+        self, board: LoopBoard, role: str, drives: Mapping[int, str], stages: Mapping[int, Inputs]
+    ) -> None:
+        """Place an array: the matrix of the role between `drives` and the inputs of `stages`.
+
+        Both by the numbers of channels or sensors; a sensor without an entry has neither.
+        """
+        by_column = role == Role.FORWARD
+        M, N = board.T.shape
+        across, down = (N, M) if by_column else (M, N)
+        nothing = Inputs("", "")
+        ends = [stages.get(k, nothing) for k in range(1, down + 1)]
+        sources = tuple(drives.get(n, "") for n in range(1, across + 1))
+        sinks = tuple(e.first for e in ends), tuple(e.other for e in ends)
+        name = "Rf" if by_column else "Rb"
+        board.way.connect(board.parts, board.scene, Array(role, name, board.T, sources, *sinks))
+
+    def _lambda(self, scene: Scene) -> float:
+        lam = scene.design.lam
+        if self.regularised:
+            if isinstance(lam, int | float):
+                return float(lam)
+            text = (
+                f"topology {self.name!r} needs a number above zero, or the name of a rule:"
+                " its resistors follow from lambda"
+            )
+            raise InputError(scene.file, Complaint("design.lambda", repr(lam), text))
+        if lam is not None:
+            text = f"topology {self.name!r} has no regularisation; expected no lambda, or 'ridge'"
+            raise InputError(scene.file, Complaint("design.lambda", repr(lam), text))
+        return 0.0
+
+    def _omissions(
+        self, scene: Scene, problem: InverseProblem, kept: Floats, model: OpAmp
+    ) -> Iterator[Omission]:
+        """Yield everything that the board of `scene` omits; `kept` (M, N) is T after pruning."""
+        pruning = pruning_omission(problem.matrix, scene.design.prune)
+        if pruning is not None:
+            yield pruning
+        yield from left_out_of_the_matrix(problem, kept, scene.design.strain_input)
+        why = f"topology {self.name!r} settles at the speed of its op-amps"
+        yield Omission("signal capacitors and constraint gain", why)
+        if not np.any(kept < 0.0):
+            yield Omission("parts for negative entries", "no entry of T is negative")
+        yield from simplest_parts(model, scene)

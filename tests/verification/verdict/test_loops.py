@@ -1,0 +1,175 @@
+"""Closed-loop boards, verified: three witnesses agree, and the bounds hold for exact values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+import taction
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import InputError
+from taction.verification.report.documents.verdict import VerdictBody
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.verify import verify
+from tests.support.making import make_scene
+
+Matrix = NDArray[np.float64]
+T = np.array(
+    [
+        [1.0, 0.3, -0.2, 0.0],
+        [0.3, 1.2, 0.3, 0.1],
+        [-0.1, 0.3, 1.1, 0.3],
+        [0.0, 0.1, 0.3, 0.9],
+    ]
+)
+EPS = np.array([0.5, -0.3, 0.8, 0.2])
+MORE, MORE_EPS = np.array([[0.5, 0.2, 0.1, 0.4], [0.1, -0.7, 0.2, 0.2]]), [0.1, -0.4]
+
+
+def scene(topology: str, engine: str = "statespace", **design: Any) -> Scene:
+    tall = topology != "inv"
+    matrix = np.vstack([T, MORE]) if tall else T
+    strain = np.append(EPS, MORE_EPS) if tall else EPS
+    table: dict[str, Any] = {
+        "topology": topology, "unit_conductance": "50uS", "stray_capacitance": "2pF",
+        "opamp": "opa2134", "negative_entries": "differential",
+        **({"feedback_conductance": "400uS"} if tall else {}),
+        **({"lambda": 0.05} if topology == "ridge" else {}), **design,
+    }  # fmt: skip
+    problem = {"kind": "matrix", "matrix": matrix.tolist(), "strain": strain.tolist()}
+    checks = {"steady_state": {"tolerance": 5e-3}, "settling_time": {"band": 0.01, "max": "20us"}}
+    return make_scene(problem, design=table, checks=checks, analysis={"engine": engine})
+
+
+@pytest.mark.parametrize("topology", ["inv", "pinv", "ridge"])
+@pytest.mark.parametrize("way", ["inverters", "differential"])
+def test_three_witnesses_agree(ngspice: str, topology: str, way: str) -> None:
+    found = taction.verify(scene(topology, "ngspice", negative_entries=way))
+    assert found.outcome is Outcome.PASS, str(found)
+    checks = {check.name: check.outcome for check in found.checks}
+    assert checks["engines_agree"] is Outcome.PASS
+    exact = taction.verify(scene(topology, negative_entries=way))
+    both = [v.measurements.settling_time for v in (found, exact)]
+    apart = abs(both[0].value - both[1].value)
+    assert apart <= both[0].uncertainty + both[1].uncertainty
+
+
+def settled(A: Matrix, drive: Matrix, target: Matrix, band: float) -> float:
+    """Return when ``x' = A x + drive`` is last outside the band around the target, by bisection."""
+    rest = -np.linalg.solve(A, drive)
+
+    def off(t: float) -> float:
+        away = (rest - expm(A * t) @ rest)[-4:] - target
+        return float(np.abs(away).max() - band * np.abs(target).max())
+
+    slow = -1.0 / np.linalg.eigvals(A).real.max()
+    times = np.linspace(0.0, 12.0 * slow, 4001)
+    last = int(np.flatnonzero([off(t) > 0.0 for t in times.tolist()])[-1])
+    low, high = float(times[last]), float(times[last + 1])
+    while high - low > 1e-14 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if off(middle) > 0.0 else (low, middle)
+    return low
+
+
+@pytest.mark.parametrize("topology", ["inv", "pinv"])
+def test_the_settling_time_is_that_of_the_matrix_exponential(topology: str) -> None:
+    """One-pole op-amps: the state matrix is a product of loads and conductances."""
+    wt, gain, G0, gf = math.tau * 1e7, 1e6, 5e-5, 4e-4
+    opamp = {"base": "ideal", "dc_gain": gain, "gbw": 1e7, "output_resistance": 0.0}
+    found = taction.verify(scene(topology, opamp=opamp, stray_capacitance=0))
+    tall = topology != "inv"
+    X = G0 * (np.vstack([T, MORE]) if tall else T)
+    amps = G0 * (np.append(EPS, MORE_EPS) if tall else EPS)
+    plus, minus = np.maximum(X, 0.0), np.maximum(-X, 0.0)
+    M, N = X.shape
+    rows = np.maximum(plus.sum(axis=1), minus.sum(axis=1)) + gf * tall
+    D, bracket = 1.0 / rows, -X
+    if tall:
+        columns = np.maximum(plus.sum(axis=0), minus.sum(axis=0))
+        D = np.append(D, 1.0 / columns)
+        bracket = np.block([[-gf * np.eye(M), -X], [X.T, np.zeros((N, N))]])
+    A = wt * (np.diag(D) @ bracket - np.eye(len(D)) / gain)
+    drive = np.zeros(len(D))
+    drive[:M] = -wt * D[:M] * amps
+    target = -np.linalg.lstsq(X, amps, rcond=None)[0]
+    reading = found.measurements.settling_time
+    assert reading.value == pytest.approx(settled(A, drive, target, 0.01), rel=1e-9)
+    assert found.ideal.transient.settling_time == 0.0
+
+
+def test_random_boards_are_inside_their_uncertainty(rng: np.random.Generator) -> None:
+    """The equilibrium beside ``(G + E/A0) V = -I``, a formula of one line."""
+    gain, G0 = 2e4, 5e-5
+    for _ in range(20):
+        matrix = np.eye(5) + 0.15 * rng.random((5, 5))
+        eps = rng.standard_normal(5)
+        problem = {"kind": "matrix", "matrix": matrix.tolist(), "strain": eps.tolist()}
+        opamp = {"base": "ideal", "dc_gain": gain, "gbw": 1e7, "output_resistance": 0.0}
+        design = {"topology": "inv", "unit_conductance": G0, "opamp": opamp}
+        found = taction.verify(
+            make_scene(problem, design=design, analysis={"engine": "statespace"})
+        )
+        G = G0 * matrix
+        u = np.linalg.solve(G + np.diag(G.sum(axis=1)) / gain, G0 * eps)
+        assert np.abs(found.steady.values - u).max() <= found.steady.error
+        assert found.poles.stable
+
+
+def test_a_faulty_board_does_not_pass() -> None:
+    """One resistor of array 2 is 2 % off: the witnesses do not hide it."""
+    one = scene("pinv")
+    circuit = taction.synthesise(one)
+    feedback = next(each for each in circuit.matrices if each.name == "Rb")
+    ohms = feedback.ohms.copy()
+    ohms[1, 1] *= 1.02
+    wrong = tuple(
+        replace(each, ohms=ohms) if each is feedback else each for each in circuit.matrices
+    )
+    found = verify(one, circuit=replace(circuit, matrices=wrong))
+    checks = {check.name: check.outcome for check in found.checks}
+    assert checks["steady_state"] is Outcome.FAIL
+
+
+def test_budget_and_document() -> None:
+    found = taction.verify(scene("ridge"))
+    assert "opamps" in {part.name for part in found.budget}
+    data = VerdictBody.of(found)
+    assert (data.lam, data.resistance, data.constraint_plane) == (0.05, None, None)
+    assert "gf" in str(found.circuit._repr_html_())
+
+
+def test_the_margin_of_gf_is_between_boards_built_anew() -> None:
+    from taction.verification.stability.margin import find_margin
+
+    one = scene("ridge", feedback_conductance="1mS")
+    margin = find_margin(taction.synthesise(one), "gf")
+    assert margin.factor > 1.0
+    assert margin.text.startswith("gf can shrink by the factor")
+    stable = []
+    for share in (1.001, 0.999):
+        moved = scene("ridge", feedback_conductance=1e-3 / margin.factor * share)
+        stable.append(bool(taction.verify(moved).poles.stable))
+    assert stable == [True, False]
+
+
+def test_inv_has_no_knob_with_a_margin() -> None:
+    one = scene("inv")
+    limited = one.checks.model_copy(
+        update={"stability": one.checks.stability.model_copy(update={"margin": 2.0})}
+    )
+    found = taction.verify(one.model_copy(update={"checks": limited}))
+    check = next(each for each in found.checks if each.name == "stability")
+    assert check.outcome is Outcome.INCONCLUSIVE
+    assert "no key of this topology has a margin" in check.reason
+
+
+def test_keys_of_the_wrong_topology_are_refused_with_their_names() -> None:
+    with pytest.raises(InputError, match=r"design\.lambda"):
+        taction.verify(scene("pinv", **{"lambda": 0.1}))
