@@ -157,7 +157,7 @@ class Verdict(Result):
             f"op-amp {opamp_words(self.scene.design.opamp)}",
         )
         engine = self.recording.ends.engine
-        return f"Verdict({self.scene.name!r}, {outcome}, {engine}; {', '.join(parts)})"
+        return f"Verdict({self.scene.name!r}, {outcome}, {engine}; {', '.join(filter(None, parts))})"
 
 
 def verify(

@@ -2,7 +2,8 @@
 
 `Loop` is the frame of these topologies. Every op-amp has an array at one of its inputs; the other
 input is on ground, or takes the negative entries (`signs`). The arrays carry ``G0 T``, and the
-sources are those of the other topologies, so an output has the voltage ``-u U0``.
+sources are those of the other topologies, so an output has the voltage ``-u U0``. Stray capacitance
+is at every input and output: an output drives a whole line of an array.
 """
 
 from __future__ import annotations
@@ -191,6 +192,8 @@ class Loop(Topology):
         board = LoopBoard(scene, facts, T, problem.strain, parts, way)
         self.place(board)
         board.pad()
+        for cell in parts.opamps:  # it drives a whole line of an array
+            parts.stray_at(cell.output)
         rows = board.sensors if self.has_first_stages else board.channels
         return Circuit(
             name=scene.name,
