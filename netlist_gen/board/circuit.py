@@ -612,7 +612,8 @@ class Circuit(Result):
     def __repr__(self) -> str:
         size = sizes(len(self.outputs), len(self.constraint_nodes))
         parts = (size, self.topology, f"{self.amplifier} amplifiers", self.values)
-        return f"Circuit({self.name!r}, {', '.join(filter(None, parts))}, op-amps {', '.join(self.models)})"
+        words = ", ".join(filter(None, (*parts, f"op-amps {', '.join(self.models)}")))
+        return f"Circuit({self.name!r}, {words})"
 
     @property
     def values(self) -> str:

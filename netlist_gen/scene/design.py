@@ -174,12 +174,12 @@ class Design(Model):
         None, alias="lambda", description="regularisation parameter, or the rule that chooses it"
     )
     gain: Ohms = 6.252e6
-    feedback_conductance: Siemens | None = Field(
+    feedback_conductance: Siemens | None = field(
         None,
         description="gf of the first stages of a closed-loop board, whose speed and stability it"
         " decides; by default unit_conductance",
     )
-    negative_entries: Literal["inverters", "differential", "offset"] = Field(
+    negative_entries: Literal["inverters", "differential", "offset"] = field(
         "inverters",
         description="of a closed-loop board: an inverter for each driver, the other inputs of the"
         " op-amps, or one column behind an inverter of the sum",

@@ -73,7 +73,7 @@ class Tuned(Result):
     VIEW = "taction.verification.report.views.tune:view"
     DOCUMENT = (
         *("outcome = verdict.outcome", "before = tuning.before", "after = tuning.after"),
-        "resistance [ohm] = verdict.circuit.facts.R.value",
+        "resistance [ohm] = resistance",
         "lambda = verdict.circuit.facts.lambda.value",
         *("overshoot_limit [step] = tuning.overshoot_limit", "margin = tuning.margin"),
         *("tried = tuning.tried", "ranges = tuning.ends", "at_edges = tuning.at_edges"),
@@ -88,6 +88,11 @@ class Tuned(Result):
     def outcome(self) -> str:
         """The outcome of the verdict."""
         return str(self.verdict.outcome.value)
+
+    @property
+    def resistance(self) -> float | None:
+        """R of the best design, ohm; None for a board without it."""
+        return self.verdict.circuit.number("R")
 
 
 def tune(

@@ -157,7 +157,8 @@ class Verdict(Result):
             f"op-amp {opamp_words(self.scene.design.opamp)}",
         )
         engine = self.recording.ends.engine
-        return f"Verdict({self.scene.name!r}, {outcome}, {engine}; {', '.join(filter(None, parts))})"
+        words = ", ".join(filter(None, parts))
+        return f"Verdict({self.scene.name!r}, {outcome}, {engine}; {words})"
 
 
 def verify(

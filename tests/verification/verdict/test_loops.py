@@ -13,6 +13,7 @@ from scipy.linalg import expm
 
 import taction
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.documents import plain
 from taction.system.errors import InputError
 from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.verdict.checks import Outcome
@@ -140,8 +141,8 @@ def test_a_faulty_board_does_not_pass() -> None:
 def test_budget_and_document() -> None:
     found = taction.verify(scene("ridge"))
     assert "opamps" in {part.name for part in found.budget}
-    data = VerdictBody.of(found)
-    assert (data.lam, data.resistance, data.constraint_plane) == (0.05, None, None)
+    data = plain(VerdictBody.of(found))
+    assert [data[key] for key in ("lambda", "resistance", "constraint_plane")] == [0.05, None, None]
     assert "gf" in str(found.circuit._repr_html_())
 
 
