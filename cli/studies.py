@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from taction.verification.studies.sweep.result import SweepResult
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
-DOCUMENTS = "verification.report.documents"
 JUNIT = "verification.report.junit"
 STRESS_PAGE = "verification.report.views.stress:stress_page"
 
@@ -237,7 +236,7 @@ def _sweep_table(found: SweepResult, path: str) -> None:
 
 SWEEP = Command(
     function="sweep",
-    document=f"{DOCUMENTS}.studies:SweepDocument.pieces",
+    document="verification.report.documents.catalogue:sweep_pieces",
     outputs=(
         Output(
             "export",

@@ -8,7 +8,18 @@ import sys
 
 import pytest
 
-from scripts.rooms import ENTRY, FLOORS, FOLDERS, ROOMS, below, drawing, imports, modules, room_of
+from scripts.rooms import (
+    ENTRY,
+    FLOORS,
+    FOLDERS,
+    ROOMS,
+    arrows,
+    below,
+    drawing,
+    imports,
+    modules,
+    room_of,
+)
 from tests.support.paths import ROOT
 
 # The three witnesses of a verdict. None may reach another one's modules, however long the way, else
@@ -113,6 +124,10 @@ def test_the_picture_of_the_rooms_shows_every_room() -> None:
     picture = drawing()
     assert picture.count(" lines</text>") == len(ROOMS)
     assert "verdict/</text>" in picture
+
+
+def test_few_arrows_lead_from_room_to_room() -> None:
+    assert len(arrows()) <= 80
 
 
 def test_no_module_imports_itself_in_a_circle() -> None:

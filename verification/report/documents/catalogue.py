@@ -49,7 +49,7 @@ MODELS = {
     "scale": "verification.design.scaling.Scaled",
     "choose": "verification.design.choose.Choice",
     "onset": "verification.studies.onset.onset.Onset",
-    "sweep": "verification.report.documents.studies.SweepDocument",
+    "sweep": "verification.studies.sweep.result.SweepResult",
     "regress": "verification.studies.regression.run.RegressionReport",
     "stress": "verification.evidence.stress.run.StressReport",
     "accuracy": "verification.studies.work_precision.study.WorkPrecisionStudy",
@@ -88,6 +88,19 @@ def document_head(name: str) -> dict[str, Any]:
         pass
     head = Head(metadata.version("taction"), schema_name(name), simulator, solver, units(name))
     return {"taction": documents.plain(head)}
+
+
+def sweep_pieces(found: Any) -> Iterator[str]:
+    """Yield the JSON document of a sweep in pieces, since it may be larger than the memory."""
+    head = document_head("sweep") | documents.plain(found)
+    del head["points"]
+    yield json.dumps(head, indent=2, ensure_ascii=False, allow_nan=False)[:-2]
+    yield ',\n  "points": ['
+    between = "\n    "
+    for record in found.records():
+        yield between + json.dumps(record, ensure_ascii=False, allow_nan=False)
+        between = ",\n    "
+    yield "\n  ]\n}\n"
 
 
 def schema_name(name: str) -> str:

@@ -26,6 +26,7 @@ from taction.verification.studies.work_precision.errors import NORMS
 from taction.verification.studies.work_precision.methods import Method
 from taction.verification.studies.work_precision.study import (
     ERRORS,
+    Ladder,
     SettingResult,
     WorkPrecisionStudy,
 )
@@ -301,22 +302,20 @@ def _choice(point: SettingResult | None) -> tuple[Cell, Cell]:
 
 
 def _orders(study: WorkPrecisionStudy) -> Table:
-    rows = []
-    for name, order in study.orders.items():
-        points = [point for point in study.points if point.method.name == name]
-        if not points or not points[0].method.setting:
-            continue
-        fitted = "–" if order.value is None else f"{order.value:.2f} ± {order.sigma or 0.0:.2f}"
-        settings = ", ".join(f"{points[place].setting:g}" for place in order.points) or "–"
-        rows.append(
-            (
-                Cell(name),
-                Cell(fitted, order.value),
-                Cell(str(points[0].method.theory)),
-                Cell(settings),
-                Cell(readable(order.reason)),
-            )
-        )
-    titles = ("method", "fitted", "theory", "from settings", "left out")
+    columns: dict[str, Callable[[Ladder], Shown]] = {
+        "method": lambda each: each.method.name,
+        "fitted": _fitted,
+        "theory": lambda each: each.method.theory,
+        "from settings": lambda each: ", ".join(f"{s:g}" for s in each.fitted) or None,
+        "left out": lambda each: readable(each.order.reason),
+    }
+    shown = (each for each in study.ladders if each.method.setting)
     note = "Of the largest error over time, against the mean step."
-    return Table("Order of convergence", titles, tuple(rows), note)
+    return Table.of("Order of convergence", shown, columns, note)
+
+
+def _fitted(ladder: Ladder) -> Cell | None:
+    order = ladder.order
+    if order.value is None:
+        return None
+    return Cell(f"{order.value:.2f} ± {order.sigma or 0.0:.2f}", order.value)

@@ -10,12 +10,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 
+from taction.netlist_gen.scene.axes import Axis
 from taction.netlist_gen.scene.keys import Value
 from taction.system.atomic_files import replacing
+from taction.system.documents import INLINE, Note, Number
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file
 from taction.system.results import Result
@@ -96,6 +98,19 @@ def _pole(record: dict[str, Any]) -> list[float] | None:
 
 
 @dataclass(frozen=True, slots=True)
+class SweepPoint:
+    """A point of a sweep on one engine; `values` by the names of the axes."""
+
+    values: dict[str, Value]
+    record: Annotated[Record, INLINE]
+    rightmost_pole: Annotated[tuple[float, ...] | None, "1/s"]
+    chosen: Annotated[str | None, Note("why a hybrid sweep confirms the point by ngspice")]
+    agreement: Annotated[Outcome | None, Note("of both engines")]
+    difference: Number
+    disagreement: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class AgreementSummary:
     """How many points have results of both engines, and how far these agree.
 
@@ -114,6 +129,11 @@ class AgreementSummary:
         Records of ngspice at points without agreement, disagreements first, at most `LINES`.
     """
 
+    DOCUMENT = (
+        *("points", "agree", "disagree", "undecided", "chosen", "largest_difference", "at"),
+        "listed = listed_points",
+    )
+
     points: int
     agree: int
     disagree: int
@@ -122,6 +142,11 @@ class AgreementSummary:
     largest_difference: float | None
     at: dict[str, Value] | None
     listed: list[dict[str, Any]] = field(repr=False)
+
+    @property
+    def listed_points(self) -> list[SweepPoint]:
+        """`listed`, which is plain data already."""
+        return cast(list[SweepPoint], self.listed)
 
 
 def summarise(plan: Plan, store: Store) -> AgreementSummary:
@@ -154,6 +179,19 @@ def summarise(plan: Plan, store: Store) -> AgreementSummary:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class GridAxis:
+    """An axis of a grid; axes of one `group` change together."""
+
+    DOCUMENT = (
+        *("name = axis.name", "key = axis.key.path", "unit = axis.key.unit"),
+        *("scale = axis.scale", "group", "values = axis.values"),
+    )
+
+    axis: Axis
+    group: int
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SweepResult(Result):
     """Every point of a sweep.
@@ -176,6 +214,12 @@ class SweepResult(Result):
 
     VIEW = "taction.verification.report.views.sweep:view"
     CARD = "Sweep"
+    DOCUMENT = (
+        *("scene = plan.scene.name", "file = plan.scene.file", "database", "axes"),
+        *("engines = plan.engines", "total = count.total", "done = count.done"),
+        *("ran = count.ran", "outcomes", "agreement", "seconds [s]"),
+        *("estimated_seconds [s] = count.estimate", "points"),
+    )
 
     plan: Plan
     store: Store
@@ -183,6 +227,26 @@ class SweepResult(Result):
     agreement: AgreementSummary | None
     seconds: float = 0.0
     strict: bool = False
+
+    @property
+    def database(self) -> str:
+        """The file of the store."""
+        return self.store.path
+
+    @property
+    def axes(self) -> tuple[GridAxis, ...]:
+        """The axes, with the groups that change together."""
+        return tuple(GridAxis(a, k) for k, group in enumerate(self.plan.groups) for a in group)
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """How many points have each outcome."""
+        return dict(self.count.outcomes)
+
+    @property
+    def points(self) -> tuple[SweepPoint, ...]:
+        """None: they may be many, and `records` yields them one by one."""
+        return ()
 
     @classmethod
     def of(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.verification.report.documents.studies import SweepDocument
+from taction.verification.report.documents.catalogue import sweep_pieces
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.sweep import view
@@ -59,7 +59,7 @@ def text_of(plan: Plan, store: Store) -> str:
 
 
 def document_of(result: SweepResult) -> Any:
-    return json.loads("".join(SweepDocument.pieces(result)))
+    return json.loads("".join(sweep_pieces(result)))
 
 
 def test_the_summary_counts_and_names_the_largest_difference() -> None:
