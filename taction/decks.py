@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from taction.system.progress import Progress
     from taction.verification.studies.board_check import BoardCheck
+    from taction.verification.studies.foreign_board import ForeignBoard
+    from taction.verification.studies.wanted_checks import Wanted
 
 
 def check(
@@ -18,6 +21,11 @@ def check(
     checks: str | Iterable[str] = (),
     expect: str | Iterable[str] = (),
     over: str | Iterable[str] = (),
+    matrix: str | Path | None = None,
+    strain: str | Path | None = None,
+    lam: float = 0.0,
+    unit: str = "1V",
+    accept: str = "0.1%",
     tolerances: str | Path | None = None,
     samples: int = 300,
     seed: int = 1,
@@ -46,6 +54,17 @@ def check(
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.
+    matrix : path, optional
+        Matrix T, .csv or .npy: the outputs are expected at the regularised optimum u of
+        eps = T u, one --output for each column.
+    strain : path, optional
+        Strain eps of this problem, .csv or .npy.
+    lam : float
+        Weight lambda of its regulariser |u|^2; 0 for least squares.
+    unit : str
+        Voltage of u = 1; negative where the outputs are inverted.
+    accept : str
+        Accepted deviation of these outputs, as a share of the largest one.
     tolerances : path, optional
         TOML file of tolerances: resistor = "1%", and a table [parts] with R1 = "0.1%". The worst
         corners and the yield are found; without --check a board has to be stable.
@@ -92,6 +111,10 @@ def check(
     asked = wanted(_listed(checks), _listed(expect), _listed(over))
     progress("deck")
     board = read_board(deck, _listed(outputs))
+    notes = board.notes
+    if matrix is not None or strain is not None:
+        asked, more = _with_reference(asked, board, matrix, strain, lam, unit, accept)
+        notes = (*notes, *more)
     spread = None
     if tolerances is not None:
         from taction.netlist_gen.deck.part_tolerances import read_tolerances
@@ -105,7 +128,7 @@ def check(
         build=board.moved,
         tolerances=spread,
         samples=Samples(samples, seed),
-        notes=board.notes,
+        notes=notes,
         progress=progress,
     )
     if output is not None:
@@ -113,6 +136,25 @@ def check(
 
         write_atomically(output, board.flat_text)
     return found
+
+
+def _with_reference(
+    asked: Wanted,
+    board: ForeignBoard,
+    matrix: str | Path | None,
+    strain: str | Path | None,
+    *settings: Any,
+) -> tuple[Wanted, tuple[str, ...]]:
+    """Return what is asked with the optimum of a problem, and what is to be said of its files."""
+    from taction.system.errors import Complaint, InputError
+    from taction.verification.studies.board_reference import Reference
+
+    if matrix is None or strain is None:
+        missing = "--matrix" if matrix is None else "--strain"
+        raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
+    nodes = [out.node for out in board.circuit.outputs]
+    wanted, notes = Reference(matrix, strain, *settings).expected(nodes)
+    return replace(asked, expected=(*asked.expected, *wanted)), notes
 
 
 def _listed(given: str | Iterable[str]) -> tuple[str, ...]:

@@ -23,9 +23,8 @@ from taction.netlist_gen.board.part_warnings import (
     MOST_OHMS,
     AcceptedParts,
 )
-from taction.netlist_gen.scene.array_files import read_table
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.problem import fitted
+from taction.netlist_gen.scene.problem_tables import Table, problem_tables, shape_text
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.entries import pruned
@@ -206,18 +205,6 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> Pruning:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
-    """Numbers of a file as the scene needs them.
-
-    `changed` says in words what differs from the file, which is then written anew; else empty.
-    """
-
-    path: Path
-    values: Floats
-    changed: str
-
-
-@dataclass(frozen=True, slots=True)
 class FreshScene:
     """A new scene and the files that belong to it.
 
@@ -298,7 +285,7 @@ def fresh_scene(
         A file cannot be read, the shapes do not fit, no design has these numbers, or the noise
         does not explain the strain: the message proposes one that does.
     """
-    first, second = _tables(matrix, strain)
+    first, second = problem_tables(matrix, strain)
     chosen, rule = _lambda(first.values, second.values, noise, lam)
     name = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in output.stem)
     arrays = {"kind": "matrix", "matrix": first.values, "strain": second.values}
@@ -323,7 +310,7 @@ def fresh_scene(
     limited, limits = with_limits(scaling.scene)
     notes = [f"{t.path.name}: {t.changed}" for t in (first, second) if t.changed]
     notes += [pruning.note] if pruning.entries else []
-    head = f"Scaled by taction for a matrix of {_shape(first.values)}; lambda: {rule}."
+    head = f"Scaled by taction for a matrix of {shape_text(first.values)}; lambda: {rule}."
     text = _commented([head, *notes, f"Limits: {limits}."], with_values(limited, names))
     if limited.checks.steady_state.tolerance > WANTED:  # else no more than was searched for
         notes.append(limits)
@@ -346,32 +333,6 @@ def _commented(remarks: list[str], scene: Scene) -> str:
     """Return the text of a scene file, with remarks at its head."""
     lines = [line for remark in remarks for line in textwrap.wrap(remark, WIDTH)]
     return "\n".join([*(f"# {line}" for line in lines), "", scene_text(scene)])
-
-
-def _tables(matrix: Path, strain: Path) -> tuple[Table, Table]:
-    T, header = read_table(matrix, "problem.matrix")
-    eps, other = read_table(strain, "problem.strain")
-    try:
-        T, eps = fitted(T, (None, None)), fitted(eps, (None,))
-    except ValueError as error:
-        wrong = strain if T.ndim == 2 and T.size else matrix
-        raise InputError(wrong, Complaint("shape", "", str(error))) from None
-    changes = ["the first row is a header"] if header else []
-    if len(eps) != T.shape[0]:
-        if len(eps) != T.shape[1]:
-            text = (
-                f"the matrix is {_shape(T)} and the strain has {len(eps)} values; expected one"
-                " value of strain for every row of T"
-            )
-            raise InputError(strain, Complaint("problem.strain", "", text))
-        T = np.ascontiguousarray(T.T)
-        changes.append(f"transposed, to {_shape(T)}: the strain has {len(eps)} values")
-    heads = "the first row is a header" if other else ""
-    return Table(matrix, T, ", ".join(changes)), Table(strain, eps, heads)
-
-
-def _shape(T: Floats) -> str:
-    return f"{T.shape[0]} rows and {T.shape[1]} columns"
 
 
 def noise_of(noise: str | float, eps: Floats) -> float:

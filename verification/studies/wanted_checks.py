@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from taction.netlist_gen.scene.checks import Checks
 from taction.system.errors import Complaint, InputError
@@ -19,13 +19,21 @@ NAMES = {
 LIMITED = ("settling_time", "rise_time", "overshoot", "undershoot", "noise", "stability")
 
 
+class Expected(NamedTuple):
+    """An expected voltage at rest."""
+
+    node: str
+    volts: float
+    tolerance: float  # accepted deviation, V
+
+
 @dataclass(frozen=True, slots=True)
 class Wanted:
     """What is to be checked: limits, expected values of outputs, and values to sweep."""
 
     limits: Checks
     names: tuple[str, ...] = ()
-    expected: tuple[tuple[str, float, float], ...] = ()  # node, V, and accepted deviation, V
+    expected: tuple[Expected, ...] = ()
     over: tuple[str, ...] = ()
 
     @property
@@ -48,7 +56,7 @@ def wanted(
     --------
     >>> found = wanted(["settling=1ms@1%", "margin=2"], ["v(out)=1.25@0.1%"])
     >>> found.limits.settling_time.max, found.limits.stability.margin, found.expected
-    (0.001, 2.0, (('out', 1.25, 0.00125),))
+    (0.001, 2.0, (Expected(node='out', volts=1.25, tolerance=0.00125),))
     """
     tables: dict[str, dict[str, Any]] = {}
     for text in checks:
@@ -73,12 +81,14 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
     if name == "stability":
         return name, {"margin": _number(word, value) if value else 1.0}
     if name == "engines_agree":
-        return name, {"tolerance": _share(value)}
+        return name, {"tolerance": share_of(value)}
     if not value:
         raise InputError("--check", Complaint(word, "", f"expected a limit, such as {word}=1"))
-    keys: dict[str, Any] = {"max": _share(value) if name in ("overshoot", "undershoot") else value}
+    keys: dict[str, Any] = {
+        "max": share_of(value) if name in ("overshoot", "undershoot") else value
+    }
     if extra and name == "settling_time":
-        keys["band"] = _share(extra)
+        keys["band"] = share_of(extra)
     elif extra and name == "noise":
         keys["lowest"] = extra
     elif extra:
@@ -95,25 +105,31 @@ def _number(word: str, text: str) -> float:
         raise InputError("--check", Complaint(word, repr(text), accepted)) from None
 
 
-def _share(text: str) -> float:
-    """Return a fraction from ``5%`` or ``0.05``."""
+def share_of(text: str, option: str = "--check") -> float:
+    """Return a fraction from ``5%`` or ``0.05``.
+
+    Raises
+    ------
+    InputError
+        It is neither.
+    """
     try:
         return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
     except ValueError:
         accepted = "expected a share such as 5% or 0.05"
-        raise InputError("--check", Complaint("share", repr(text), accepted)) from None
+        raise InputError(option, Complaint("share", repr(text), accepted)) from None
 
 
-def _expected(text: str) -> tuple[str, float, float]:
+def _expected(text: str) -> Expected:
     name, _, value = (part.strip() for part in text.partition("="))
     value, _, tolerance = (part.strip() for part in value.partition("@"))
     node = name.lower().removeprefix("v(").removesuffix(")")
     try:
         volts = parse(value, "V")
         if not tolerance or tolerance.endswith("%"):
-            share = _share(tolerance) if tolerance else SHARE
-            return node, volts, share * abs(volts)
-        return node, volts, parse(tolerance, "V")
+            share = share_of(tolerance, "--expect") if tolerance else SHARE
+            return Expected(node, volts, share * abs(volts))
+        return Expected(node, volts, parse(tolerance, "V"))
     except ValueError as error:
         accepted = f"{error}; expected v(NODE)=VALUE@TOLERANCE, such as v(out)=1.25@0.1%"
         raise InputError("--expect", Complaint("value", repr(text), accepted)) from None

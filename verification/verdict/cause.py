@@ -129,6 +129,9 @@ def said(check: Check) -> str:
 def _missed(check: Check, value: float) -> str:
     """Return the limit that a value misses: the upper one, or for a small one the least."""
     limit, least = _limit(check), check.reason.rpartition("; ")[2]
+    if limit is not None and check.tolerance is not None and check.expected:
+        wanted = amount(check.expected, check.unit)
+        return f" (expected: {wanted} ± {amount(limit, check.unit)})"
     if limit is None or value < limit:
         if least.startswith("at least "):  # the scene has a smallest time, too
             return f" (limit: {least})"

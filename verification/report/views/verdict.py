@@ -159,7 +159,8 @@ def decisive_text(checks: Sequence[Check], outcome: str) -> str:
         near = (
             "" if nearest is None else f"; {nearest.name} is nearest to its limit ({nearest.used})"
         )
-        return f"All {len(checks)} checks pass{near}."
+        every = f"All {len(checks)} checks pass" if len(checks) > 1 else "The check passes"
+        return f"{every}{near}."
     first, *others = found
     text = readable(first.text)
     if first.follows and outcome == Outcome.FAIL.value:
@@ -230,8 +231,11 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     least = check.name == "stability" and unit == "ratio"
     if smallest is not None and value is not None and value < smallest:
         limit, least = smallest, True
-    share, doubt = _share(value, limit, check.uncertainty or 0.0, least=least)
+    centre = (check.expected or 0.0) if check.tolerance is not None else 0.0
+    off = None if value is None else value - centre
+    share, doubt = _share(off, limit, check.uncertainty or 0.0, least=least)
     side = "at least" if least else "below" if unit == "1/s" else "at most"
+    side = f"{figure(centre, unit)} ±" if centre else side
     return Bar(
         name=spaced(check.name),
         outcome=check.outcome.value,
