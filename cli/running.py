@@ -18,6 +18,9 @@ from taction.system.after_result import attempt
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_text import visible
 
+BOARDS = ("scene", "first", "second")
+"""Arguments that are one board. Of several boards a wrong one is a row of the result."""
+
 
 def made(name: str, command: Command) -> click.Command:
     """Return a command, with those below it, as a command of click."""
@@ -105,7 +108,18 @@ def _result(job: Job, call: Call) -> tuple[Any, str]:
 
 
 def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
-    """Refuse an output that cannot be written, is an input, or another output, before any work."""
+    """Refuse, before any work, a scene with mistakes and an output that cannot be written.
+
+    Neither may an output be an input, or another output.
+    """
+    for name in BOARDS:
+        if str(given.get(name)).endswith(".toml"):
+            from taction.netlist_gen.scene.loading import load_scene
+
+            load_scene(given[name])
+    for output in command.outputs:
+        if output.check is not None and given[output.name] is not None:
+            load(output.check)(given[output.name])
     asked = {p: given[p.name] for p in command.every if p.writes and given[p.name]}
     if asked:
         from taction.verification.report.output_checks import check_folder, check_separate
@@ -115,9 +129,6 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
         for parameter, file in asked.items():
             if not _is_folder(parameter):
                 check_folder(file, parameter.option)
-    for output in command.outputs:
-        if output.check is not None and given[output.name] is not None:
-            load(output.check)(given[output.name])
     able = {output.name for output in job.outputs}
     for output in command.outputs:
         if given[output.name] is not None and output.name not in able:

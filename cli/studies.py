@@ -214,7 +214,6 @@ CHECK = Command(
 def _check_sweep(call: Call) -> None:
     """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
     from taction.netlist_gen.scene.questions import axis_questions
-    from taction.verification.report.views.sweep import check_sweep_plot
     from taction.verification.studies.sweep.plan import plan_sweep
 
     given = call.arguments
@@ -229,6 +228,8 @@ def _check_sweep(call: Call) -> None:
     for question in axis_questions(plan.scene, plan.groups):
         say(f"question: {question}")
     if call.options["plot"] is not None:
+        from taction.verification.report.views.sweep import check_sweep_plot
+
         check_sweep_plot(plan, call.options["plot"])
     given["output"] = given["output"] or f"{plan.scene.file.stem}.sqlite"
 

@@ -349,12 +349,7 @@ def new(
     ...     taction.load_scene(made.file).name
     'board'
     """
-    from taction.netlist_gen.scene.loading import load_scene
-    from taction.system.atomic_files import write_atomically
     from taction.system.errors import Complaint, InputError
-    from taction.verification.design.fresh_scene import NewScene, fresh_scene
-    from taction.verification.design.scaling import Scaled
-    from taction.verification.verdict.verify import verify
 
     path = Path(file)
     if (matrix is None) != (strain is None):
@@ -365,6 +360,12 @@ def new(
         if matrix is None and value is not None:
             raise InputError(option, Complaint("value", repr(value), "needs --matrix"))
     refuse_existing(path, force=force)
+    from taction.netlist_gen.scene.loading import load_scene
+    from taction.system.atomic_files import write_atomically
+    from taction.verification.design.fresh_scene import NewScene, fresh_scene
+    from taction.verification.design.scaling import Scaled
+    from taction.verification.verdict.verify import verify
+
     if matrix is None or strain is None:
         template = _template(opamp)
         stem = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in path.stem)

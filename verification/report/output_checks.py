@@ -11,7 +11,6 @@ from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file as check_file
 from taction.system.output_files import check_folder as check_folder
 from taction.system.output_files import is_special
-from taction.verification.studies.running.versions import files_of
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:
@@ -51,6 +50,8 @@ def _read(name: str) -> list[str | Path]:
         scene = load_scene(path)
     except InputError:  # the command itself will report the mistakes
         return [name]
+    from taction.verification.studies.running.versions import files_of  # loads numpy
+
     return [
         name,
         *(scene.folder / str(file) for file in files_of(scene).values() if isinstance(file, str)),
