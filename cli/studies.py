@@ -164,10 +164,14 @@ SCALE = Command(
 
 
 def _ask_axis(call: Call) -> None:
+    from taction.netlist_gen.scene.axes import look_at_keys
+    from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.questions import axis_questions
-    from taction.verification.studies.onset.onset import planned
 
     given = call.arguments
+    look_at_keys(load_scene(given["scene"]), [given["over"]])
+    from taction.verification.studies.onset.onset import planned
+
     given["scene"], axis = planned(given["scene"], given["over"])
     for question in axis_questions(given["scene"], [[axis]]):
         say(f"question: {question}")
@@ -213,10 +217,14 @@ CHECK = Command(
 
 def _check_sweep(call: Call) -> None:
     """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
+    from taction.netlist_gen.scene.axes import look_at_keys
+    from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.questions import axis_questions
-    from taction.verification.studies.sweep.plan import plan_sweep
 
     given = call.arguments
+    look_at_keys(load_scene(given["scene"]), given["over"])
+    from taction.verification.studies.sweep.plan import plan_sweep
+
     given["retry_failed"] = given["retry_failed"] is not None
     plan = plan_sweep(
         given["scene"],

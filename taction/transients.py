@@ -187,15 +187,16 @@ def verify(
 
     if isinstance(scene, str | Path):
         scene = load_scene(scene)  # first: to refuse a scene takes neither numpy nor the engines
-    from taction.netlist_gen.scene.axes import with_settings
+    if settings:
+        from taction.netlist_gen.scene.axes import with_settings
+
+        pairs = settings.items() if isinstance(settings, Mapping) else ()
+        texts = [f"{key}={value}" for key, value in pairs] or list(settings)
+        scene = with_settings(scene, texts)
     from taction.netlist_gen.scene.inverse_problem import with_strains
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.verify import verify as verify_one
 
-    if settings:
-        pairs = settings.items() if isinstance(settings, Mapping) else ()
-        texts = [f"{key}={value}" for key, value in pairs] or list(settings)
-        scene = with_settings(scene, texts)
     scene = read_scene(scene, engine)
     if strains is None:
         return verify_one(scene, progress)

@@ -29,8 +29,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-
 from taction.netlist_gen.scene.keys import Key, Value, find_key, own_value, read_value
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import Complaint, InputError
@@ -99,6 +97,19 @@ def parse_axes(
     return groups
 
 
+def look_at_keys(scene: Scene, over: Iterable[str]) -> None:
+    """Refuse keys of axes that the scene does not have, before anything is loaded that computes.
+
+    Raises
+    ------
+    InputError
+        An unknown key; the message has the nearest known key.
+    """
+    for text in over:
+        for one in _NEXT_KEY.split(text.strip()):
+            find_key(scene, one.partition("=")[0].strip())
+
+
 def _as_text(name: str, values: str | Iterable[Value]) -> str:
     """Return an axis in the form of ``--over``."""
     if isinstance(values, str):
@@ -162,6 +173,8 @@ def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Val
         raise _wrong(text, "a logarithmic range must be above zero; append :lin for a linear one")
     if low == high:
         raise _wrong(text, f"both ends are {low!r}; expected one value, or two different ends")
+    import numpy as np  # a wrong range is refused without it
+
     spaced = np.geomspace if scale == "log" else np.linspace
     grid = spaced(low, high, count).tolist()
     grid[0], grid[-1] = low, high
@@ -195,6 +208,8 @@ def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int)
     if value is None or not (math.isfinite(value) and value > 0.0):
         text = f"no range follows from the scene's value {value!r}; give {name}=LOW:HIGH"
         raise _wrong(name, text)
+    import numpy as np
+
     values = np.geomspace(value / around, value * around, points).tolist()
     return Axis(key, name, tuple(v for v in values if _accepts(scene, key, v)), "log", default=True)
 

@@ -9,12 +9,9 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
-from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.scene.field_values import Unit
 from taction.netlist_gen.scene.model import Model
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.spice_models.opamp import phase_margin
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import number as plain_number
 from taction.system.quantities import parse
@@ -131,6 +128,10 @@ def read_value(key: Key, text: str) -> Value:
 
 def own_value(scene: Scene, key: Key) -> float | None:
     """Return the number of `key` in `scene`, given or derived; None if there is no number."""
+    from taction.netlist_gen.board.opamp_choice import choose_opamp  # these load numpy
+    from taction.netlist_gen.topologies.frame.table import topology_of
+    from taction.spice_models.opamp import phase_margin
+
     if key.path == "design.opamp.phase_margin":
         return phase_margin(choose_opamp(scene))
     table, _, last = key.path.rpartition(".")
