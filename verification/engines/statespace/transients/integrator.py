@@ -171,6 +171,7 @@ class Present:
         self.level = np.zeros(count, dtype=np.int64)
         self.t = np.zeros(count)
         self.stop = np.zeros(count)
+        self.far = np.zeros(count)  # largest distance of a reported voltage from rest, V
         self.fresh = np.zeros(count, dtype=np.bool_)  # linearised at the step's own start
         self.noise = np.full((count, LEVELS, self.now.shape[1]), np.nan)
 
@@ -211,6 +212,7 @@ class Integrator:
         self.board, self.reported, self.present = board, reported, present
         self.amplifiers = reported.amplifiers
         self.out = [Dense() for _ in present.now]
+        present.far = reported.distance(present.now)
         self.todo: Sequence[Sequence[int]] | None = None  # levels of all steps, where given
         draw = np.random.default_rng(1992)
         self.draws = [draw.standard_normal(x.shape[1]) for x in (present.state, present.slopes)]
@@ -270,25 +272,28 @@ class Integrator:
         now, fixed = self.present, self.todo is not None
         length = now.base * np.exp2(now.level)
         small = (length <= EPS * now.t) | (now.level < SMALLEST)
-        for row in np.flatnonzero(small).tolist():
+        for row in np.flatnonzero(small).tolist() if small.any() else ():
             text = f"the time step fell below the rounding of {now.t[row].item()!r} s"
             self.out[now.place[row]].failure = text
         step = self.board.step(length, now.slopes)
-        stages = self._iterate(step)
-        change, watched = step.end(stages.remainder, stages.inputs, stages.parts)
-        watched = now.now[:, :, None] + watched
-        piece = np.concatenate([now.now[:, :, None], watched], axis=2) @ TABLE.legendre.T
-        gain, left, tail = self._judge(step, piece, watched)
-        accepted = stages.found & ~small & ((gain >= 0) | fixed)
-        self._repeat_lost(~stages.found & ~small, fixed)
-        rejected = stages.found & ~accepted
-        now.level[rejected] += np.maximum(gain[rejected], -LONGEST_JUMP)
+        with np.errstate(invalid="ignore", over="ignore"):
+            stages = self._iterate(step)
+            change, watched = step.end(stages.remainder, stages.inputs, stages.parts)
+            watched = now.now[:, :, None] + watched
+            piece = np.concatenate([now.now[:, :, None], watched], axis=2) @ TABLE.legendre.T
+            gain, left, tail = self._judge(step, piece, watched)
+        found = stages.found & ~small
+        accepted = found & ((gain >= 0) | fixed)
+        if not found.all():
+            self._repeat_lost(~stages.found & ~small, fixed)
         slow = accepted & (stages.contraction > SLOW) & ~now.fresh
-        self._accept(accepted, change, watched, piece, left, tail)
-        self._linearise(slow, watched[:, : self.amplifiers.count, -1:])
+        self._accept(accepted, length, change, watched, piece, left, tail)
+        if slow.any():
+            self._linearise(slow, watched[:, : self.amplifiers.count, -1:])
         if not fixed:
-            now.level[accepted] += np.minimum(gain[accepted], LONGEST_JUMP)
-        now.fresh[accepted] = False
+            jump = np.clip(gain, -LONGEST_JUMP, LONGEST_JUMP)
+            now.level = np.where(found, now.level + jump, now.level)
+        now.fresh &= ~accepted
 
     def _repeat_lost(self, lost: Bools, fixed: bool) -> None:
         """Linearise steps whose iterations do not converge anew, then shorten them."""
@@ -299,7 +304,9 @@ class Integrator:
                 text = f"the iterations do not converge at {now.t[row].item()!r} s"
                 self.out[now.place[row]].failure = text
         now.level[fresh] -= 1
-        self._linearise(lost & ~fresh, now.now[:, : self.amplifiers.count, None])
+        anew = lost & ~fresh
+        if anew.any():
+            self._linearise(anew, now.now[:, : self.amplifiers.count, None])
         now.fresh[lost] = ~now.fresh[lost]
 
     def _judge(self, step: Steps, piece: Floats, watched: Floats) -> tuple[Ints, Floats, Floats]:
@@ -311,16 +318,15 @@ class Integrator:
         last = np.maximum(np.abs(piece[:, :, -1]), LAST_BUT_ONE * np.abs(piece[:, :, -2]))
         volts = self.reported.volts(watched[:, : self.amplifiers.count])
         # Growing voltages count by their size.
-        far = now.tolerance / now.unit * self.reported.distance(now.now)
-        tolerance = np.maximum(now.tolerance, far)
+        tolerance = np.maximum(now.tolerance, now.tolerance / now.unit * now.far)
         noise = self._rounding(step, volts)
-        with np.errstate(invalid="ignore", over="ignore"):
-            size = (last * volts).max(axis=1, initial=0.0)
-            tail = np.maximum(size - noise, 0.0)
-            error = tail / np.maximum(tolerance, noise)
-            gain = np.floor(-np.log2(np.maximum(error, 1e-300)) / STAGES)
+        size = (last * volts).max(axis=1, initial=0.0)
+        tail = np.maximum(size - noise, 0.0)
+        error = tail / np.maximum(tolerance, noise)
+        gain = np.floor(-np.log2(np.maximum(error, 1e-300)) / STAGES)
         known = np.isfinite(size)
-        for row in np.flatnonzero(known & (noise > tolerance)).tolist():
+        coarse = known & (noise > tolerance)
+        for row in np.flatnonzero(coarse).tolist() if coarse.any() else ():
             self.out[now.place[row]].coarse = True
         left = np.where(known & (noise > COUNTED * tolerance), noise, 0.0)
         return np.where(known, gain, -1.0).astype(np.int64), left, np.where(known, tail, 0.0)
@@ -332,8 +338,9 @@ class Integrator:
         """
         now, level = self.present, self.present.level - SMALLEST + 1
         every = np.arange(len(level))
-        rows = np.flatnonzero(np.isnan(now.noise[every, level, 0]))
-        if rows.size:
+        lacking = np.isnan(now.noise[every, level, 0])
+        if lacking.any():
+            rows = np.flatnonzero(lacking)
             m, board, part = self.amplifiers.count, self.board.part(rows), step.part(rows)
             state, voltages = now.state[rows], now.now[rows]
             inputs = voltages[:, :m]
@@ -351,6 +358,7 @@ class Integrator:
     def _accept(
         self,
         accepted: Bools,
+        length: Floats,
         change: Any,
         watched: Floats,
         piece: Floats,
@@ -358,11 +366,15 @@ class Integrator:
         tail: Floats,
     ) -> None:
         now = self.present
-        now.state = np.where(accepted[:, None], now.state + change, now.state)
-        now.now = np.where(accepted[:, None], watched[:, :, -1], now.now)
-        now.t = np.where(accepted, now.t + now.base * np.exp2(now.level), now.t)
+        if accepted.all():
+            now.state, now.now, now.t = now.state + change, watched[:, :, -1], now.t + length
+        else:
+            now.state = np.where(accepted[:, None], now.state + change, now.state)
+            now.now = np.where(accepted[:, None], watched[:, :, -1], now.now)
+            now.t = np.where(accepted, now.t + length, now.t)
+        now.far = self.reported.distance(now.now)
         largest = np.maximum(np.abs(now.now).max(axis=1, initial=0.0), self.board.size(now.state))
-        escaped = np.maximum(largest, self.reported.distance(now.now)) > now.limit
+        escaped = np.maximum(largest, now.far) > now.limit
         for row, yes in enumerate(accepted.tolist()):
             out = self.out[now.place[row]]
             if not yes:
@@ -377,8 +389,6 @@ class Integrator:
 
     def _linearise(self, rows: Bools, inputs: Floats) -> None:
         """Linearise the next steps of some boards at inputs (R, m, s), by the mean slopes."""
-        if not rows.any():
-            return
         slopes = self.amplifiers.slopes(inputs).mean(axis=2)
         rows = rows & np.isfinite(slopes).all(axis=1)
         self.present.slopes = np.where(rows[:, None], slopes, self.present.slopes)
@@ -407,21 +417,22 @@ class Integrator:
         for k in range(1, ITERATIONS):
             if not going.any():
                 break
-            with np.errstate(invalid="ignore", over="ignore"):
-                change = self.amplifiers.outputs(inputs_now + found.inputs) - outputs
-                remainder = change - slopes * found.inputs
+            change = self.amplifiers.outputs(inputs_now + found.inputs) - outputs
+            remainder = change - slopes * found.inputs
             going &= np.isfinite(remainder).all(axis=(1, 2))
-            remainder = np.where(going[:, None, None], remainder, found.remainder)
-            with np.errstate(invalid="ignore", over="ignore"):
-                following = free + step.response(remainder, parts)
-                size = size_of(following - found.inputs)
-                going &= np.isfinite(size)
-                contraction = size / np.where(going, before, 1.0)
-                small = contraction * size < SHARE * (1.0 - contraction)  # what is left
-            chosen = going[:, None, None]
-            found.inputs = np.where(chosen, following, found.inputs)
-            found.remainder = np.where(chosen, remainder, found.remainder)
-            done = going & (contraction < 1.0) & small
+            if not going.all():
+                remainder = np.where(going[:, None, None], remainder, found.remainder)
+            following = free + step.response(remainder, parts)
+            size = size_of(following - found.inputs)
+            going &= np.isfinite(size)
+            contraction = size / np.where(going, before, 1.0)
+            if not going.all():
+                following = np.where(going[:, None, None], following, found.inputs)
+                remainder = np.where(going[:, None, None], remainder, found.remainder)
+            found.inputs, found.remainder = following, remainder
+            # The second condition is on what is left.
+            done = going & (contraction < 1.0)
+            done &= contraction * size < SHARE * (1.0 - contraction)
             found.contraction = np.where(done, contraction, found.contraction)
             stuck = going & ~done & ((contraction >= 1.0) | (k == ITERATIONS - 1))
             if stuck.any():

@@ -154,7 +154,7 @@ class SmallStep:
         nu = _systems(remainder + self.change[:, :, None] * inputs)
         x = parts + _weighted(self.weight, (nu @ board.drive)[:, :, None])[:, :, 0]
         half = 0.5 * (TABLE.right[-1] @ x)
-        change = half + np.take_along_axis(half, board.mates, axis=1).conj()
+        change = half + half[np.arange(len(half))[:, None], board.mates].conj()
         if not board.seen_others.shape[2]:
             return change, inputs
         others = _stages(x @ board.seen_others + nu @ board.direct_others)

@@ -82,8 +82,10 @@ class Reported:
         The inputs of amplifiers that are not reported count as volts themselves.
         """
         slopes = np.abs(self.amplifiers.slopes(inputs)).max(axis=2, initial=0.0)
-        others = np.ones((len(inputs), len(self.others)))
-        return np.concatenate([np.where(self.linear, 1.0, slopes), others], axis=1)
+        seen = np.where(self.linear, 1.0, slopes)
+        if not self.others:
+            return seen
+        return np.concatenate([seen, np.ones((len(inputs), len(self.others)))], axis=1)
 
     def voltages(self, watched: Floats) -> Floats:
         """Return the voltages of the nodes for watched voltages (R, W), or (P, W) of one board."""

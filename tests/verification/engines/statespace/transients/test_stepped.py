@@ -177,8 +177,8 @@ def test_an_op_amp_that_rests_beyond_its_current_limit(ngspice: str, current: st
         np.ones((1, 1)), np.full(1, 8.0), capacitance=1e-10, gain=1e5, opamp=opamp, lam=0.1,
         unit_conductance="10uS", stray_capacitance=5e-12,
     )  # fmt: skip
-    circuit, analysis = synthesise(scene), Transient(6e-5, 2e-9)
-    times = np.array([1e-5, 2e-5, 4e-5, 6e-5])
+    circuit, analysis = synthesise(scene), Transient(2e-4, 4e-9)
+    times = np.array([1e-5, 2e-5, 4e-5, 6e-5, 1.2e-4, 1.83e-4])
     found = simulate(circuit, analysis, times=times, tolerance=5e-5)
     simulator = find_simulator()
     deck = write_deck(circuit, analysis, solver=simulator.solver_option)
