@@ -142,8 +142,7 @@ class PortResponse:
     @cached_property
     def _driven(self) -> tuple[Floats, Floats, Floats]:
         """Currents into the states, all unknowns as combinations of these, and the direct part."""
-        space = driven(self.board.descriptor, self.board.operating_point, self._rows)
-        return space.B, space.C, space.D
+        return _driven_by(self.board, self._rows)
 
     def _from_modes(self, omega: Floats) -> Complexes:
         right, left, direct = self._modal
@@ -243,12 +242,26 @@ def share_modes(responses: Iterable[PortResponse]) -> None:
         return
     board = every[0].board
     rows = [each._rows for each in every]
-    space = driven(board.descriptor, board.operating_point, np.concatenate(rows, axis=1))
+    B, C, D = _driven_by(board, np.concatenate(rows, axis=1))
     first = 0
     for each, own in zip(every, rows, strict=True):
         taken = slice(first, first + own.shape[1])
-        each.__dict__["_driven"] = space.B[:, taken], space.C, space.D[:, taken]
+        each.__dict__["_driven"] = B[:, taken], C, D[:, taken]
         first += own.shape[1]
+
+
+def _driven_by(board: LinearBoard, rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return B, C and D for inputs into rows, (size, k).
+
+    Raises
+    ------
+    EngineError
+        The time derivative of an input would be needed: a capacitor at the output of a source. (Of
+        the first two inputs it does not count, as these are steps; so two without effect go first.)
+    """
+    steps = np.zeros((len(rows), 2))
+    space = driven(board.descriptor, board.operating_point, np.hstack([steps, rows]))
+    return space.B[:, 2:], space.C, space.D[:, 2:]
 
 
 def trace_loci(ports: PortResponse, low: float, high: float = 1.0, unstable: int = 0) -> Edges:

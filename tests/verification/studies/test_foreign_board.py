@@ -14,6 +14,7 @@ from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.families import Family
+from taction.verification.stability.loci import LawResponse
 from taction.verification.stability.poles import poles
 from taction.verification.studies.board_check import BoardCheck, check_board
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
@@ -306,3 +307,17 @@ def test_a_single_supply_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="supplies of ±V about ground"):
         read_board(place)
+
+
+@pytest.mark.parametrize("name", DECKS)
+def test_the_response_of_a_gain_is_that_of_the_equations(name: str, read: Read) -> None:
+    """By modes where these suffice; with a capacitor at the source's output they do not."""
+    board = LinearBoard(read(DECKS[name]).circuit)
+    found = [Family.of(board, knob).ports for knob in board.circuit.knobs]
+    omega = np.geomspace(1e2, 1e9, 8)
+    for ports in found:
+        if isinstance(ports, LawResponse):
+            exact = ports._from_solves(omega)
+            if ports.reactive:
+                exact = 1j * omega[:, None, None] * exact
+            assert np.allclose(ports.at(omega), exact, rtol=1e-6, atol=1e-9)
