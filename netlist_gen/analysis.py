@@ -13,7 +13,7 @@ FIRST_STEP = 1e-3  # of the maximum step
 
 
 @dataclass(frozen=True, slots=True)
-class Tolerances:
+class SimulatorTolerances:
     """Tolerances of ngspice; they follow from the scene's scales, not from ngspice's defaults."""
 
     relative: float  # of Newton's iteration
@@ -71,7 +71,7 @@ class OperatingPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Band:
+class NoiseBand:
     """Frequencies in geometric progression.
 
     Attributes
@@ -93,17 +93,17 @@ class Band:
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class NoiseAnalysis:
     """The noise at the equilibrium with the strain applied, over `bands` that follow each other."""
 
-    bands: tuple[Band, ...]
+    bands: tuple[NoiseBand, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class SmallSignal:
     """The response at the operating point to the AC sources, over a band of frequencies."""
 
-    band: Band
+    band: NoiseBand
 
 
-Analysis = Transient | OperatingPoint | Noise | SmallSignal
+Analysis = Transient | OperatingPoint | NoiseAnalysis | SmallSignal

@@ -28,7 +28,7 @@ sys.path.insert(0, str(ROOT))
 
 from taction.netlist_gen.scene.scene import Scene  # noqa: E402
 from taction.system.errors import TactionError  # noqa: E402
-from taction.verification.evidence.stress.compare import Comparison, compare  # noqa: E402
+from taction.verification.evidence.stress.compare import TruthComparison, compare  # noqa: E402
 from taction.verification.evidence.stress.true_values import TrueValues  # noqa: E402
 from taction.verification.verdict.recording import finest  # noqa: E402
 from taction.verification.verdict.verify import Verdict, verify  # noqa: E402
@@ -49,7 +49,7 @@ def main() -> int:
     parser.add_argument("--amplifier", choices=AMPLIFIERS, action="append")
     parser.add_argument("--cache", type=Path, help="folder of true values")
     asked = parser.parse_args()
-    found: dict[tuple[str, str, str], list[Comparison]] = defaultdict(list)
+    found: dict[tuple[str, str, str], list[TruthComparison]] = defaultdict(list)
     kinds = asked.amplifier or AMPLIFIERS
     for seed in range(asked.first, asked.first + asked.scenes):
         kind = kinds[seed % len(kinds)]
@@ -85,7 +85,7 @@ def _run(
     seed: int,
     engine: str,
     truth: TrueValues,
-    found: dict[tuple[str, str, str], list[Comparison]],
+    found: dict[tuple[str, str, str], list[TruthComparison]],
 ) -> None:
     try:
         verdict = verify(scene.with_engine(engine))
@@ -104,7 +104,7 @@ def _compare(
     seed: int,
     engine: str,
     truth: TrueValues,
-    found: dict[tuple[str, str, str], list[Comparison]],
+    found: dict[tuple[str, str, str], list[TruthComparison]],
 ) -> None:
     scene = verdict.scene
     kind = "linear" if scene.design.amplifier == "linear" else "amplified"
@@ -117,7 +117,7 @@ def _compare(
             print(f"{seed} {scene.design.amplifier} {engine} {comparison}", flush=True)
 
 
-def _summary(comparisons: list[Comparison]) -> str:
+def _summary(comparisons: list[TruthComparison]) -> str:
     known = [c for c in comparisons if c.error > 2.0 * c.doubt and np.isfinite(c.uncertainty)]
     ratios = [c.uncertainty / c.error for c in known if c.error > 0.0]
     wrong = sum(c.wrong for c in comparisons)

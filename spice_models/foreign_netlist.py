@@ -36,7 +36,7 @@ class Subcircuit:
 
 
 @dataclass(slots=True)
-class _Block:
+class _NetlistBlock:
     """A subcircuit: its ``.subckt`` card, and those up to ``.ends``."""
 
     head: Line
@@ -70,9 +70,9 @@ def read_subcircuit(content: bytes, name: str, prefix: str) -> Subcircuit:
     return Subcircuit(new[wanted], _ports(blocks[wanted]), tuple(lines))
 
 
-def _blocks(lines: Iterable[Line]) -> tuple[list[Line], dict[str, _Block]]:
+def _blocks(lines: Iterable[Line]) -> tuple[list[Line], dict[str, _NetlistBlock]]:
     """Sort the cards into the top level and the subcircuits."""
-    whole, blocks, inside = list[Line](), dict[str, _Block](), None
+    whole, blocks, inside = list[Line](), dict[str, _NetlistBlock](), None
     for line in lines:
         card = line.text.split()[0]
         if card.startswith(".") and card not in CARDS:
@@ -83,7 +83,7 @@ def _blocks(lines: Iterable[Line]) -> tuple[list[Line], dict[str, _Block]]:
                 raise line.refused("a subcircuit within another, or without name and ports")
             if words[1] in blocks:
                 raise line.refused(f"a second subcircuit {words[1]!r}")
-            inside = blocks[words[1]] = _Block(line)
+            inside = blocks[words[1]] = _NetlistBlock(line)
         elif card == ".ends":
             if inside is None:
                 raise line.refused("no subcircuit is open")
@@ -97,7 +97,7 @@ def _blocks(lines: Iterable[Line]) -> tuple[list[Line], dict[str, _Block]]:
     return whole, blocks
 
 
-def _called(name: str, blocks: dict[str, _Block]) -> list[str]:
+def _called(name: str, blocks: dict[str, _NetlistBlock]) -> list[str]:
     """Return a subcircuit and those that it calls, the innermost first."""
     order: list[str] = []
 
@@ -116,7 +116,7 @@ def _called(name: str, blocks: dict[str, _Block]) -> list[str]:
     return order
 
 
-def _head(block: _Block) -> tuple[tuple[str, ...], list[str], Line]:
+def _head(block: _NetlistBlock) -> tuple[tuple[str, ...], list[str], Line]:
     """Return the ports of a subcircuit, its parameters, and its line."""
     try:
         fields = [f for f in split_fields(block.head.text)[2:] if f != "params:"]
@@ -128,11 +128,11 @@ def _head(block: _Block) -> tuple[tuple[str, ...], list[str], Line]:
     return ports, [f for f in fields if "=" in f], block.head
 
 
-def _ports(block: _Block) -> tuple[str, ...]:
+def _ports(block: _NetlistBlock) -> tuple[str, ...]:
     return _head(block)[0]
 
 
-def _write(block: _Block, whole: list[Line], new: dict[str, str], name: str) -> list[str]:
+def _write(block: _NetlistBlock, whole: list[Line], new: dict[str, str], name: str) -> list[str]:
     """Write a subcircuit; models and parameters of the top level become its own."""
     ports, given, head = _head(block)
     own = [line for line in block.cards if line.text.startswith(".model ")]

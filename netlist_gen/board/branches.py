@@ -20,7 +20,7 @@ class Coil(Branch):
 
 
 @dataclass(frozen=True, slots=True)
-class Coupling(Branch):
+class BranchCoupling(Branch):
     """Coils that share flux: `a` and `b` are their cards, `value` is k, from -1 to 1."""
 
     letter: ClassVar[str] = "K"

@@ -18,7 +18,7 @@ ROUNDING = 1.05  # the most that E24 moves a value by
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
+class PartLimit:
     """A limit of a real part, and why it is one."""
 
     way: str  # "above" or "below": the values beyond it
@@ -29,31 +29,33 @@ class Limit:
 
 
 LIMITS = {
-    "most ohms": Limit(
+    "most ohms": PartLimit(
         "above",
         MOST_OHMS,
         "ohm",
         "few makers sell 1 % resistors above; a bias current of 30 nA makes an error of 0.3 V; the"
         " leakage of a board without guard rings, about 10 Gohm, is beside 0.1 %",
     ),
-    "least ohms": Limit(
+    "least ohms": PartLimit(
         "below", LEAST_OHMS, "ohm", "contacts and tracks, about 50 mohm, are beside 0.5 %"
     ),
-    "stray": Limit(
+    "stray": PartLimit(
         "below", 0.0, "F", "the layout sets the dynamics, not the part", "the stray capacitance"
     ),
-    "most strain": Limit(
+    "most strain": PartLimit(
         "above", 10e-3, "A", "the op-amps must take the current of the source beside their loads"
     ),
-    "least strain": Limit(
+    "least strain": PartLimit(
         "below", 10e-9, "A", "the leakage of a board, 100 pA at 1 V, is above 1 % of every source"
     ),
-    "most supply": Limit("above", 18.0, "V", "common op-amps stand no more than 36 V in total"),
-    "least supply": Limit("below", 2.25, "V", "common op-amps do not work below 4.5 V in total"),
-    "output current": Limit(
+    "most supply": PartLimit("above", 18.0, "V", "common op-amps stand no more than 36 V in total"),
+    "least supply": PartLimit(
+        "below", 2.25, "V", "common op-amps do not work below 4.5 V in total"
+    ),
+    "output current": PartLimit(
         "above", 20e-3, "A", "common op-amps deliver 20 to 40 mA into a short circuit"
     ),
-    "common mode": Limit(
+    "common mode": PartLimit(
         "above", 0.8, "", "inputs of common op-amps work up to 3 V from ±15 V", "80 % of the supply"
     ),
 }
@@ -291,7 +293,7 @@ def _card(circuit: Circuit, place: int) -> str:
 
 
 def _broken(
-    kind: _Kind, limit: Limit, values: Floats, name: Callable[[int], str], remedy: str
+    kind: _Kind, limit: PartLimit, values: Floats, name: Callable[[int], str], remedy: str
 ) -> BrokenLimit | None:
     """Return what breaks a limit; None if nothing does."""
     present = np.isfinite(values) & (values > 0.0)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Analysis, Noise, Tolerances, Transient
+from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SimulatorTolerances, Transient
 from taction.netlist_gen.board.circuit import GROUND, Circuit, VoltageSource
 from taction.spice_models.transistor import ZERO_CELSIUS
 
@@ -96,7 +96,7 @@ def check_request(
     _check_names((*saved, solver))
     if matrix_file is not None and not FILE_NAME.fullmatch(matrix_file):
         raise ValueError(f"{matrix_file!r}: a file name in a deck has only letters, digits, '_.-'")
-    if isinstance(analysis, Noise):
+    if isinstance(analysis, NoiseAnalysis):
         if len(saved) != 1:
             raise ValueError("a noise analysis has one node, since ngspice does not name the nodes")
         for band in analysis.bands:
@@ -115,7 +115,7 @@ def check_request(
                 raise ValueError(f"the initial voltage of {node} is {volts!r}; it must be finite")
 
 
-def tolerances(circuit: Circuit, relative: float) -> Tolerances:
+def tolerances(circuit: Circuit, relative: float) -> SimulatorTolerances:
     """Return tolerances that follow from the scales of `circuit`, for 1e-12 S as for 1e-3 S.
 
     ngspice's own defaults (1 pA, 1 µV, 1e-14 C, 1e-12 S) are too coarse for 1e-12 S. The step
@@ -128,7 +128,7 @@ def tolerances(circuit: Circuit, relative: float) -> Tolerances:
         for source in circuit.strains
     )
     amps = max(map(abs, each), default=0.0) or siemens * volts
-    return Tolerances(
+    return SimulatorTolerances(
         relative=relative,
         current=max(1e-3 * relative * amps, VENDORS_AMPS * circuit.has_imported),
         voltage=1e-3 * relative * volts,

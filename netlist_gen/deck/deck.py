@@ -11,11 +11,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from taction.netlist_gen.analysis import Analysis, Noise, Transient
+from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, Transient
 from taction.netlist_gen.board.circuit import GROUND, Circuit, VoltageSource
 from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, board_text
 from taction.netlist_gen.deck.checks import check_circuit, check_request, tolerances
-from taction.netlist_gen.deck.dialects.dialect import NATIVE, Dialect, Request, starts_from_rest
+from taction.netlist_gen.deck.dialects.dialect import (
+    NATIVE,
+    Dialect,
+    DialectRequest,
+    starts_from_rest,
+)
 from taction.netlist_gen.deck.dialects.table import DIALECTS
 
 if TYPE_CHECKING:
@@ -26,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Deck:
-    """A complete deck with one analysis (of one card for each band, if the analysis is `Noise`)."""
+    """A complete deck with one analysis; a `NoiseAnalysis` has a card for each band."""
 
     text: str = field(repr=False)  # the first line is a fixed title
     saved: tuple[str, ...]  # nodes whose voltages are saved, in this order
@@ -111,11 +116,11 @@ def write_deck(
     nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
     check_request(analysis, nodes, solver, matrix_file)
     language = _language(dialect, circuit, parameters, measures)
-    noisy = isinstance(analysis, Noise)
+    noisy = isinstance(analysis, NoiseAnalysis)
     parts, files = board_text(circuit, matrix_file, noisy, parameters)
     added = [*_strains(circuit, analysis), *_measures(circuit, analysis, measures)]
     board = language.cards(parts + "\n".join(added))
-    request = Request(circuit, analysis, nodes, tolerances(circuit, relative), solver)
+    request = DialectRequest(circuit, analysis, nodes, tolerances(circuit, relative), solver)
     text = "\n".join([board, *language.closing(request)])
     files = {name: language.cards(text) for name, text in files.items()}
     return Deck(text, nodes, analysis, files, dialect)

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from taction.netlist_gen.board.branches import (
+    BranchCoupling,
     Coil,
-    Coupling,
     CurrentBetween,
     CurrentByCurrent,
     CurrentByVoltage,
@@ -209,7 +209,7 @@ def _coupling(flat: Flat, name: str, text: str) -> None:
     if len(coils) != 2:
         raise ValueError("expected two coils and one number")
     one, other = (f"L{coil[1:]}" for coil in coils)
-    flat.branches.append(Coupling(name[1:], one, other, value))
+    flat.branches.append(BranchCoupling(name[1:], one, other, value))
     flat.knobs[shown(name)] = (flat.branches[-1].card, value)
 
 

@@ -115,7 +115,7 @@ def read_deck(file: str | Path) -> ForeignDeck:
     if path.suffix.lower() == ".asc":
         text = "a schematic of LTspice is no deck; expected its netlist: View, SPICE Netlist"
         raise InputError(path, Complaint("file", repr(path.name), text))
-    reading = _Reading(path)
+    reading = _DeckReading(path)
     reading.file(path, title=True)
     if not any(not card.word.startswith(".") for card in reading.cards):
         text = "the deck has no parts; expected cards such as 'R1 in out 10k'"
@@ -124,7 +124,7 @@ def read_deck(file: str | Path) -> ForeignDeck:
 
 
 @dataclass(slots=True)
-class _Reading:
+class _DeckReading:
     """A deck and its files, read in place."""
 
     deck: Path

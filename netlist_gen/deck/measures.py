@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from taction.netlist_gen.analysis import Noise
+from taction.netlist_gen.analysis import NoiseAnalysis
 from taction.netlist_gen.board.circuit import Circuit, NoiseCurrent
 from taction.spice_models.thermal_noise import THERMAL
 from taction.system.reading_definitions import RISE_LEVELS, SMALL_STEP
@@ -130,7 +130,9 @@ SOURCE = "Vnoise noise_in 0 0.0 ac 1.0"
 SAVED = ".save onoise_spectrum onoise_total"
 
 
-def noise_cards(analysis: Noise, node: str, sensors: Iterable[NoiseCurrent] = ()) -> list[str]:
+def noise_cards(
+    analysis: NoiseAnalysis, node: str, sensors: Iterable[NoiseCurrent] = ()
+) -> list[str]:
     """Return the cards of `analysis` for the voltage of a node.
 
     The noise of a sensor is the thermal current of a resistor on a node of its own.

@@ -13,10 +13,10 @@ from typing import Literal
 
 from taction.netlist_gen.board.bill_of_materials import packages
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
-from taction.netlist_gen.kicad.drawing import LEFT, TOP, Drawing
+from taction.netlist_gen.kicad.drawing import LEFT, TOP, BranchDrawing
 from taction.netlist_gen.kicad.parts import Catalogue, knob_values
 from taction.netlist_gen.kicad.project import project_files
-from taction.netlist_gen.kicad.sheet import TITLE, Below, Label, Sheet
+from taction.netlist_gen.kicad.sheet import TITLE, Below, Label, SchematicSheet
 from taction.netlist_gen.kicad.stages import input_of, nodes_of_branch, shared_nodes
 from taction.netlist_gen.scene.scene import Scene
 
@@ -39,11 +39,11 @@ def board_files(circuit: Circuit, scene: Scene) -> dict[str, str]:
     ('custom-matrix.kicad_sch', 'channel-1.kicad_sch', 15)
     """
     catalogue, ports, name = Catalogue(circuit, scene), count(1), circuit.name
-    first = Drawing(catalogue, Sheet(name), ports)
+    first = BranchDrawing(catalogue, SchematicSheet(name), ports)
     first.shared = set()  # nets of the first sheet, which no sheet above shares
     sheets = {}
     for title, start, words in branches(circuit):
-        drawing = Drawing(catalogue, Sheet(name, title), ports)
+        drawing = BranchDrawing(catalogue, SchematicSheet(name, title), ports)
         drawing.branch(TOP, words, start)
         sheets[title] = drawing.sheet
     _supplies(first, _boxes(first, list(sheets.values())))
@@ -80,7 +80,7 @@ def branches(circuit: Circuit) -> Iterator[tuple[str, str, str]]:
             yield f"more-{number}", start, f"More stages, {number}"
 
 
-def _boxes(drawing: Drawing, sheets: list[Sheet]) -> int:
+def _boxes(drawing: BranchDrawing, sheets: list[SchematicSheet]) -> int:
     """Draw the boxes of `sheets` in rows, each net named at the pins; return the end below."""
     root = drawing.sheet
     root.labels.append(Label("Channels and sensor rows", (LEFT, TOP), size=TITLE))
@@ -105,7 +105,7 @@ def _boxes(drawing: Drawing, sheets: list[Sheet]) -> int:
     return y + height
 
 
-def _box(sheet: Sheet) -> Below:
+def _box(sheet: SchematicSheet) -> Below:
     """Return the box of a sheet, its shared nets as pins: a net that it drives is an output."""
     named = {kind: dict.fromkeys(label.text for label in sheet.labels if label.kind == kind)
              for kind in ("input", "output")}  # fmt: skip
@@ -113,7 +113,7 @@ def _box(sheet: Sheet) -> Below:
     return Below(sheet.name, (0, 0), inputs, tuple(named["output"]))
 
 
-def _supplies(drawing: Drawing, top: int) -> None:
+def _supplies(drawing: BranchDrawing, top: int) -> None:
     """Draw the supplies, all voltages, and the op-amps without use, below `top`."""
     held = list(packages(drawing.circuit))
     across = max(ROW // 30, round(len(held) ** 0.5))

@@ -23,9 +23,9 @@ from taction.netlist_gen.board.circuit import (
 )
 from taction.netlist_gen.kicad import symbols
 from taction.netlist_gen.kicad.parts import Catalogue, spare_node
-from taction.netlist_gen.kicad.sheet import TITLE, Label, Part, Placed, Sheet
+from taction.netlist_gen.kicad.sheet import TITLE, Label, Placed, SchematicSheet, SymbolPart
 from taction.netlist_gen.kicad.stages import (
-    Branch,
+    DrawnBranch,
     Passive,
     Rung,
     Stage,
@@ -45,13 +45,15 @@ LEVEL = 8  # height of one feedback part over an op-amp
 
 def channel_sheet(
     circuit: Circuit, n: int, k: int, scene: Scene | None = None, *, brief: bool = False
-) -> Sheet:
+) -> SchematicSheet:
     """Draw channel `n` of the board of `scene` with row `k`, both counted from 1.
 
     A `brief` drawing has one resistor of each matrix, that between channel and row, and no
     supplies. Every part has its name in the deck.
     """
-    drawing = Drawing(Catalogue(circuit, scene), Sheet(f"{circuit.name}-channel-{n}"))
+    drawing = BranchDrawing(
+        Catalogue(circuit, scene), SchematicSheet(f"{circuit.name}-channel-{n}")
+    )
     hidden = (
         {each.card for matrix in circuit.matrices for each in matrix.resistors()}
         if brief
@@ -70,11 +72,11 @@ def channel_sheet(
     return drawing.sheet
 
 
-class Drawing:
+class BranchDrawing:
     """A sheet on which branches of a board are drawn; `ports` counts the symbols of supplies."""
 
     def __init__(
-        self, catalogue: Catalogue, sheet: Sheet, ports: Iterator[int] | None = None
+        self, catalogue: Catalogue, sheet: SchematicSheet, ports: Iterator[int] | None = None
     ) -> None:
         self.catalogue, self.sheet = catalogue, sheet
         self.circuit, self.shared = catalogue.circuit, shared_nodes(catalogue.circuit)
@@ -136,7 +138,7 @@ class Drawing:
                 self.sheet.wire((other, level), (other, bottom))
         return self.sheet.wire((buses[-1][0], at[1]), (buses[-1][0] + 4, at[1]))
 
-    def rung(self, at: Point, signal: str, part: Part) -> Point:
+    def rung(self, at: Point, signal: str, part: SymbolPart) -> Point:
         """Draw a part from a signal to the right, its texts above its wires; return its end."""
         x, y = at
         texts = {"reference": (x + 14.5, y - 1.0), "value": (x + 29.5, y - 1.0)}
@@ -214,7 +216,7 @@ class Drawing:
         self.sheet.labels.append(Label(cell.name, (x - 1, y), "middle"))
         return self.sheet.place(part, at, reference=(x + 3, y - 4.2), value=(x + 3, y + 4.2))
 
-    def others(self, top: int, found: Branch) -> int:
+    def others(self, top: int, found: DrawnBranch) -> int:
         """Draw parts between labels, and the transistors, below `top`; return the next top."""
         y = top + 10 * bool(found.loose or found.transistors)
         for place, part in enumerate(found.loose):
@@ -292,15 +294,15 @@ class Drawing:
         """Place the symbol of ground, of a supply or of a power flag, with its name."""
         shown = symbol.name not in (symbols.GROUND.name, symbols.FLAG.name)
         up = -3.2 if symbol.name.startswith("+") else 3.2
-        part = Part(symbol, f"{symbol.prefix}{next(self.ports):03d}", symbol.name)
+        part = SymbolPart(symbol, f"{symbol.prefix}{next(self.ports):03d}", symbol.name)
         self.sheet.place(part, at, value=(at[0], at[1] + up) if shown else None)
 
-    def across(self, part: Part, at: Point) -> Placed:
+    def across(self, part: SymbolPart, at: Point) -> Placed:
         """Place a part with two pins from left to right, its texts above and below it."""
         (x, y), away = at, 2.8 if part.symbol is symbols.CAPACITOR else 2.2
         return self.sheet.place(part, at, angle=90, reference=(x, y - away), value=(x, y + away))
 
-    def down(self, part: Part, at: Point) -> Placed:
+    def down(self, part: SymbolPart, at: Point) -> Placed:
         """Place a part with two pins from above to below, its texts on the right."""
         (x, y), letters = at, max(len(part.reference), len(part.value))
         right = x + 0.45 * letters + (3.0 if part.symbol.radius else 2.4)

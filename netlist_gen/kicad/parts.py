@@ -11,7 +11,7 @@ from taction.netlist_gen.board import circuit as boards
 from taction.netlist_gen.board.bill_of_materials import changed_figures, packages, tolerance_of
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad import symbols
-from taction.netlist_gen.kicad.sheet import Part
+from taction.netlist_gen.kicad.sheet import SymbolPart
 from taction.netlist_gen.kicad.symbols import Symbol
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
@@ -116,7 +116,7 @@ class Catalogue:
         if self.circuit.transistors:
             yield self.transistor(0).symbol
 
-    def part(self, part: TwoEnded) -> Part:
+    def part(self, part: TwoEnded) -> SymbolPart:
         """Return a part with two ends; its field Deck has the name in the deck."""
         symbol, key, unit, letter, words = KINDS[type(part)]
         value: float = getattr(part, key)
@@ -126,34 +126,34 @@ class Catalogue:
         if words in ("resistor", "capacitor"):
             share = None if self.scene is None else tolerance_of(self.scene, words, part.card)
             fields["Tolerance"] = "" if share is None else f"{100 * share:.3g} %"
-        return Part(symbol, reference(part.card), f"{value_text(value)}{letter}", fields)
+        return SymbolPart(symbol, reference(part.card), f"{value_text(value)}{letter}", fields)
 
-    def decoupling(self, package: str, number: int) -> Part:
+    def decoupling(self, package: str, number: int) -> SymbolPart:
         """Return the first or second capacitor from the supply pins of a package to ground."""
         fields = {"Exact": f"{DECOUPLING!r} F", "Description": "decoupling, not in the deck"}
         name = f"C{package}_{number}"
-        return Part(symbols.CAPACITOR, name, value_text(DECOUPLING), fields)
+        return SymbolPart(symbols.CAPACITOR, name, value_text(DECOUPLING), fields)
 
-    def opamp(self, package: str, unit: int | None = None) -> Part:
+    def opamp(self, package: str, unit: int | None = None) -> SymbolPart:
         """Return a unit of a package of op-amps, by default that with the supply pins."""
         symbol, name, fields = self._opamp
-        return Part(symbol, package, name, fields, unit or len(symbol.units))
+        return SymbolPart(symbol, package, name, fields, unit or len(symbol.units))
 
-    def transistor(self, place: int) -> Part:
+    def transistor(self, place: int) -> SymbolPart:
         """Return a transistor by its place in the circuit; two are a pair."""
         name, pair = next(iter(self.circuit.transistor_models.items()))
         symbol = symbols.transistor_pair(name.upper(), pair.polarity)
         fields = {"MPN": name.upper(), "Description": "matched pair"}
-        return Part(symbol, f"Q{place // 2 + 1}", name.upper(), fields, place % 2 + 1)
+        return SymbolPart(symbol, f"Q{place // 2 + 1}", name.upper(), fields, place % 2 + 1)
 
-    def function(self, part: boards.SignalAmplifier) -> Part:
+    def function(self, part: boards.SignalAmplifier) -> SymbolPart:
         """Return an ideal amplifier, which is no part that can be bought."""
         fields = {"Deck": part.card, "Description": f"ideal {part.kind} amplifier, no part"}
         value = f"{value_text(-part.u_scale)}V {part.kind}(v/{value_text(part.v_scale)}V)"
-        return Part(symbols.FUNCTION, reference(part.card), value, fields)
+        return SymbolPart(symbols.FUNCTION, reference(part.card), value, fields)
 
     @property
-    def bought(self) -> Iterator[Part]:
+    def bought(self) -> Iterator[SymbolPart]:
         """The parts of the whole board, with decoupling capacitors, which the deck does not have.
 
         A package is listed once.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import channel_sheet
-from taction.netlist_gen.kicad.sheet import GRID, Label, Sheet
+from taction.netlist_gen.kicad.sheet import GRID, Label, SchematicSheet
 from taction.netlist_gen.kicad.stages import driven_row, middle_channel
 from taction.netlist_gen.kicad.symbols import Point
 from taction.spice_models.presets import opamp_name
@@ -30,7 +30,7 @@ class Strokes:
     texts: list[Label]
 
     @classmethod
-    def of(cls, sheet: Sheet) -> Strokes:
+    def of(cls, sheet: SchematicSheet) -> Strokes:
         """Return the strokes of a sheet."""
         drawn = cls([], [(point, DOT, True) for point in sheet.junctions()], [*sheet.labels])
         drawn.lines += [list(segment) for segment in sheet.segments]

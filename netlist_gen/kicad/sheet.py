@@ -62,7 +62,7 @@ def _atom(value: str | float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SymbolPart:
     """A symbol with its reference, its value and its other fields."""
 
     symbol: Symbol
@@ -76,7 +76,7 @@ class Part:
 class Placed:
     """A part on a sheet; `reference` and `value` are the middles of these texts, hidden if None."""
 
-    part: Part
+    part: SymbolPart
     at: Point
     angle: int = 0
     reference: Point | None = None
@@ -157,7 +157,7 @@ class Below:
 
 
 @dataclass(eq=False)
-class Sheet:
+class SchematicSheet:
     """One page. Junctions follow from the wires: a wire ends on another one only to join it.
 
     A project has one sheet, or a sheet without a `name` with the others as boxes `below` it.
@@ -170,7 +170,7 @@ class Sheet:
     segments: list[tuple[Point, Point]] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
 
-    def place(self, part: Part, at: Point, **look: Any) -> Placed:
+    def place(self, part: SymbolPart, at: Point, **look: Any) -> Placed:
         """Place a part; `look` has the other fields of `Placed`."""
         self.placed.append(Placed(part, at, **look))
         return self.placed[-1]
@@ -197,7 +197,7 @@ class Sheet:
         for placed in self.placed:
             for place in range(len(placed.part.symbol.units[placed.part.unit - 1])):
                 ends[placed.pin(place)] += 1
-        grid = _Lines(ends)
+        grid = _PointLines(ends)
         through = Counter(point for each in self.segments for point in grid.between(*each))
         return sorted(point for point, count in ends.items() if count + 2 * through[point] >= 3)
 
@@ -229,7 +229,7 @@ class Sheet:
 
     def _path(self) -> Expression:
         """Return the identifiers of the sheets from the first one to this one."""
-        first = Sheet(self.project)
+        first = SchematicSheet(self.project)
         path = f"/{first._id('sheet')[1]}"
         return ["path", Quoted(f"{path}/{first._id(self.name)[1]}" if self.name else path)]
 
@@ -282,7 +282,7 @@ class Sheet:
     def _wires(self) -> Iterator[Expression]:
         """Yield the wires, cut at the junctions as KiCad wants them, and the junctions."""
         junctions = self.junctions()
-        grid = _Lines(junctions)
+        grid = _PointLines(junctions)
         for start, end in self.segments:
             for a, b in pairwise(sorted({start, end, *grid.between(start, end)})):
                 yield ["wire", ["pts", ["xy", *_mm(a)], ["xy", *_mm(b)]], _stroke(0)]
@@ -368,7 +368,7 @@ def _mm(point: Point) -> Point:
     return GRID * point[0], GRID * point[1]
 
 
-class _Lines:
+class _PointLines:
     """Points by their columns and rows, to find those on a wire."""
 
     def __init__(self, points: Iterable[Point]) -> None:

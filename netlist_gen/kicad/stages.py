@@ -63,7 +63,7 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True)
-class Branch:
+class DrawnBranch:
     """A channel or a sensor row: chains of stages that follow each other, and all other parts."""
 
     chains: tuple[tuple[Stage, ...], ...]
@@ -114,7 +114,7 @@ def middle_channel(circuit: Circuit) -> int:
     )  # fmt: skip
 
 
-def branch(circuit: Circuit, start: str) -> Branch:
+def branch(circuit: Circuit, start: str) -> DrawnBranch:
     """Return the branch of a node, with the matrix resistors that end at it."""
     nodes = nodes_of_branch(circuit, start)
     known = set(nodes)
@@ -133,7 +133,7 @@ def branch(circuit: Circuit, start: str) -> Branch:
             else:
                 before.append(stage)
     pair = tuple(each for each in circuit.transistors if known & set(_ends(each)))
-    return Branch(tuple(map(tuple, chains)), pair, tuple(left.values()))
+    return DrawnBranch(tuple(map(tuple, chains)), pair, tuple(left.values()))
 
 
 def _stage(

@@ -14,11 +14,11 @@ from collections.abc import Iterator
 from taction.netlist_gen.board.bill_of_materials import packages
 from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.kicad.parts import Catalogue, spare_node
-from taction.netlist_gen.kicad.sheet import Part
+from taction.netlist_gen.kicad.sheet import SymbolPart
 from taction.netlist_gen.kicad.stages import Passive
 
 COLUMNS = ("Net", "Part", "Pin", "Name", "Unit", "Value", "Deck")
-Joined = tuple[Part, str, tuple[str, ...]]
+Joined = tuple[SymbolPart, str, tuple[str, ...]]
 """A unit of a part, its name in the deck, and the net of each of its pins."""
 
 

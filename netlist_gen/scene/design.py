@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from taction.netlist_gen.scene.field_values import RANGE, Choice, Number, TemperatureRange
+from taction.netlist_gen.scene.field_values import RANGE, Number, TemperatureRange, Words
 from taction.netlist_gen.scene.fields import (
     Amps,
     AmpsOrZero,
@@ -73,7 +73,7 @@ class AntilogChoice(Model):
         return self.stage == "device"
 
 
-class InputErrorLevel(Choice):
+class InputErrorLevel(Words):
     """Annotation of a level of the input errors; true and false stand for the first and none."""
 
     def check(self, value: object) -> str:

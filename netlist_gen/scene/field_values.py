@@ -150,7 +150,7 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class ShortText:
     """Annotation of a text with a least and a largest length, and perhaps a pattern."""
 
     least: int = 0
@@ -176,7 +176,7 @@ class Text:
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class Words:
     """Annotation of one of some words."""
 
     names: tuple[str, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from taction.netlist_gen.scene.field_values import Number, Rule, Text, Unit
+from taction.netlist_gen.scene.field_values import Number, Rule, ShortText, Unit
 from taction.netlist_gen.scene.model import Model, field
 
 __all__ = ["Model", "field"]  # what a table of another package needs stands here
@@ -42,4 +42,4 @@ Positive = Annotated[float, Number(gt=0)]
 NonNegative = Annotated[float, Number(ge=0)]
 Count = Annotated[int, Number(ge=1, le=MOST_CHANNELS, whole=True)]
 Seed = Annotated[int, Number(ge=0, whole=True)]
-FileName = Annotated[str, Text(least=1)]
+FileName = Annotated[str, ShortText(least=1)]

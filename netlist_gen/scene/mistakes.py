@@ -7,7 +7,14 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from taction.netlist_gen.scene.model import Kinds, Maybe, MistakesError, Model, Table, value_text
+from taction.netlist_gen.scene.model import (
+    Kinds,
+    Maybe,
+    MistakesError,
+    Model,
+    TableForm,
+    value_text,
+)
 from taction.system.errors import Complaint, InputError, listed, nearest_question
 from taction.system.quantities import parse, show
 
@@ -73,7 +80,7 @@ def _table_of(form: object, kind: object) -> type[Model] | None:
         form = form.inner
     if isinstance(form, Kinds):
         return form.of.get(str(kind), next(iter(form.of.values())))
-    return form.model if isinstance(form, Table) else None
+    return form.model if isinstance(form, TableForm) else None
 
 
 IMPOSSIBLE = (  # key, unit, type, least and largest value; no board has others of this type

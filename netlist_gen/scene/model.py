@@ -29,7 +29,7 @@ from typing import (
     get_origin,
 )
 
-from taction.netlist_gen.scene.field_values import Choice, Number, Text, Truth
+from taction.netlist_gen.scene.field_values import Number, ShortText, Truth, Words
 from taction.system.errors import Complaint, listed, nearest_question
 
 REQUIRED: Any = object()
@@ -302,7 +302,7 @@ class Model:
         return f"{type(self).__name__}({values})"
 
 
-class Check(Protocol):
+class ValueCheck(Protocol):
     """An annotation of `field_values`."""
 
     def check(self, value: object) -> Any:
@@ -326,7 +326,7 @@ class Form(Protocol):
 class Single:
     """A value that keeps all `checks`."""
 
-    checks: tuple[Check, ...]
+    checks: tuple[ValueCheck, ...]
 
     def take(self, value: Any, path: str, found: list[Complaint]) -> Any:
         """Return the value as the last check returns it."""
@@ -404,7 +404,7 @@ class Each:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class TableForm:
     """A table of one model."""
 
     model: type[Model]
@@ -448,7 +448,7 @@ class Kinds:
 
     def schema(self, shared: dict[str, Schema]) -> Schema:
         """Return the schemas of all kinds."""
-        of = {kind: Table(each).schema(shared) for kind, each in self.of.items()}
+        of = {kind: TableForm(each).schema(shared) for kind, each in self.of.items()}
         mapping = {kind: made["$ref"] for kind, made in of.items()}
         discriminator = {"mapping": mapping, "propertyName": "kind"}
         return {"discriminator": discriminator, "oneOf": list(of.values())}
@@ -470,18 +470,18 @@ def _form(annotation: Any) -> Form:
             form = Either(tuple(map(_form, some)))
         return form if len(some) == len(parts) else Maybe(form)
     if origin is Literal:
-        return Single((Choice(parts),))
+        return Single((Words(parts),))
     if origin is dict:
         return Each(_form(parts[1]))
     if isinstance(annotation, type) and issubclass(annotation, Model):
-        return Table(annotation)
+        return TableForm(annotation)
     return Single((PLAIN_KINDS[annotation],))
 
 
-PLAIN_KINDS: dict[Any, Check] = {
+PLAIN_KINDS: dict[Any, ValueCheck] = {
     float: Number(),
     int: Number(whole=True),
-    str: Text(),
+    str: ShortText(),
     bool: Truth(),
 }
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from taction.netlist_gen.scene.field_values import Number, Text
+from taction.netlist_gen.scene.field_values import Number, ShortText
 from taction.netlist_gen.scene.fields import (
     Count,
     FileName,
@@ -200,7 +200,7 @@ class MatrixProblem(Model):
 class StatedProblem(Model):
     """The part of a scene that states its problem; file names are relative to `folder`."""
 
-    name: Annotated[str, Text(most=MOST_NAME, pattern=NAME_PATTERN)] = "scene"
+    name: Annotated[str, ShortText(most=MOST_NAME, pattern=NAME_PATTERN)] = "scene"
     problem: TactileProblem | MatrixProblem = field(
         description="a table with kind = 'tactile' or 'matrix'"
     )

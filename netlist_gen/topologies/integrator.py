@@ -13,7 +13,7 @@ For ideal op-amps eq (9), in its corrected form, holds exactly::
 from __future__ import annotations
 
 from taction.netlist_gen.board.circuit import Role, VoltageSource
-from taction.netlist_gen.topologies.frame.planes import Board, Planes
+from taction.netlist_gen.topologies.frame.planes import Planes, PlanesBoard
 from taction.netlist_gen.topologies.frame.topology import slope_of
 
 BIAS = "bias"  # the node, and the voltage source of the bias currents
@@ -24,7 +24,7 @@ class Integrator(Planes):
 
     name = "integrator"
 
-    def signal_node(self, board: Board, n: int) -> str:
+    def signal_node(self, board: PlanesBoard, n: int) -> str:
         """Place op-amp, R, C and the bias of channel `n`; return its summing node."""
         parts, x, v, scene = board.parts, f"x_{n}", f"v_{n}", board.scene
         ohms = board.facts["R"].value

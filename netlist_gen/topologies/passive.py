@@ -10,7 +10,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Role
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.planes import Board, Planes
+from taction.netlist_gen.topologies.frame.planes import Planes, PlanesBoard
 from taction.system.errors import Complaint, InputError
 
 
@@ -26,7 +26,7 @@ class Passive(Planes):
             text = f"a divider would load the nodes of {self.name!r}; expected 'integrator'"
             raise InputError(scene.file, Complaint("design.topology", repr(self.name), text))
 
-    def signal_node(self, board: Board, n: int) -> str:
+    def signal_node(self, board: PlanesBoard, n: int) -> str:
         """Place R and C of channel `n`; return the signal node itself.
 
         Raises
@@ -53,7 +53,7 @@ class Passive(Planes):
             raise InputError(scene.file, Complaint("design.bias", "true", text))
         return v
 
-    def linear_output(self, board: Board, n: int) -> str:
+    def linear_output(self, board: PlanesBoard, n: int) -> str:
         """Place a buffer, since the matrix must not load the node; return its output."""
         board.parts.follower(f"u_{n}", f"v_{n}", f"u_{n}")
         return f"u_{n}"

@@ -14,8 +14,8 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.design.choose import (
     Choice,
+    ChoiceRequest,
     Confirmation,
-    Request,
     best_designs,
     choice_plan,
     design_scene,
@@ -180,7 +180,7 @@ def swept(*over: str) -> SweepResult:
 
 def _choice(settling: str = "1ms") -> Page:
     limits = {"checks.settling_time.max": settling, "checks.noise.max": "1V"}
-    request = Request(["ua741", "ideal", "tl084"], "100pF:1nF", "50k:200k", 3, limits)
+    request = ChoiceRequest(["ua741", "ideal", "tl084"], "100pF:1nF", "50k:200k", 3, limits)
     asked = verdicts()["passing"].scene
     plan = choice_plan(asked, request)
     with Store(":memory:") as store:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.evidence.stress.compare import Comparison, compare
+from taction.verification.evidence.stress.compare import TruthComparison, compare
 from taction.verification.verdict.verify import verify
 from tests.support.fine_readings import fine_readings
 from tests.support.random_scenes import random_scene, random_setting
@@ -22,12 +22,12 @@ COVERED, TIGHT = 0.99, 5.0  # share of the numbers; times the true error: median
 LEVEL = 1e-6  # relative: to this the times of linear boards are known (docs/uncertainties.md)
 
 
-def check_coverage(compared: list[Comparison]) -> None:
+def check_coverage(compared: list[TruthComparison]) -> None:
     assert not [c for c in compared if c.wrong]
     assert sum(not c.outside for c in compared) >= COVERED * len(compared)
 
 
-def ratios(compared: list[Comparison]) -> list[float]:
+def ratios(compared: list[TruthComparison]) -> list[float]:
     """Return uncertainty over error of the readings whose error the truth resolves."""
     readings = [c for c in compared if c.name.startswith(READINGS)]
     return [c.uncertainty / c.error for c in readings if c.error > 2.0 * c.doubt]
@@ -35,7 +35,7 @@ def ratios(compared: list[Comparison]) -> list[float]:
 
 @pytest.mark.usefixtures("ngspice")
 def test_the_uncertainties_of_linear_boards_cover_their_errors() -> None:
-    by_engine: dict[str, list[Comparison]] = {"ngspice": [], "statespace": []}
+    by_engine: dict[str, list[TruthComparison]] = {"ngspice": [], "statespace": []}
     for seed in SEEDS:
         scene = random_scene(seed, topology="integrator", **random_setting(seed))
         truth = true_values(scene)
@@ -54,7 +54,7 @@ def test_the_uncertainties_of_linear_boards_cover_their_errors() -> None:
 
 
 def test_the_uncertainties_of_boards_with_amplifiers_cover_their_errors() -> None:
-    compared: list[Comparison] = []
+    compared: list[TruthComparison] = []
     for seed in EXPONENTIAL:
         scene = random_scene(seed, "exponential", topology="integrator", error=LOOSE)
         compared += compare(verify(scene.with_engine("statespace")), fine_readings(scene))

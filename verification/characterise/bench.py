@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from taction.netlist_gen.analysis import Analysis, Noise, SmallSignal, Transient
+from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SmallSignal, Transient
 from taction.netlist_gen.board.circuit import (
     GROUND,
     NEEDED,
@@ -104,7 +104,7 @@ class Bench:
 
     def deck(self, analysis: Analysis) -> Deck:
         """Return the bench as a deck for ngspice."""
-        noisy = isinstance(analysis, Noise)
+        noisy = isinstance(analysis, NoiseAnalysis)
         cell = opamp_subcircuit(
             self.opamp, noninverting_grounded=False, supply=self.supply, noisy=noisy
         )
@@ -177,7 +177,7 @@ def _deck(lines: list[str], analysis: Analysis, saved: tuple[str, ...]) -> Deck:
     """Return a deck with the cards of its analysis."""
     save = ".save " + " ".join(f"v({node})" for node in saved)
     cards = [save, ".op"]
-    if isinstance(analysis, Noise):
+    if isinstance(analysis, NoiseAnalysis):
         cards = noise_cards(analysis, OUT)
     elif isinstance(analysis, SmallSignal):
         band = analysis.band

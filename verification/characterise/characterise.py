@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Band
+from taction.netlist_gen.analysis import NoiseBand
 from taction.spice_models.foreign_devices import RefusedError
 from taction.spice_models.foreign_netlist import read_subcircuit
 from taction.spice_models.imported import (
@@ -56,7 +56,7 @@ BELOW, ABOVE = (
     0.01,
     100.0,
 )  # of the first pole, and of the unity-gain bandwidth: the ends of a Bode plot
-NOISE = Band(990.0, 1, 115)  # 990 to 1010 Hz
+NOISE = NoiseBand(990.0, 1, 115)  # 990 to 1010 Hz
 STEP = 0.8  # of the swing: the step of a follower that slews
 RAMP = (0.2, 0.5)  # of that step: where its slope is measured
 SHORT = 1e-3  # ohm: the load that takes the largest current
@@ -148,7 +148,7 @@ def bode(opamp: OpAmp, witness: Witness) -> Bode:
     finite = math.isfinite(opamp.gbw)
     low, high = (opamp.first_pole, unity_gain_bandwidth(opamp)) if finite else (1.0, 1e6)
     decades = math.log10(ABOVE * high / (BELOW * low))
-    band = Band(BELOW * low, math.ceil(decades * DENSITY), DENSITY)
+    band = NoiseBand(BELOW * low, math.ceil(decades * DENSITY), DENSITY)
     bench = Bench(_linear(opamp), follower=False)
     return Bode(frequencies(band), witness.response(bench, band))
 

@@ -9,7 +9,13 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Band, Noise, OperatingPoint, SmallSignal, Transient
+from taction.netlist_gen.analysis import (
+    NoiseAnalysis,
+    NoiseBand,
+    OperatingPoint,
+    SmallSignal,
+    Transient,
+)
 from taction.netlist_gen.board.circuit import VoltageSource
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import SingularCircuit, StepTooSmall, TimedOut
@@ -25,13 +31,13 @@ Found = TypeVar("Found")
 EDGE = 1e-3  # of the period of large steps: a jump in no time stops many a vendor's model
 POINTS = 2000  # of a transient
 TIMEOUT = 120.0  # s, of one run of ngspice
-WIDE = Band(start=1e-3, steps=520, density=40)  # 1 mHz to 10 GHz: of a vendor's model
+WIDE = NoiseBand(start=1e-3, steps=520, density=40)  # 1 mHz to 10 GHz: of a vendor's model
 
 
 class Witness(Protocol):
     """What a witness can measure on a bench."""
 
-    def response(self, bench: Bench, band: Band) -> Complexes:
+    def response(self, bench: Bench, band: NoiseBand) -> Complexes:
         """Return the output voltage for an input of 1 V, at every frequency of the band, (P,)."""
 
     def transient(self, bench: Bench, stop: float) -> tuple[Floats, Floats]:
@@ -40,7 +46,7 @@ class Witness(Protocol):
     def rest(self, bench: Bench) -> float:
         """Return the output voltage at rest with the input at 0 V, V."""
 
-    def noise(self, bench: Bench, band: Band) -> float:
+    def noise(self, bench: Bench, band: NoiseBand) -> float:
         """Return the mean density of the output's noise over a band, V/rtHz."""
 
 
@@ -68,7 +74,7 @@ class Responses:
     supply_current: float
 
 
-def frequencies(band: Band) -> Floats:
+def frequencies(band: NoiseBand) -> Floats:
     """Return the frequencies of a band, Hz."""
     return np.asarray(band.start * 10.0 ** (np.arange(band.steps + 1) / band.density))
 
@@ -76,7 +82,7 @@ def frequencies(band: Band) -> Floats:
 class Equations:
     """The state-space engine's equations of a bench."""
 
-    def response(self, bench: Bench, band: Band) -> Complexes:
+    def response(self, bench: Bench, band: NoiseBand) -> Complexes:
         """See `Witness`."""
         descriptor = LinearBoard(bench.circuit).descriptor
         M, K = descriptor.dense.mass, descriptor.dense.stiffness
@@ -98,7 +104,7 @@ class Equations:
         held = replace(bench.circuit, voltages=(VoltageSource("source", IN, 0.0),))
         return float(LinearBoard(held).equilibrium[OUT])
 
-    def noise(self, bench: Bench, band: Band) -> float:
+    def noise(self, bench: Bench, band: NoiseBand) -> float:
         """See `Witness`."""
         circuit = bench.circuit
         descriptor = LinearBoard(circuit).descriptor
@@ -122,7 +128,7 @@ class Simulation:
     def __init__(self, simulator: Simulator) -> None:
         self.simulator = simulator
 
-    def response(self, bench: Bench, band: Band) -> Complexes:
+    def response(self, bench: Bench, band: NoiseBand) -> Complexes:
         """See `Witness`."""
         with start(bench.deck(SmallSignal(band)), self.simulator, timeout=TIMEOUT) as run:
             return run.response()[1][:, 0]
@@ -138,9 +144,9 @@ class Simulation:
         wave = simulate(bench.deck(OperatingPoint()), self.simulator, timeout=TIMEOUT)
         return float(wave[OUT][-1])
 
-    def noise(self, bench: Bench, band: Band) -> float:
+    def noise(self, bench: Bench, band: NoiseBand) -> float:
         """See `Witness`."""
-        with start(bench.deck(Noise((band,))), self.simulator, timeout=TIMEOUT) as run:
+        with start(bench.deck(NoiseAnalysis((band,))), self.simulator, timeout=TIMEOUT) as run:
             return run.noise() / math.sqrt(band.stop - band.start)
 
     def responses(self, bench: VendorBench) -> Responses:

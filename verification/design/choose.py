@@ -39,7 +39,7 @@ from taction.system.errors import (
 from taction.system.quantities import number
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
-from taction.verification.design.ranges import Range, read_ends
+from taction.verification.design.ranges import SearchRange, read_ends
 from taction.verification.design.scaling import SHARE, SMALLER, rescaled
 from taction.verification.design.trials import (
     Trial,
@@ -74,7 +74,7 @@ BEST = 3  # designs that ngspice confirms
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class ChoiceRequest:
     """What is asked for.
 
     Attributes
@@ -102,7 +102,7 @@ def request_of(
     gains: str,
     points: int,
     **limits: str | float | None,
-) -> Request:
+) -> ChoiceRequest:
     """Return what is asked for, from the arguments of `taction.choose`.
 
     Raises
@@ -119,7 +119,7 @@ def request_of(
         "checks.stability.margin": _number("--margin", limits["margin"]),
         "design.supply": limits["supply"],
     }
-    return Request(
+    return ChoiceRequest(
         opamps=[name.strip() for name in names if name.strip()],
         capacitances=capacitances,
         gains=gains,
@@ -141,7 +141,7 @@ def _number(option: str, given: str | float | None) -> float | None:
         raise InputError(option, complaint) from None
 
 
-def choice_plan(scene: Scene, request: Request) -> Plan:
+def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
     """Return the sweep of a choice by the state-space engine.
 
     Op-amps are at the small-signal level: a design above 90 % of a limit of its parts is
@@ -186,11 +186,11 @@ def choice_plan(scene: Scene, request: Request) -> Plan:
     return Plan(at_small_signal(base), [axes], ("statespace",))
 
 
-def _names(request: Request) -> Sequence[str]:
+def _names(request: ChoiceRequest) -> Sequence[str]:
     return request.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
 
 
-def choice_base(scene: Scene, request: Request) -> Scene:
+def choice_base(scene: Scene, request: ChoiceRequest) -> Scene:
     """Return the scene with the limits of a request, its lambda as a number, and its first op-amp.
 
     Raises
@@ -211,14 +211,14 @@ def choice_base(scene: Scene, request: Request) -> Scene:
     )
 
 
-def base_of(scene: str | Path | Scene, request: Request) -> tuple[Scene, Scene]:
+def base_of(scene: str | Path | Scene, request: ChoiceRequest) -> tuple[Scene, Scene]:
     """Return a scene with lambda as a number, and its `choice_base`; errors as its readers'."""
     read = read_scene(scene)
     return read, choice_base(read, request)
 
 
 def _values(scene: Scene, path: str, option: str, text: str, points: int) -> tuple[float, ...]:
-    found = Range.around(scene, path, AROUND)
+    found = SearchRange.around(scene, path, AROUND)
     if text and found is not None:
         low, high = read_ends(scene, path, text)
         found = replace(found, low=low, high=high)
@@ -257,7 +257,7 @@ def _distance(scene: Scene, problem: InverseProblem, answer: IdealAnswer) -> flo
 
 
 @dataclass(frozen=True, slots=True)
-class Design(Trial):
+class ChosenDesign(Trial):
     """The trial of one design of a choice: op-amp, C and gain.
 
     Attributes
@@ -328,7 +328,7 @@ class BestDesign:
         *("ngspice_reason = said.reason", "file"),
     )
 
-    design: Design
+    design: ChosenDesign
     said: Confirmation
     file: str | None
 
@@ -357,8 +357,8 @@ class Choice(Result):
     DOCUMENT = ("designs", "best = chosen")
 
     scene: Scene = field(repr=False)
-    designs: Sequence[Design] = field(repr=False)
-    best: Sequence[Design] = field(repr=False)
+    designs: Sequence[ChosenDesign] = field(repr=False)
+    best: Sequence[ChosenDesign] = field(repr=False)
     confirmations: Sequence[Confirmation] = field(repr=False)
     scenes: Sequence[Scene] = field(repr=False)
     written: Mapping[int, str]
@@ -383,7 +383,7 @@ class Choice(Result):
         )
 
 
-def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> list[Design]:
+def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> list[ChosenDesign]:
     """Return the stored designs of a choice, the best first.
 
     Parts that are beyond the limits of `accepted`, by default of the plan's scene, are refused.
@@ -399,7 +399,7 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
             scene = with_values(plan.scene, point.values)
             refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))
         shares = dict(_shares(record, plan.scene.checks)) if record.stable else {}
-        found.append(Design(dict(point.values), record, refused, point.place, shares))
+        found.append(ChosenDesign(dict(point.values), record, refused, point.place, shares))
     return sorted(found, key=lambda design: design.rank)
 
 
@@ -420,7 +420,7 @@ def _shares(record: Record, checks: Checks) -> Iterator[tuple[str, float]]:
         yield "stability", required / margin
 
 
-def design_scene(plan: Plan, original: Scene, design: Design, rank: int) -> Scene:
+def design_scene(plan: Plan, original: Scene, design: ChosenDesign, rank: int) -> Scene:
     """Return the scene of a design, to be written: the op-amp's level is that of `original`."""
     scene = with_values(plan.scene, design.values)
     chosen = original.design.opamp
@@ -431,10 +431,10 @@ def design_scene(plan: Plan, original: Scene, design: Design, rank: int) -> Scen
     return scene.model_copy(update={"design": table, "name": name, "analysis": original.analysis})
 
 
-def best_designs(ranked: list[Design], count: int = BEST) -> list[Design]:
+def best_designs(ranked: list[ChosenDesign], count: int = BEST) -> list[ChosenDesign]:
     """Return the best good designs, each of another op-amp while there are any."""
     good = [design for design in ranked if design.good]
-    first: dict[str, Design] = {}
+    first: dict[str, ChosenDesign] = {}
     for design in good:
         first.setdefault(design.opamp, design)
     chosen = list(first.values())[:count]

@@ -49,7 +49,7 @@ LIMITED = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curves:
+class ExplorerCurves:
     """Outputs of every channel.
 
     Attributes
@@ -73,7 +73,7 @@ class LinearResponse:
     Attributes
     ----------
     rise, stop : float
-        As in `Curves`.
+        As in `ExplorerCurves`.
     """
 
     solution: Exact
@@ -91,7 +91,7 @@ class LinearResponse:
         signs = np.array([output.sign for output in board.circuit.outputs])
         return cls(solution, signs, scales, _rise(solution, stop), stop)
 
-    def curves(self, end: float) -> Curves:
+    def curves(self, end: float) -> ExplorerCurves:
         """Return the outputs from 0 to `end`, s, with `PER_PERIOD` points a period of ringing."""
         period = min((r.period for r in self.scales.ringing), default=math.inf)
         wanted = PER_PERIOD * end / period if period > 0.0 else 0.0
@@ -99,7 +99,7 @@ class LinearResponse:
         step = end / (count - 1)
         with np.errstate(over="ignore", invalid="ignore"):
             values = self.solution.uniform(step, count) * self.signs
-        return Curves(np.linspace(0.0, end, count), values, self.rise, self.stop)
+        return ExplorerCurves(np.linspace(0.0, end, count), values, self.rise, self.stop)
 
 
 def _rise(solution: Exact, stop: float) -> float:
@@ -276,7 +276,7 @@ class Judgement:
         Remarks of the verdict.
     engine : str
         The simulator of the record.
-    curves : Curves or None
+    curves : ExplorerCurves or None
         The record.
     difference : float or None
         Largest difference of the two engines, fraction of the step; None if only one ran.
@@ -287,7 +287,7 @@ class Judgement:
     record: Record
     warnings: tuple[str, ...] = ()
     engine: str = ""
-    curves: Curves | None = None
+    curves: ExplorerCurves | None = None
     difference: float | None = None
     answer: AnswerError | None = None
 
@@ -327,13 +327,13 @@ def judge(scene: Scene, engine: str, budget: int) -> Judgement:
     return Judgement(record, verdict.warnings, engine, curves, difference, verdict.answer)
 
 
-def _curves(verdict: Verdict, budget: int) -> Curves:
+def _curves(verdict: Verdict, budget: int) -> ExplorerCurves:
     """Return the record with at least `budget` points in the first rise and in all of it."""
     time, outputs = verdict.waveforms.time, verdict.u
     stop = float(time[-1])
     rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
     rise = min(WINDOW * max(rises, default=stop), stop)
-    return Curves(*_kept(time, outputs, rise, budget), rise, stop)
+    return ExplorerCurves(*_kept(time, outputs, rise, budget), rise, stop)
 
 
 def _kept(time: Floats, outputs: Floats, rise: float, budget: int) -> tuple[Floats, Floats]:

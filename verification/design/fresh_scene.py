@@ -128,7 +128,7 @@ def rounded_up(value: float) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Pruning:
+class FreshPruning:
     """A fraction for ``design.prune``, and what it changes.
 
     Attributes
@@ -158,7 +158,7 @@ class Pruning:
         )
 
 
-def pruning_for(T: Floats, eps: Floats, lam: float) -> Pruning:
+def pruning_for(T: Floats, eps: Floats, lam: float) -> FreshPruning:
     """Return the most pruning that changes the solution by less than a fifth of any limit.
 
     A kernel that decays, a Gaussian for example, has entries over many decades. Resistors cannot be
@@ -172,7 +172,7 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> Pruning:
 
     Returns
     -------
-    Pruning
+    FreshPruning
         Without entries where the entries that are not zero differ by less than the factor 1000.
         Where every fraction changes the solution by more than `UNSEEN`, the smallest that gives
         resistors that can be bought, if there must be one.
@@ -200,8 +200,8 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> Pruning:
         change = float(np.abs(after.u - before.u).max()) / largest
         if change <= UNSEEN or fraction == NECESSARY:
             bound = change_bound(before, kept) / largest
-            return Pruning(fraction, entries, change, bound)
-    return Pruning()
+            return FreshPruning(fraction, entries, change, bound)
+    return FreshPruning()
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,7 +290,7 @@ def fresh_scene(
     name = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in output.stem)
     arrays = {"kind": "matrix", "matrix": first.values, "strain": second.values}
     asked = dict(design or {})
-    pruning = Pruning()
+    pruning = FreshPruning()
     if "prune" not in asked:
         pruning = pruning_for(first.values, second.values, chosen)
         asked |= {"prune": pruning.fraction} if pruning.entries else {}

@@ -17,7 +17,7 @@ AT_EDGE = 0.02  # of the logarithmic range: a value so close to an end is at its
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class SearchRange:
     """The values of one key, above zero, that can be bought.
 
     Attributes
@@ -40,7 +40,7 @@ class Range:
     series: str
 
     @classmethod
-    def around(cls, scene: Scene, path: str, factor: float) -> Range | None:
+    def around(cls, scene: Scene, path: str, factor: float) -> SearchRange | None:
         """Return the range from the scene's value / `factor` to its value * `factor`.
 
         None if the scene has no value above zero.
@@ -75,7 +75,9 @@ class Range:
         return self.high if value >= self.high / close else None
 
 
-def parse_ranges(scene: Scene, keys: Iterable[str], reach: float, most: int) -> tuple[Range, ...]:
+def parse_ranges(
+    scene: Scene, keys: Iterable[str], reach: float, most: int
+) -> tuple[SearchRange, ...]:
     """Return the ranges of one to `most` keys: ``"gain"`` or ``"gain=1M:10M"``.
 
     A key without a range goes from the scene's value divided by `reach` to the value times it.
@@ -104,11 +106,11 @@ def parse_ranges(scene: Scene, keys: Iterable[str], reach: float, most: int) -> 
     )
 
 
-def _range(scene: Scene, path: str, body: str, reach: float) -> Range:
+def _range(scene: Scene, path: str, body: str, reach: float) -> SearchRange:
     if not path.startswith("design."):
         text = "only the design can be tuned, such as gain, capacitance or unit_conductance"
         raise InputError("--over", Complaint(path, "", text))
-    found = Range.around(scene, path, reach)
+    found = SearchRange.around(scene, path, reach)
     if found is None:
         text = "the scene has no value above zero of this key, from which the search could start"
         own = own_value(scene, find_key(scene, path))

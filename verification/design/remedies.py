@@ -175,14 +175,14 @@ def find_remedies(
     trials = Trials(verdict.scene, seconds, accepted, screened=far)
     follows = following(verdict.checks)
     causes = tuple(name for name in failed if name not in follows)
-    search = _Search(trials, failed, causes, tell)
+    search = _RemedySearch(trials, failed, causes, tell)
     if verdict.parts.largest_unit_voltage is not None:
         search.edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
     search.run(unstable=verdict.poles.certain and not verdict.poles.stable)
     return search.result()
 
 
-class _Search:
+class _RemedySearch:
     """A search in progress."""
 
     def __init__(

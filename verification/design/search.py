@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from taction.netlist_gen.scene.keys import Value
 from taction.system.errors import InputError
-from taction.verification.design.ranges import Range
+from taction.verification.design.ranges import SearchRange
 from taction.verification.design.trials import OutOfTimeError, Trial, Trials
 
 PER_DECADE = 6  # values of one key; a window narrower than that can be missed
@@ -66,7 +66,7 @@ def search_range(
     -----
     Costs at most 24 trials and about 9 for the halving.
     """
-    one = Range.around(trials.scene, path, 10.0**DECADES)
+    one = SearchRange.around(trials.scene, path, 10.0**DECADES)
     if one is None:
         return None
     start, tried = one.own if edge is None else edge, [one.own]
@@ -135,7 +135,7 @@ def search_pair(trials: Trials, paths: tuple[str, ...]) -> Searched:
     Costs at most 168 trials, and up to `HALVINGS` for each two neighbours that fail in different
     checks; an unstable board costs its poles alone.
     """
-    ranges = [Range.around(trials.scene, path, 10.0**PAIR_DECADES) for path in paths]
+    ranges = [SearchRange.around(trials.scene, path, 10.0**PAIR_DECADES) for path in paths]
     known = [one for one in ranges if one is not None]
     if len(known) < len(paths):
         return Searched(paths, None)

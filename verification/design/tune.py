@@ -24,7 +24,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.system.results import Result
-from taction.verification.design.ranges import Range, parse_ranges
+from taction.verification.design.ranges import SearchRange, parse_ranges
 from taction.verification.design.search import search_range
 from taction.verification.design.trials import Trial, Trials
 from taction.verification.studies.running.collecting import Pace
@@ -52,7 +52,7 @@ class Tuning:
     tried: int  # designs
     overshoot_limit: float
     margin: float
-    ranges: tuple[Range, ...]
+    ranges: tuple[SearchRange, ...]
 
     @property
     def ends(self) -> dict[str, tuple[float, ...]]:
@@ -134,7 +134,7 @@ def tune(
     check = scene.checks.overshoot
     limit = overshoot or (OVERSHOOT if check is None else check.max)
     margin = margin or scene.checks.stability.margin
-    search = _Search(scene, ranges, limit, margin, any_part, progress)
+    search = _TuneSearch(scene, ranges, limit, margin, any_part, progress)
     before = search.evaluate({each.path: each.own for each in ranges})
     count = GRID[len(ranges)]
     axes = [np.linspace(math.log(each.low), math.log(each.high), count) for each in ranges]
@@ -178,11 +178,11 @@ def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:
 
 
 @dataclass(slots=True)
-class _Search:
+class _TuneSearch:
     """The designs of one search."""
 
     original: Scene
-    ranges: Sequence[Range]
+    ranges: Sequence[SearchRange]
     overshoot: float
     margin: float
     any_part: bool

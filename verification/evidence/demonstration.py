@@ -24,7 +24,7 @@ QUIET = 2.45e6  # ohm, a gain with the least settling time (taction reproduce, c
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class DemonstrationStep:
     """One board: what it shows, in words, and its verdict.
 
     Attributes
@@ -55,7 +55,7 @@ class Demonstration(Result):
 
     DOCUMENT = ("outcome", "seconds [s]", "file", "steps")
 
-    steps: tuple[Step, ...]
+    steps: tuple[DemonstrationStep, ...]
     seconds: float
     file: str | None = None
 
@@ -87,11 +87,13 @@ def demonstrate(progress: Callable[[str], None] = lambda stage: None) -> Demonst
     changes: dict[str, Value] = {"design.gain": QUIET, "design.lambda": lam}
     third = _verified(loose, changes, "3 of 3: another gain", progress)
     steps = (
-        Step("The board of the paper", Outcome.PASS, first, _works(first)),
-        Step(
+        DemonstrationStep("The board of the paper", Outcome.PASS, first, _works(first)),
+        DemonstrationStep(
             f"C = {_text(SMALL, 'F')} instead of 10 pF", Outcome.FAIL, second, _oscillates(second)
         ),
-        Step(f"A gain of {_text(QUIET, 'ohm')}", Outcome.PASS, third, _settles(third, first)),
+        DemonstrationStep(
+            f"A gain of {_text(QUIET, 'ohm')}", Outcome.PASS, third, _settles(third, first)
+        ),
     )
     return Demonstration(steps, time.perf_counter() - start)
 

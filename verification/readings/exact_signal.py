@@ -437,7 +437,7 @@ class ExactSignal:
         shape = (2, len(levels), len(self.ends))
         side, j, row = (part.ravel() for part in np.indices(shape))
         level = np.broadcast_to(levels.reshape(len(levels), -1), shape[1:])[j, row]
-        found = _Search(self.grid, side, row, level, shifts[j], last=True).run()
+        found = _TimeSearch(self.grid, side, row, level, shifts[j], last=True).run()
         (up, down), (doubt_up, doubt_down) = (part.reshape(shape) for part in found)
         later = np.fmax(up, down)
         return Crossings(later, np.where(later == down, doubt_down, doubt_up))
@@ -447,7 +447,7 @@ class ExactSignal:
         shape = (len(levels), len(rows))
         j, r = (part.ravel() for part in np.indices(shape))
         level, side = (levels[j] - 1.0) * np.abs(steps[r]), (steps[r] < 0.0).astype(np.int64)
-        found = _Search(self.grid, side, rows[r], level, shifts[j], last=False).run()
+        found = _TimeSearch(self.grid, side, rows[r], level, shifts[j], last=False).run()
         return Crossings(*(part.reshape(shape) for part in found))
 
     def highest(self, sign: float) -> tuple[Floats, Floats]:
@@ -508,7 +508,7 @@ def peak(grid: ExactGrid, side: Ints, k: Ints, n: Ints) -> tuple[Floats, Floats]
     return grid.peaks[k, side, n], grid.caps[k, side, n]
 
 
-class _Search:
+class _TimeSearch:
     """A search for the last, or the first, instants at which rows (Q,) are above levels (Q,).
 
     They are searches of ``e`` (side 0) or ``-e`` (side 1), shifted up by `shift` times its bound.

@@ -263,7 +263,7 @@ def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Transient:
+class IdealTransient:
     """A response with the evidence for its accuracy."""
 
     response: Response | None  # None if no finite values were computed
@@ -332,7 +332,7 @@ class ScaledNetwork:
 
 def ideal_transient(
     network: IdealNetwork, v0: Floats, stop: float | None = None, rest: Solution | None = None
-) -> Transient:
+) -> IdealTransient:
     """Integrate the ideal network with any amplifier.
 
     Parameters
@@ -348,7 +348,7 @@ def ideal_transient(
 
     Returns
     -------
-    Transient
+    IdealTransient
         Accurate only if its outcome is ``TRUSTED``.
 
     Raises
@@ -365,7 +365,7 @@ def ideal_transient(
     with np.errstate(all="ignore"):
         run = _integrate(scaled, x0, float(end))
         if isinstance(run, Trust):
-            return Transient(None, rest, run, np.nan, np.nan, stiffness)
+            return IdealTransient(None, rest, run, np.nan, np.nan, stiffness)
         steps, dense = run
         residual = scaled.energy_residual(steps, dense)
         difference = _difference_to_lsoda(scaled, x0, steps, dense)
@@ -381,7 +381,7 @@ def ideal_transient(
     second_opinion = difference * network.U0 / amplitude if amplitude > 0.0 else 0.0
     trusted = rest.trusted and residual <= AGREEMENT and second_opinion <= AGREEMENT
     outcome = Trust.TRUSTED if trusted else Trust.DISAGREES
-    return Transient(response, rest, outcome, residual, second_opinion, stiffness)
+    return IdealTransient(response, rest, outcome, residual, second_opinion, stiffness)
 
 
 def _solve_ivp(scaled: ScaledNetwork, x0: Floats, end: float, **options: Any) -> Any:

@@ -22,14 +22,14 @@ from taction.verification.reference.doubledouble import (
 from taction.verification.reference.newton import (
     Iterate,
     NewtonResult,
-    Scaled,
+    ScaledProblem,
     divergence,
     error_bound,
     homotopy,
     largest_ratio,
 )
 from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
-from taction.verification.reference.stacked_least_squares import Factor
+from taction.verification.reference.stacked_least_squares import StackedFactor
 
 NEWTON_ERROR = 1e-10
 """Square of the relative error of u at which Newton's method ends and refinement begins."""
@@ -54,7 +54,7 @@ FAST = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Point:
+class _RootPoint:
     """A primal-dual pair in 106 bits with its residuals and its gap."""
 
     v: DoubleDouble
@@ -65,11 +65,11 @@ class _Point:
     gap: float
 
 
-def _point(s: Scaled, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _Point:
+def _point(s: ScaledProblem, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _RootPoint:
     """Evaluate the gap of a pair, with a bound on the rounding error of the evaluation."""
     u = s.regulariser.exact(v)
     if not (np.all(np.isfinite(u.hi)) and np.all(np.isfinite(r.hi))):
-        return _Point(v, r, u, s.eps, v.hi, float("inf"))
+        return _RootPoint(v, r, u, s.eps, v.hi, float("inf"))
     f1 = (DoubleDouble.of(s.eps) - exact @ u - r).hi
     shifted = v + DoubleDouble.of(s.beta)
     f2 = (exact.transposed(r) - DoubleDouble.of(s.mu) * shifted).hi
@@ -79,10 +79,10 @@ def _point(s: Scaled, exact: ExactMatrix, v: DoubleDouble, r: DoubleDouble) -> _
     misfit = np.linalg.norm(np.abs(f1) + rounding1)
     dv = (np.abs(f2) + rounding2) / s.mu
     gap = float(0.5 * misfit * misfit + s.mu * divergence(s.regulariser, v.hi, dv))
-    return _Point(v, r, u, f1, f2, gap if np.isfinite(gap) else np.inf)
+    return _RootPoint(v, r, u, f1, f2, gap if np.isfinite(gap) else np.inf)
 
 
-def _steps_in_v(s: Scaled, v: Floats, dq: Floats) -> tuple[Floats, Floats]:
+def _steps_in_v(s: ScaledProblem, v: Floats, dq: Floats) -> tuple[Floats, Floats]:
     """Return the dv of a step in ``q = mu v + h g(v)``: linearised, and exact for small steps."""
     linear = dq / (s.mu + s.h * s.regulariser.slope(v))
     dv = linear
@@ -92,7 +92,9 @@ def _steps_in_v(s: Scaled, v: Floats, dq: Floats) -> tuple[Floats, Floats]:
     return linear, np.where(np.abs(linear) < SMALL_STEP, dv, linear)
 
 
-def _corrected(s: Scaled, exact: ExactMatrix, p: _Point, D: Floats, factor: Factor) -> _Point:
+def _corrected(
+    s: ScaledProblem, exact: ExactMatrix, p: _RootPoint, D: Floats, factor: StackedFactor
+) -> _RootPoint:
     """Take one Newton step for v and r together, shortened until the gap falls.
 
     Where the gap does not fall, the step with the least gap is taken.
@@ -112,7 +114,7 @@ def _corrected(s: Scaled, exact: ExactMatrix, p: _Point, D: Floats, factor: Fact
     return min(trials, key=lambda trial: trial.gap)
 
 
-def _first_point(s: Scaled, exact: ExactMatrix, result: NewtonResult) -> _Point:
+def _first_point(s: ScaledProblem, exact: ExactMatrix, result: NewtonResult) -> _RootPoint:
     """Return the start of the refinement: one step further if Newton's method converged."""
     if result.next_step is not None:
         q = s.mu * result.primal.v + s.h * result.primal.u + result.next_step
@@ -126,7 +128,7 @@ def _first_point(s: Scaled, exact: ExactMatrix, result: NewtonResult) -> _Point:
     return _point(s, exact, wide, r)
 
 
-def _refine(s: Scaled, result: NewtonResult) -> tuple[_Point, int]:
+def _refine(s: ScaledProblem, result: NewtonResult) -> tuple[_RootPoint, int]:
     """Improve until the gap stops shrinking or the error is far below double precision."""
     exact = ExactMatrix(s.T)
     best = point = _first_point(s, exact, result)
@@ -151,9 +153,9 @@ def _refine(s: Scaled, result: NewtonResult) -> tuple[_Point, int]:
     return best, MAX_REFINEMENTS
 
 
-def _best(s: Scaled) -> tuple[_Point, int]:
+def _best(s: ScaledProblem) -> tuple[_RootPoint, int]:
     """Return the point of the least gap of the paths that were needed, and all iterations."""
-    points, iterations = list[_Point](), 0
+    points, iterations = list[_RootPoint](), 0
     for factor in FACTORS:
         result = homotopy(
             s, lambda u: NEWTON_ERROR * float(np.sum(s.regulariser.slope_bound(u))), factor
@@ -166,16 +168,16 @@ def _best(s: Scaled) -> tuple[_Point, int]:
     return min(points, key=lambda point: point.gap), iterations
 
 
-def _slope_bound(s: Scaled, point: _Point) -> float:
+def _slope_bound(s: ScaledProblem, point: _RootPoint) -> float:
     return float(np.max(s.regulariser.slope_bound(point.u.hi)))
 
 
-def _rounding(point: _Point) -> float:
+def _rounding(point: _RootPoint) -> float:
     """Return the rounding error of u as doubles."""
     return EPS / 2.0 * float(np.max(np.abs(point.u.hi)))
 
 
-def _largest_gap(s: Scaled, point: _Point) -> float:
+def _largest_gap(s: ScaledProblem, point: _RootPoint) -> float:
     """Return the largest gap with which u is trusted."""
     peak = float(np.max(np.abs(point.u.hi)))
     allowed = RELATIVE_ERROR * max(peak, SMALLEST_SCALE) - _rounding(point)
@@ -197,7 +199,7 @@ def solve_maxent(problem: Problem) -> Solution:
         ``mu`` times the Bregman divergence of u from the minimiser, hence ``error_bound``.
     """
     start = time.perf_counter()
-    s = Scaled.of(problem)
+    s = ScaledProblem.of(problem)
     reg = s.regulariser
     point, iterations = _best(s)
     u, slope_bound = point.u.hi, _slope_bound(s, point)

@@ -37,7 +37,7 @@ class RuleInputs:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trial:
+class LambdaTrial:
     """The solution for one lam, with the quantities that the scores use."""
 
     solution: Solution
@@ -48,7 +48,7 @@ class Trial:
     fitted: float  # degrees of freedom: trace of the derivative of ``T u`` with respect to eps
 
     @classmethod
-    def of(cls, problem: Problem) -> Trial:
+    def of(cls, problem: Problem) -> LambdaTrial:
         """Solve and differentiate."""
         solution = solve(problem)
         entry = REGULARISERS[problem.regulariser]
@@ -73,17 +73,17 @@ class Trial:
         )
 
 
-def _discrepancy(trial: Trial, inputs: RuleInputs) -> float:
+def _discrepancy(trial: LambdaTrial, inputs: RuleInputs) -> float:
     target = inputs.tau * len(trial.solution.problem.eps) * inputs.variance
     return abs(float(np.log(trial.residual / target))) if trial.residual > 0.0 else float("inf")
 
 
-def _gcv(trial: Trial, _: RuleInputs) -> float:
+def _gcv(trial: LambdaTrial, _: RuleInputs) -> float:
     free = len(trial.solution.problem.eps) - trial.fitted
     return trial.residual / free**2 if free > 0.0 else float("inf")
 
 
-def _l_curve(trial: Trial, _: RuleInputs) -> float:
+def _l_curve(trial: LambdaTrial, _: RuleInputs) -> float:
     """Return minus the curvature of (log residual, log penalty)."""
     rho, eta, slope = trial.residual, trial.penalty, trial.penalty_sensitivity
     lam = trial.solution.lam
@@ -95,19 +95,19 @@ def _l_curve(trial: Trial, _: RuleInputs) -> float:
     return -float(turn / (dx * dx + dy * dy) ** 1.5)
 
 
-def _quasi_optimality(trial: Trial, _: RuleInputs) -> float:
+def _quasi_optimality(trial: LambdaTrial, _: RuleInputs) -> float:
     return float(np.linalg.norm(trial.sensitivity))
 
 
-def _squared_error(trial: Trial, inputs: RuleInputs) -> float:
+def _squared_error(trial: LambdaTrial, inputs: RuleInputs) -> float:
     return float(np.sum((trial.solution.u - np.asarray(inputs.truth)) ** 2))
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class LambdaRule:
     """A score to minimise over lam, and the inputs that the score needs."""
 
-    score: Callable[[Trial, RuleInputs], float]
+    score: Callable[[LambdaTrial, RuleInputs], float]
     needs_variance: bool = False
     needs_truth: bool = False
     # The score also falls towards both ends of the range, where it has no meaning: the lowest
@@ -115,17 +115,17 @@ class Rule:
     local_minimum: bool = False
 
 
-RULES: dict[str, Rule] = {
-    "discrepancy": Rule(_discrepancy, needs_variance=True),
-    "gcv": Rule(_gcv),
-    "l-curve": Rule(_l_curve, local_minimum=True),
-    "quasi-optimality": Rule(_quasi_optimality, local_minimum=True),
-    "mse": Rule(_squared_error, needs_truth=True),
+RULES: dict[str, LambdaRule] = {
+    "discrepancy": LambdaRule(_discrepancy, needs_variance=True),
+    "gcv": LambdaRule(_gcv),
+    "l-curve": LambdaRule(_l_curve, local_minimum=True),
+    "quasi-optimality": LambdaRule(_quasi_optimality, local_minimum=True),
+    "mse": LambdaRule(_squared_error, needs_truth=True),
 }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Choice:
+class LambdaChoice:
     """A chosen lam, which is ``solution.lam``, with the grid that was searched."""
 
     rule: str  # a key of `RULES`
@@ -136,7 +136,9 @@ class Choice:
     scores: Floats  # on the grid (P,)
 
 
-def choose(problem: Problem, rule: str = "discrepancy", inputs: RuleInputs | None = None) -> Choice:
+def choose(
+    problem: Problem, rule: str = "discrepancy", inputs: RuleInputs | None = None
+) -> LambdaChoice:
     """Choose lam for a problem by a rule.
 
     Parameters
@@ -150,7 +152,7 @@ def choose(problem: Problem, rule: str = "discrepancy", inputs: RuleInputs | Non
 
     Returns
     -------
-    Choice
+    LambdaChoice
         The lam of least score on a grid of three values a decade, refined by Brent's method.
 
     Raises
@@ -164,7 +166,7 @@ def choose(problem: Problem, rule: str = "discrepancy", inputs: RuleInputs | Non
         raise InputError("choice of lambda", *complaints)
 
     def score(exponent: float) -> float:
-        trial = Trial.of(replace(problem, lam=float(10.0**exponent)))
+        trial = LambdaTrial.of(replace(problem, lam=float(10.0**exponent)))
         return RULES[rule].score(trial, inputs) if trial.solution.trusted else float("inf")
 
     from scipy.optimize import minimize_scalar
@@ -186,7 +188,7 @@ def choose(problem: Problem, rule: str = "discrepancy", inputs: RuleInputs | Non
         key=itemgetter(1),
     )
     solution = solve(replace(problem, lam=float(10.0**exponent)))
-    return Choice(rule, solution, least, at_edge, 10.0**grid, scores)
+    return LambdaChoice(rule, solution, least, at_edge, 10.0**grid, scores)
 
 
 def _lowest(scores: Floats, local_minimum: bool) -> int:

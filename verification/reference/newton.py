@@ -21,7 +21,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import SolverError
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
-from taction.verification.reference.stacked_least_squares import Factor, factorise
+from taction.verification.reference.stacked_least_squares import StackedFactor, factorise
 
 STAGE = 1.0
 """Square of the relative error of u at which a stage of the homotopy ends."""
@@ -52,7 +52,7 @@ class System(ABC):
         """Return ``T^T r`` (N,)."""
 
     @abstractmethod
-    def factor(self, D: Floats, mu: float) -> Factor:
+    def factor(self, D: Floats, mu: float) -> StackedFactor:
         """Prepare ``(D T^T T D + mu I) y = D T^T f1 + f2``."""
 
 
@@ -180,7 +180,7 @@ def homotopy(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scaled(System):
+class ScaledProblem(System):
     """Minimise ``1/2 |T u - eps|^2 + mu sum(phi(u) + beta u)``, with |T| near 1.
 
     The division by a power of two is exact, so this is the same problem; general solvers given
@@ -191,7 +191,7 @@ class Scaled(System):
     gram: Floats  # ``T^T T`` (N, N)
 
     @classmethod
-    def of(cls, problem: Problem) -> Scaled:
+    def of(cls, problem: Problem) -> ScaledProblem:
         """Scale a problem; SolverError if lam or eps then overflows."""
         peak = float(np.max(np.abs(problem.T)))
         length = np.sqrt(np.sum((problem.T / peak) ** 2)) if peak > 0.0 else 0.0
@@ -208,7 +208,7 @@ class Scaled(System):
         scaled = cls(problem.eps, mu, beta, scale, norm, h, regulariser, T, gram)
         return scaled.with_strain(problem.eps)
 
-    def with_strain(self, eps: Floats) -> Scaled:
+    def with_strain(self, eps: Floats) -> ScaledProblem:
         """Return the problem with the unscaled strain `eps`; SolverError if it overflows."""
         divided = eps / self.scale
         if not np.all(np.isfinite(divided)):
@@ -223,6 +223,6 @@ class Scaled(System):
         """Return ``T^T r`` (N,)."""
         return np.asarray(r @ self.T)
 
-    def factor(self, D: Floats, mu: float) -> Factor:
+    def factor(self, D: Floats, mu: float) -> StackedFactor:
         """Factorise ``[T D; sqrt(mu) I]``."""
         return factorise(self.T, self.gram, D, mu)

@@ -19,9 +19,9 @@ import numpy as np
 from taction.system.array_types import EPS, Floats
 from taction.verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
 from taction.verification.reference.increasing_amplifiers import solve_maxent
-from taction.verification.reference.newton import Scaled
+from taction.verification.reference.newton import ScaledProblem
 from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
-from taction.verification.reference.stacked_least_squares import SVD, Factor, factorise
+from taction.verification.reference.stacked_least_squares import SVD, StackedFactor, factorise
 
 MAX_REFINEMENTS = 20
 QR_CONDITION = 1e13
@@ -31,7 +31,7 @@ SMALL = 300
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Point:
+class _SolutionPoint:
     """u and r in 106 bits with their residuals."""
 
     u: DoubleDouble
@@ -43,8 +43,12 @@ class _Point:
 
 
 def _point(
-    s: Scaled, exact: ExactMatrix, least: float, u: DoubleDouble, r: DoubleDouble | None = None
-) -> _Point:
+    s: ScaledProblem,
+    exact: ExactMatrix,
+    least: float,
+    u: DoubleDouble,
+    r: DoubleDouble | None = None,
+) -> _SolutionPoint:
     """Evaluate u and r; by default r makes f1 zero."""
     misfit = DoubleDouble.of(s.eps) - exact @ u
     r = misfit if r is None else r
@@ -55,10 +59,12 @@ def _point(
     rounding2 = PRODUCT_ERROR * (s.norm * dual + s.mu * size)
     rounding = rounding1 * least + rounding2
     residual = float(np.linalg.norm(f1)) * least + float(np.linalg.norm(f2))
-    return _Point(u, r, f1, f2, residual + rounding, rounding)
+    return _SolutionPoint(u, r, f1, f2, residual + rounding, rounding)
 
 
-def _refine(s: Scaled, exact: ExactMatrix, factor: Factor, least: float) -> tuple[_Point, int]:
+def _refine(
+    s: ScaledProblem, exact: ExactMatrix, factor: StackedFactor, least: float
+) -> tuple[_SolutionPoint, int]:
     """Solve and refine until the residual stops shrinking or is at its rounding error."""
     first = DoubleDouble.of(factor.solve(s.eps, np.zeros(s.T.shape[1])))
     best = _point(s, exact, least, first)
@@ -110,7 +116,7 @@ def solve_each(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:
     if problem.regulariser != "linear":
         return [solve_maxent(replace(problem, eps=eps)) for eps in strains]
     start = time.perf_counter()
-    base = Scaled.of(problem)
+    base = ScaledProblem.of(problem)
     condition = float(np.sqrt(1.0 + base.norm**2 / base.mu)) if base.mu > 0.0 else float("inf")
     exact = ExactMatrix(base.T)
     stacked = cache(lambda: factorise(base.T, base.gram, np.ones(base.T.shape[1]), base.mu))
@@ -132,9 +138,9 @@ def solve_each(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:
 
 def _certified(
     problem: Problem,
-    s: Scaled,
+    s: ScaledProblem,
     exact: ExactMatrix,
-    factor: Factor,
+    factor: StackedFactor,
     least: float,
     condition: float,
     start: float,

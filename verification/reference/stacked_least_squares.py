@@ -22,7 +22,7 @@ WORTHWHILE = 0.9
 """Uncoupled channels are left out if at most this share of all channels remains."""
 
 
-class Factor(Protocol):
+class StackedFactor(Protocol):
     """A factorised stacked system."""
 
     def solve(self, f1: Floats, f2: Floats) -> Floats:
@@ -122,7 +122,7 @@ class _Partial:
         return np.asarray(y)
 
 
-def factorise(T: Floats, gram: Floats, D: Floats, mu: float) -> Factor:
+def factorise(T: Floats, gram: Floats, D: Floats, mu: float) -> StackedFactor:
     """Factorise by Cholesky where Cholesky is accurate enough, else by QR.
 
     `T` (M, N), `gram` = ``T^T T`` (N, N), `D` (N,) at least 0, `mu` positive. Channels with a

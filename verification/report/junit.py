@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 
 from taction.system.foreign_text import escaped, visible, visible_lines
 from taction.verification.evidence.stress.catalogue import FOLDER
-from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.texts import value_text
 from taction.verification.report.views.files import Document, checks_of, reasons
 from taction.verification.report.views.regression import change_line, remarks
@@ -209,9 +209,9 @@ def _group_test(
 
 def _case_test(run: CaseRun) -> JUnitTest:
     name = f"{run.case.name} {run.engine}"
-    if run.judgement is Judgement.RIGHT:
+    if run.judgement is CaseJudgement.RIGHT:
         return JUnitTest(name, seconds=run.seconds)
-    if run.judgement is Judgement.NOT_RUN:
+    if run.judgement is CaseJudgement.NOT_RUN:
         return JUnitTest(name, "skipped", run.reason or run.judgement.value)
     message = f"{run.judgement.value}: {run.reason}"
     return JUnitTest(name, "failure", message, f"{message}\nhard because {run.case.why}")

@@ -33,7 +33,7 @@ from taction.verification.studies.difference import (
     FIGURES,
     RECORDS,
     Curves,
-    Key,
+    StoredKey,
     VerdictDifference,
     ends_with,
     is_circuit,
@@ -252,18 +252,18 @@ def _curves(time: Floats, u: Floats) -> Curves:
     return lambda: (time, u)
 
 
-def _parts(board: ForeignBoard) -> dict[str, Key]:
+def _parts(board: ForeignBoard) -> dict[str, StoredKey]:
     """Return values and nodes of the parts, by the names of their cards."""
-    circuit, found = board.circuit, dict[str, Key]()
+    circuit, found = board.circuit, dict[str, StoredKey]()
     for knob in circuit.knobs:
-        found[knob.name] = Key(circuit.value(knob.name), circuit.facts[knob.name].unit)
+        found[knob.name] = StoredKey(circuit.value(knob.name), circuit.facts[knob.name].unit)
     for card, source in board.flat.stimuli.items():
-        found[shown(card.lower())] = Key(source.after, UNITS_OF_SOURCES[card[0]])
-        found[f"{shown(card.lower())} before the step"] = Key(
+        found[shown(card.lower())] = StoredKey(source.after, UNITS_OF_SOURCES[card[0]])
+        found[f"{shown(card.lower())} before the step"] = StoredKey(
             source.before, UNITS_OF_SOURCES[card[0]]
         )
     for name, nodes in _nodes(board):
-        found[f"{name} nodes"] = Key(" ".join(nodes))
+        found[f"{name} nodes"] = StoredKey(" ".join(nodes))
     return found
 
 

@@ -118,7 +118,7 @@ def compare_verdicts(
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class StoredKey:
     """A key of a scene, or a value of a deck."""
 
     value: Value | None
@@ -151,7 +151,7 @@ class _StoredVerdict:
     stability: _StoredStability
     engine: str = ""
     step_amplitude_uncertainty: float | None = None
-    keys: dict[str, Key] | None = None
+    keys: dict[str, StoredKey] | None = None
 
     @property
     def rest(self) -> float | None:
@@ -204,9 +204,11 @@ def _record(stored: _StoredVerdict) -> Record:
     )
 
 
-def key_differences(first: Mapping[str, Key], second: Mapping[str, Key]) -> Iterator[KeyDifference]:
+def key_differences(
+    first: Mapping[str, StoredKey], second: Mapping[str, StoredKey]
+) -> Iterator[KeyDifference]:
     """Yield the keys whose values differ."""
-    nothing = Key(None)
+    nothing = StoredKey(None)
     for key in {**first, **second}:
         one, two = first.get(key, nothing), second.get(key, nothing)
         content = one.sha256 != two.sha256

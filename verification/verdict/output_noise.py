@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Band, Noise
+from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import Complexes
@@ -26,7 +26,7 @@ COARSEST = 20  # steps per decade; finer bands have this times a power of 2
 MOST_STEPS = 20_000
 
 
-def noise_bands(poles: Complexes, lowest: float = 0.0) -> tuple[Band, ...]:
+def noise_bands(poles: Complexes, lowest: float = 0.0) -> tuple[NoiseBand, ...]:
     """Return bands for the integral of a spectrum with these poles, 1/s, above `lowest`, Hz.
 
     A spectrum changes over the distance from ``j 2 pi f`` to the nearest pole. With the defaults
@@ -46,7 +46,7 @@ def noise_bands(poles: Complexes, lowest: float = 0.0) -> tuple[Band, ...]:
     """
     sizes = np.abs(poles) / math.tau
     f, last = lowest or BELOW * float(sizes.min()), ABOVE * max(float(sizes.max()), lowest)
-    bands, left = list[Band](), MOST_STEPS
+    bands, left = list[NoiseBand](), MOST_STEPS
     while f < last:
         density, steps, start = _density(f, poles), 0, f
         ratio = 10.0 ** (1.0 / density)
@@ -54,7 +54,7 @@ def noise_bands(poles: Complexes, lowest: float = 0.0) -> tuple[Band, ...]:
             f, steps, left = f * ratio, steps + 1, left - 1
             if left < 0 or ratio == 1.0:
                 raise EngineError(f"the resonances need more than {MOST_STEPS} frequencies")
-        band = Band(start, steps, density)
+        band = NoiseBand(start, steps, density)
         bands.append(band)
         f = band.stop
     return tuple(bands)
@@ -175,6 +175,6 @@ def _simulated(design: PlannedBoard, channel: int, lowest: float) -> float:
     """Return the noise of a channel above a frequency from ngspice, V."""
     bands = noise_bands(design.board.state_space.modes.poles, lowest)
     node = design.circuit.outputs[channel].node
-    deck = write_deck(design.circuit, Noise(bands), saved=[node])
+    deck = write_deck(design.circuit, NoiseAnalysis(bands), saved=[node])
     with start(deck, find_simulator(), timeout=design.scene.analysis.timeout) as run:
         return run.noise()

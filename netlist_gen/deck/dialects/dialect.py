@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from taction.netlist_gen.analysis import Analysis, Tolerances, Transient
+from taction.netlist_gen.analysis import Analysis, SimulatorTolerances, Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.errors import Complaint
 
@@ -22,7 +22,7 @@ _EXPRESSION = re.compile(r"\{([^{}]*)\}")
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class DialectRequest:
     """The part of a deck that follows the board.
 
     Attributes
@@ -33,7 +33,7 @@ class Request:
         The one analysis of the deck.
     saved : tuple of str
         Nodes whose voltages are saved.
-    limits : Tolerances
+    limits : SimulatorTolerances
         They follow from the scales of the board.
     solver : str
         ngspice's option for its matrix solver.
@@ -42,7 +42,7 @@ class Request:
     circuit: Circuit
     analysis: Analysis
     saved: tuple[str, ...]
-    limits: Tolerances
+    limits: SimulatorTolerances
     solver: str
 
 
@@ -63,7 +63,7 @@ class Dialect(ABC):
         """Return cards of parts, parameters and measures, given as ngspice has them."""
 
     @abstractmethod
-    def closing(self, request: Request) -> list[str]:
+    def closing(self, request: DialectRequest) -> list[str]:
         """Return options, temperature, saved voltages, the analysis, and the end of the deck."""
 
 
@@ -82,7 +82,7 @@ class ForeignSpice(Dialect):
             lines = [*(f"* {note}" for note in self.checked), *lines]
         return "\n".join([title, *map(_folded, lines)])
 
-    def closing(self, request: Request) -> list[str]:
+    def closing(self, request: DialectRequest) -> list[str]:
         """Return what follows the board, for a transient."""
         cards = self._transient(request, transient_of(request, self.name))
         return [*map(_folded, cards), ".end", ""]
@@ -100,7 +100,7 @@ class ForeignSpice(Dialect):
         """Return the card of a voltage source with an expression as its value."""
 
     @abstractmethod
-    def _transient(self, request: Request, transient: Transient) -> list[str]: ...
+    def _transient(self, request: DialectRequest, transient: Transient) -> list[str]: ...
 
     def expression(self, text: str) -> str:
         """Return an expression of parameters in the place of a number."""
@@ -116,7 +116,7 @@ def _folded(line: str) -> str:
     )
 
 
-def transient_of(request: Request, dialect: str) -> Transient:
+def transient_of(request: DialectRequest, dialect: str) -> Transient:
     """Return the transient of `request`.
 
     Raises

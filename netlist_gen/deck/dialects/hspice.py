@@ -6,8 +6,8 @@ import re
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.dialects.dialect import (
+    DialectRequest,
     ForeignSpice,
-    Request,
     starts_from_rest,
     temperature_of,
 )
@@ -37,7 +37,7 @@ class HSPICE(ForeignSpice):
             return f".include '{line.split()[1]}'"
         return super()._card(line)
 
-    def _transient(self, request: Request, transient: Transient) -> list[str]:
+    def _transient(self, request: DialectRequest, transient: Transient) -> list[str]:
         limits, celsius = request.limits, temperature_of(request.circuit)
         rest = starts_from_rest(request.circuit, transient)
         step = repr(transient.max_step)

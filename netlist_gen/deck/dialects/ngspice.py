@@ -6,17 +6,17 @@ from collections.abc import Iterator, Sequence
 
 from taction.netlist_gen.analysis import (
     Analysis,
-    Noise,
+    NoiseAnalysis,
     OperatingPoint,
+    SimulatorTolerances,
     SmallSignal,
-    Tolerances,
     Transient,
 )
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.dialects.dialect import (
     NATIVE,
     Dialect,
-    Request,
+    DialectRequest,
     starts_from_rest,
     temperature_of,
 )
@@ -37,7 +37,7 @@ class Ngspice(Dialect):
         """Return the cards as they are."""
         return text
 
-    def closing(self, request: Request) -> list[str]:
+    def closing(self, request: DialectRequest) -> list[str]:
         """Return what follows the board, for any analysis."""
         celsius = temperature_of(request.circuit)
         return [
@@ -49,9 +49,9 @@ class Ngspice(Dialect):
         ]
 
 
-def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
+def _options(limits: SimulatorTolerances, analysis: Analysis, solver: str) -> list[str]:
     lines = [
-        f".options {'noopiter' if isinstance(analysis, Noise) else solver}",
+        f".options {'noopiter' if isinstance(analysis, NoiseAnalysis) else solver}",
         f".options reltol={limits.relative!r} abstol={limits.current!r} vntol={limits.voltage!r}",
     ]
     charge = limits.charge
@@ -65,7 +65,7 @@ def _options(limits: Tolerances, analysis: Analysis, solver: str) -> list[str]:
 
 
 def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) -> list[str]:
-    if isinstance(analysis, Noise):
+    if isinstance(analysis, NoiseAnalysis):
         return noise_cards(analysis, nodes[0], circuit.noises)
     if isinstance(analysis, SmallSignal):
         raise ValueError(

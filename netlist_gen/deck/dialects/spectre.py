@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.dialects.dialect import (
     Dialect,
-    Request,
+    DialectRequest,
     imported_opamps,
     starts_from_rest,
     transient_of,
@@ -55,7 +55,7 @@ class Spectre(Dialect):
         # Before this statement only the first line, a title, is a comment in any language.
         return "\n".join([lines[0], LANGUAGE, *notes, "global 0", *lines[1:]])
 
-    def closing(self, request: Request) -> list[str]:
+    def closing(self, request: DialectRequest) -> list[str]:
         """Return options, saved nodes and the transient."""
         transient, limits = transient_of(request, self.name), request.limits
         rest = starts_from_rest(request.circuit, transient)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.dialects.dialect import (
+    DialectRequest,
     ForeignSpice,
-    Request,
     starts_from_rest,
     temperature_of,
 )
@@ -25,7 +25,7 @@ class Xyce(ForeignSpice):
         """Return a ``B`` source with its expression in braces."""
         return f"B{name} {node} {other} V={{{value}}}"
 
-    def _transient(self, request: Request, transient: Transient) -> list[str]:
+    def _transient(self, request: DialectRequest, transient: Transient) -> list[str]:
         limits, celsius = request.limits, temperature_of(request.circuit)
         device = f" temp={celsius} tnom={celsius}" if celsius else ""
         rest = starts_from_rest(request.circuit, transient)

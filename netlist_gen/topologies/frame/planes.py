@@ -41,7 +41,7 @@ from taction.system.array_types import Bools, Floats
 
 
 @dataclass(slots=True)
-class Board:
+class PlanesBoard:
     """A board of two planes while it is built."""
 
     scene: Scene
@@ -84,10 +84,10 @@ class Planes(Topology):
         """Raise InputError for a scene that the topology cannot be built for."""
 
     @abstractmethod
-    def signal_node(self, board: Board, n: int) -> str:
+    def signal_node(self, board: PlanesBoard, n: int) -> str:
         """Place the parts of signal node ``v_n``; return the node that takes the feedback."""
 
-    def linear_output(self, board: Board, n: int) -> str:
+    def linear_output(self, board: PlanesBoard, n: int) -> str:
         """Place what drives the matrix in a linear channel; return its output, +u_n."""
         return f"v_{n}"
 
@@ -101,7 +101,7 @@ class Planes(Topology):
         parts = Parts(model.name, design.stray_capacitance, inverter, series)
         self.check(scene)
         stage = AntilogStage.of(scene, model) if design.antilog.has_devices else None
-        board = Board(scene, facts, ohms, negative, parts, stage)
+        board = PlanesBoard(scene, facts, ohms, negative, parts, stage)
         sinks = self._signal_plane(board)
         self._constraint_plane(board, problem.strain)
         self._connect(board, sinks)
@@ -132,7 +132,7 @@ class Planes(Topology):
             expressions=parts.expressions,
         )
 
-    def _signal_plane(self, board: Board) -> tuple[str, ...]:
+    def _signal_plane(self, board: PlanesBoard) -> tuple[str, ...]:
         """Place signal nodes, their amplifiers and the bias; return the nodes of the feedback."""
         needs_minus = np.any(board.present & ~board.negative, axis=0).tolist()
         needs_plus = np.any(board.present & board.negative, axis=0).tolist()
@@ -142,7 +142,7 @@ class Planes(Topology):
             self._amplifier(board, n, minus=needs_minus[n - 1], plus=needs_plus[n - 1])
         return tuple(sinks)
 
-    def _amplifier(self, board: Board, n: int, *, minus: bool, plus: bool) -> None:
+    def _amplifier(self, board: PlanesBoard, n: int, *, minus: bool, plus: bool) -> None:
         """Place the signal amplifier of channel `n`, with an inverter where both signs are used."""
         design, parts = board.scene.design, board.parts
         if design.amplifier == "linear":
@@ -164,7 +164,7 @@ class Planes(Topology):
             if inverts:
                 board.plus_u[n] = other
 
-    def _constraint_plane(self, board: Board, strain: Floats) -> None:
+    def _constraint_plane(self, board: PlanesBoard, strain: Floats) -> None:
         """Place constraint nodes, the sources of `strain` (M,) and inverters of w."""
         parts, design = board.parts, board.scene.design
         inverted = board.negative if self.feedback_inverts else ~board.negative
@@ -178,7 +178,7 @@ class Planes(Topology):
             if needs_inverter[k - 1]:
                 parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
 
-    def _connect(self, board: Board, sinks: tuple[str, ...]) -> None:
+    def _connect(self, board: PlanesBoard, sinks: tuple[str, ...]) -> None:
         """Place both resistor matrices; the feedback ends at `sinks`, one node a channel."""
         rows = range(1, board.ohms.shape[0] + 1)
         minus_u = tuple(f"a_{n}" for n in board.channels)

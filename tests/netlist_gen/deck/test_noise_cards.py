@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from taction.netlist_gen.analysis import Band, Noise, OperatingPoint
+from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand, OperatingPoint
 from taction.netlist_gen.board.circuit import Circuit, NoiseCurrent
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.verification.engines.ngspice.process import find_simulator, start
 from tests.support.making import make_scene, matrix_problem
 
-BANDS = Noise((Band(10.0, 40, 20), Band(1e3, 200, 40)))
+BANDS = NoiseAnalysis((NoiseBand(10.0, 40, 20), NoiseBand(1e3, 200, 40)))
 
 
 def board(**design: Any) -> Circuit:
@@ -61,11 +61,17 @@ def test_two_files_have_the_noise_of_one(amplifier: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "band", [Band(0.0, 1, 1), Band(float("nan"), 1, 1), Band(1.0, 0, 1), Band(1.0, 1, 0)]
+    "band",
+    [
+        NoiseBand(0.0, 1, 1),
+        NoiseBand(float("nan"), 1, 1),
+        NoiseBand(1.0, 0, 1),
+        NoiseBand(1.0, 1, 0),
+    ],
 )
-def test_bands_without_frequencies_are_refused(band: Band) -> None:
+def test_bands_without_frequencies_are_refused(band: NoiseBand) -> None:
     with pytest.raises(ValueError, match="must be finite and above zero"):
-        write_deck(board(), Noise((band,)), saved=["v_1"])
+        write_deck(board(), NoiseAnalysis((band,)), saved=["v_1"])
 
 
 def test_a_noise_analysis_has_one_node() -> None:

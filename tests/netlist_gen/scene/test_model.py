@@ -16,7 +16,7 @@ import pytest
 from taction.netlist_gen.scene.field_values import Number
 from taction.netlist_gen.scene.fields import Model, NonNegative, Seconds, field
 from taction.netlist_gen.scene.loading import load_scene
-from taction.netlist_gen.scene.model import Kinds, MistakesError, Table
+from taction.netlist_gen.scene.model import Kinds, MistakesError, TableForm
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import Complaint, InputError
 from tests.support.paths import SCENES
@@ -56,8 +56,8 @@ def paths(model: Any, data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[s
         inside = data.get(key.alias) if isinstance(data, dict) else None
         form = getattr(key.form, "inner", key.form)
         if isinstance(form, Kinds):
-            form = Table(form.of[(inside or {}).get("kind", "cylinder")])
-        if isinstance(form, Table):
+            form = TableForm(form.of[(inside or {}).get("kind", "cylinder")])
+        if isinstance(form, TableForm):
             yield from paths(form.model, inside, (*path, key.alias))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from taction import spice_models
-from taction.netlist_gen.analysis import Band
+from taction.netlist_gen.analysis import NoiseBand
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.spice_models import foreign_devices, foreign_expressions, presets
 from taction.spice_models.imported import ImportedOpAmp
@@ -78,7 +78,7 @@ def two_poles() -> OpAmp:
 
 
 def test_the_open_loop_is_that_of_two_poles(ngspice: str) -> None:
-    opamp, band = two_poles(), Band(1.0, 14, 2)
+    opamp, band = two_poles(), NoiseBand(1.0, 14, 2)
     f = 10.0 ** (np.arange(15) / 2)
     expected = 1e5 / ((1 + 1j * f / 10.0) * (1 + 1j * f / 2e6))
     for witness in (Equations(), Simulation(find_simulator())):
@@ -103,7 +103,7 @@ def test_a_follower_steps_as_the_loop_of_second_order() -> None:
 def test_a_noise_density_is_that_of_a_follower(ngspice: str) -> None:
     noisy = replace(two_poles(), voltage_noise=10e-9)
     for witness in (Equations(), Simulation(find_simulator())):
-        found = witness.noise(Bench(noisy), Band(990.0, 1, 115))
+        found = witness.noise(Bench(noisy), NoiseBand(990.0, 1, 115))
         assert found == pytest.approx(10e-9, rel=3e-5)
 
 

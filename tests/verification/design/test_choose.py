@@ -23,7 +23,7 @@ from taction.verification.design.choose import (
     CAPACITANCE,
     G0,
     GAIN,
-    Request,
+    ChoiceRequest,
     best_designs,
     choice_plan,
     design_scene,
@@ -41,7 +41,9 @@ from tests.support.sweeping import make_record, store_records
 
 FILE = str(ROOT / "scenes" / "tuned-breadboard.toml")
 # The scene has R = 14.4 Mohm, and R falls as the gain grows: below 2.3 Mohm R would be worse.
-TWO = Request(["tl084", "ne5534"], "10pF:22pF", "2.4M:4.7M", 2, {"checks.settling_time.max": "1ms"})
+TWO = ChoiceRequest(
+    ["tl084", "ne5534"], "10pF:22pF", "2.4M:4.7M", 2, {"checks.settling_time.max": "1ms"}
+)
 
 
 def scene() -> Scene:
@@ -68,7 +70,7 @@ def record(settling: float = 1e-4, headroom: float = 0.5, outcome: str = "pass")
 
 
 def test_the_grid_has_values_that_can_be_bought() -> None:
-    plan = choice_plan(scene(), Request(["tl084"], points=9))
+    plan = choice_plan(scene(), ChoiceRequest(["tl084"], points=9))
     farads, ohms = (values_of(plan, path) for path in (CAPACITANCE, GAIN))
     assert (plan.points, len(farads), len(ohms)) == (81, 9, 9)
     assert (farads[0], farads[-1]) == (1e-12, 1e-10)
@@ -80,24 +82,27 @@ def test_the_grid_has_values_that_can_be_bought() -> None:
 
 
 def test_all_presets_but_the_ideal_one() -> None:
-    names = choice_plan(scene(), Request(gains="2.3M:2.3M", points=1)).axes[0].values
+    names = choice_plan(scene(), ChoiceRequest(gains="2.3M:2.3M", points=1)).axes[0].values
     assert set(names) == set(OPAMPS) - {"ideal"}
 
 
 def test_g0_moves_for_an_op_amp_whose_input_errors_miss_the_limit() -> None:
     """25 nA in 14.4 Mohm are 0.36 V, beside outputs of 0.2 V; a uA741 without errors stays."""
-    plan = choice_plan(scene(), Request(["lt1028"], points=3))
+    plan = choice_plan(scene(), ChoiceRequest(["lt1028"], points=3))
     board = synthesise(with_values(plan.scene, plan.values_at(4)))
     assert broken_limits(board) == {}
     lam = synthesise(scene()).value("lambda")
     assert board.value("lambda") == pytest.approx(lam, rel=1e-12)
     product = board.value("R") * board.value("C")  # the time constant stays, 144 us
     assert product == pytest.approx(14.4e6 * 10e-12, rel=0.03)
-    for asked in (Request(["lt1028"], gains="2.3M:2.3M"), Request(["lmp7721"], points=3)):
+    for asked in (
+        ChoiceRequest(["lt1028"], gains="2.3M:2.3M"),
+        ChoiceRequest(["lmp7721"], points=3),
+    ):
         plan = choice_plan(with_values(scene(), {"design.supply": 2.5}), asked)
         assert G0 not in plan.values_at(0)
     exact = with_values(scene(), {"design.opamp.input_errors": "none"})
-    assert G0 not in choice_plan(exact, Request(["ua741"], points=3)).values_at(0)
+    assert G0 not in choice_plan(exact, ChoiceRequest(["ua741"], points=3)).values_at(0)
 
 
 def test_a_named_op_amp_passes_on_the_tuned_board_and_the_page_says_that_g0_moved() -> None:
@@ -111,20 +116,22 @@ def test_a_named_op_amp_passes_on_the_tuned_board_and_the_page_says_that_g0_move
 
 def test_series_join_values() -> None:
     series = scene().design.model_copy(update={"capacitor_series": "E6"})
-    plan = choice_plan(scene().model_copy(update={"design": series}), Request(["tl084"], points=21))
+    plan = choice_plan(
+        scene().model_copy(update={"design": series}), ChoiceRequest(["tl084"], points=21)
+    )
     assert len(values_of(plan, CAPACITANCE)) == 13  # 1 pF to 100 pF: six a decade
 
 
 @pytest.mark.parametrize(
     ("request_", "text"),
     [
-        (Request(["tl085"]), "tl084"),
-        (Request(["tl084"], "2pF:1pF"), "--c-range"),
-        (Request(["tl084"], "", "1M:x"), "gain"),
-        (Request(["tl084"], limits={"checks.settling_time.max": "10 F"}), "settling_time"),
+        (ChoiceRequest(["tl085"]), "tl084"),
+        (ChoiceRequest(["tl084"], "2pF:1pF"), "--c-range"),
+        (ChoiceRequest(["tl084"], "", "1M:x"), "gain"),
+        (ChoiceRequest(["tl084"], limits={"checks.settling_time.max": "10 F"}), "settling_time"),
     ],
 )
-def test_requests_that_cannot_be(request_: Request, text: str) -> None:
+def test_requests_that_cannot_be(request_: ChoiceRequest, text: str) -> None:
     with pytest.raises(InputError, match=text):
         choice_plan(scene(), request_)
 
@@ -154,7 +161,7 @@ def test_the_order_is_that_of_the_worst_share() -> None:
 
 def test_parts_that_cannot_be_bought_are_never_best() -> None:
     """R = 1/(lambda s G0²) is 16.6 Mohm at s = 2 Mohm; C = 1 pF is below the stray 2.05 pF."""
-    plan = choice_plan(scene(), Request(["tl084"], "1pF:10pF", "2M:2.4M", 2))
+    plan = choice_plan(scene(), ChoiceRequest(["tl084"], "1pF:10pF", "2M:2.4M", 2))
     with Store(":memory:") as store:
         store_records(plan, store, {("statespace", k): record() for k in range(4)})
         ranked = designs(plan, store)
@@ -167,7 +174,7 @@ def test_parts_that_cannot_be_bought_are_never_best() -> None:
 
 
 def test_an_unstable_design_has_no_share() -> None:
-    plan = choice_plan(scene(), Request(["tl084"], "10pF:10pF", "1M:1M", 1))
+    plan = choice_plan(scene(), ChoiceRequest(["tl084"], "10pF:10pF", "1M:1M", 1))
     with Store(":memory:") as store:
         bad = replace(record(outcome="fail"), stable=False)
         store_records(plan, store, {("statespace", 0): bad})

@@ -14,7 +14,7 @@ from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.reference import IdealNetwork, ideal_transient
-from taction.verification.reference.dynamics import Transient
+from taction.verification.reference.dynamics import IdealTransient
 from taction.verification.reference.ideal_answer import ideal_answer, ideal_network, is_biased
 from tests.support.making import make_scene, matrix_problem
 
@@ -39,7 +39,7 @@ def test_the_transient_of_an_exponential_network_waits_until_it_is_asked_for(
     network = replace(ONE, amplifier="exponential", Ve=0.05)
     calls: list[str] = []
 
-    def counted(*args: object, **more: object) -> Transient:
+    def counted(*args: object, **more: object) -> IdealTransient:
         calls.append("transient")
         return ideal_transient(*args, **more)  # type: ignore[arg-type]
 

@@ -11,7 +11,13 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from taction.verification.reference.ideal_answer import resolve_lambda
-from taction.verification.reference.lambda_choice import RULES, Choice, RuleInputs, Trial, choose
+from taction.verification.reference.lambda_choice import (
+    RULES,
+    LambdaChoice,
+    LambdaTrial,
+    RuleInputs,
+    choose,
+)
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 from tests.support.oracle import kernel
@@ -32,9 +38,9 @@ def noisy(seed: int, regulariser: str = "linear") -> tuple[Problem, RuleInputs]:
 def test_sensitivity_is_the_derivative(regulariser: str) -> None:
     problem, _ = noisy(0, regulariser)
     lam, step = 0.03, 1e-5
-    trial = Trial.of(replace(problem, lam=lam))
+    trial = LambdaTrial.of(replace(problem, lam=lam))
     above, below = (
-        Trial.of(replace(problem, lam=lam * float(np.exp(side * step)))) for side in (1, -1)
+        LambdaTrial.of(replace(problem, lam=lam * float(np.exp(side * step)))) for side in (1, -1)
     )
     slope = (above.solution.u - below.solution.u) / (2.0 * step)
     assert trial.sensitivity == pytest.approx(slope, rel=1e-7, abs=1e-9)
@@ -49,7 +55,7 @@ def test_sensitivity_is_the_derivative(regulariser: str) -> None:
 
 def test_freedom_is_the_trace_of_the_influence() -> None:
     problem, _ = noisy(0, "exponential")
-    trial = Trial.of(replace(problem, lam=0.3))
+    trial = LambdaTrial.of(replace(problem, lam=0.3))
     trace, step = 0.0, 1e-5
     for k in range(len(problem.eps)):
         fits = []
@@ -64,7 +70,9 @@ def test_freedom_is_the_trace_of_the_influence() -> None:
 def test_curvature_of_the_l_curve() -> None:
     problem, inputs = noisy(0)
     lam, step = 0.05, 1e-3
-    trials = [Trial.of(replace(problem, lam=lam * float(np.exp(k * step)))) for k in (-1, 0, 1)]
+    trials = [
+        LambdaTrial.of(replace(problem, lam=lam * float(np.exp(k * step)))) for k in (-1, 0, 1)
+    ]
     x = np.log([t.residual for t in trials])
     y = np.log([t.penalty for t in trials])
     dx, dy = (x[2] - x[0]) / 2 / step, (y[2] - y[0]) / 2 / step
@@ -82,7 +90,7 @@ def test_discrepancy_principle_is_met(regulariser: str) -> None:
     assert not choice.at_edge
 
 
-def squared_error(choice: Choice, inputs: RuleInputs) -> float:
+def squared_error(choice: LambdaChoice, inputs: RuleInputs) -> float:
     return float(np.sum((choice.solution.u - np.asarray(inputs.truth)) ** 2))
 
 

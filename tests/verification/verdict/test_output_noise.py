@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.analysis import Analysis, Noise
+from taction.netlist_gen.analysis import Analysis, NoiseAnalysis
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
@@ -57,7 +57,9 @@ def numbers(figures: dict[str, str]) -> dict[str, float]:
 
 def from_ngspice(board: LinearBoard, channel: int) -> float:
     bands = noise_bands(board.state_space.modes.poles)
-    deck = write_deck(board.circuit, Noise(bands), saved=[board.circuit.outputs[channel].node])
+    deck = write_deck(
+        board.circuit, NoiseAnalysis(bands), saved=[board.circuit.outputs[channel].node]
+    )
     with start(deck, find_simulator(), timeout=60.0) as run:
         return run.noise()
 

@@ -35,7 +35,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Band, Noise, OperatingPoint, SmallSignal, Transient
+from taction.netlist_gen.analysis import (
+    NoiseAnalysis,
+    NoiseBand,
+    OperatingPoint,
+    SmallSignal,
+    Transient,
+)
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import (
     BadEvidence,
@@ -52,7 +58,7 @@ from taction.system.foreign_files import MEGABYTE
 from taction.system.raw_file import Plot, read_complex, read_plots, read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
-from taction.verification.engines.ngspice.screening import Deck
+from taction.verification.engines.ngspice.screening import ScreenedDeck
 
 Result = TypeVar("Result")
 
@@ -178,7 +184,7 @@ _PLOT_NAMES = {Transient: "Transient Analysis", OperatingPoint: "Operating Point
 
 
 def accepted_waveforms(
-    deck: Deck, ending: Ending, *, engine: str, bound: float, solver: str = ""
+    deck: ScreenedDeck, ending: Ending, *, engine: str, bound: float, solver: str = ""
 ) -> Waveforms:
     """Return the waveforms of a run that shows all its evidence.
 
@@ -218,7 +224,9 @@ def _accepted(ending: Ending, judge: Callable[[], Result]) -> Result:
         raise type(error)(str(error), log=log, folder=ending.folder) from None
 
 
-def _partial_waveforms(deck: Deck, ending: Ending, engine: str, solver: str) -> Waveforms | None:
+def _partial_waveforms(
+    deck: ScreenedDeck, ending: Ending, engine: str, solver: str
+) -> Waveforms | None:
     """Return the points that an interrupted run wrote; None without any."""
     try:
         plot = read_raw(ending.raw, partial=True)
@@ -228,7 +236,7 @@ def _partial_waveforms(deck: Deck, ending: Ending, engine: str, solver: str) -> 
     return _waveforms(deck, plot, ending, engine, solver) if len(plot.data) else None
 
 
-def _check_plot(deck: Deck, plot: Plot) -> None:
+def _check_plot(deck: ScreenedDeck, plot: Plot) -> None:
     """Check points 3 and 5; `read_raw` has checked for one plot and point 4."""
     requested = _PLOT_NAMES[type(deck.analysis)]
     if plot.name != requested:
@@ -247,7 +255,7 @@ def _check_plot(deck: Deck, plot: Plot) -> None:
         )
 
 
-def _check_time(deck: Deck, time: Floats) -> None:
+def _check_time(deck: ScreenedDeck, time: Floats) -> None:
     """Check point 6."""
     analysis = deck.analysis
     if not isinstance(analysis, Transient):
@@ -276,8 +284,10 @@ def _check_values(waveforms: Waveforms, bound: float) -> None:
     raise BadEvidence(f"beyond {bound:g} V, or not a number, at {wrong.size} nodes: {listed}")
 
 
-def _waveforms(deck: Deck, plot: Plot, ending: Ending, engine: str, solver: str) -> Waveforms:
-    """Copy the columns in the order of `Deck.saved`, each into contiguous memory.
+def _waveforms(
+    deck: ScreenedDeck, plot: Plot, ending: Ending, engine: str, solver: str
+) -> Waveforms:
+    """Copy the columns in the order of `ScreenedDeck.saved`, each into contiguous memory.
 
     A column of the map is neither aligned nor contiguous: on 10,000 x 7 values, the minimum and
     maximum take 0.5 ms there and 0.01 ms on the copy.
@@ -305,7 +315,7 @@ INTEGRAL = ("Integrated Noise", ("v(onoise_total)",))
 FREQUENCY_TOLERANCE = 1e-6
 
 
-def integrated_noise(deck: Deck, ending: Ending) -> float:
+def integrated_noise(deck: ScreenedDeck, ending: Ending) -> float:
     """Return the noise of the saved node over all bands, rms, V.
 
     Raises
@@ -317,9 +327,9 @@ def integrated_noise(deck: Deck, ending: Ending) -> float:
     return _accepted(ending, lambda: _total(deck, read_plots(ending.raw)))
 
 
-def _total(deck: Deck, plots: list[Plot]) -> float:
+def _total(deck: ScreenedDeck, plots: list[Plot]) -> float:
     analysis = deck.analysis
-    if not isinstance(analysis, Noise):
+    if not isinstance(analysis, NoiseAnalysis):
         raise BadEvidence(f"the analysis is {type(analysis).__name__}, not Noise")
     spectra, integrals = plots[0::2], plots[1::2]
     if len(plots) != 2 * len(analysis.bands):
@@ -344,7 +354,7 @@ def _check_name(plot: Plot, name: str, vectors: tuple[str, ...]) -> None:
         )
 
 
-def _check_frequencies(spectrum: Plot, band: Band) -> None:
+def _check_frequencies(spectrum: Plot, band: NoiseBand) -> None:
     frequencies = spectrum.data[:, 0]
     expected = (band.start, band.stop)
     found = (float(frequencies[0]), float(frequencies[-1]))
@@ -370,7 +380,7 @@ def _variance(spectrum: Plot) -> float:
 PLOT = "AC Analysis"
 
 
-def small_signal_response(deck: Deck, ending: Ending) -> tuple[Floats, Complexes]:
+def small_signal_response(deck: ScreenedDeck, ending: Ending) -> tuple[Floats, Complexes]:
     """Return the frequencies (P,), Hz, and the voltages of the saved nodes (P, K), V.
 
     Raises
@@ -383,7 +393,7 @@ def small_signal_response(deck: Deck, ending: Ending) -> tuple[Floats, Complexes
 
 
 def _checked(
-    deck: Deck, name: str, vectors: tuple[str, ...], data: Complexes
+    deck: ScreenedDeck, name: str, vectors: tuple[str, ...], data: Complexes
 ) -> tuple[Floats, Complexes]:
     if not isinstance(deck.analysis, SmallSignal):
         raise BadEvidence(f"the analysis is {type(deck.analysis).__name__}, not SmallSignal")

@@ -44,7 +44,7 @@ from taction.verification.engines.ngspice.evidence import (
     small_signal_response,
 )
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
-from taction.verification.engines.ngspice.screening import Deck, screen
+from taction.verification.engines.ngspice.screening import ScreenedDeck, screen
 
 
 def guard_of_process() -> tuple[str, ...]:
@@ -89,7 +89,7 @@ def launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
         )
 
 
-def make_folder(deck: Deck, command: str, folder: Path | None) -> Path:
+def make_folder(deck: ScreenedDeck, command: str, folder: Path | None) -> Path:
     """Make the run folder and write all files that a run, or a repetition of the run, needs.
 
     `command` is the command line that repeats the run in its folder. An existing `folder` must be
@@ -213,7 +213,7 @@ class Run:
 
     def __init__(
         self,
-        deck: Deck,
+        deck: ScreenedDeck,
         simulator: Simulator,
         folder: Path,
         *,
@@ -255,7 +255,7 @@ class Run:
         """Wait for the end and return the noise of the saved node, V; see `integrated_noise`."""
         return self.accept(integrated_noise)
 
-    def accept(self, evidence: Callable[[Deck, Ending], Result]) -> Result:
+    def accept(self, evidence: Callable[[ScreenedDeck, Ending], Result]) -> Result:
         """Wait for the end and return what `evidence` accepts; else keep the folder."""
         if not self._discard.alive:
             raise SimulationError("a run returns its result once, and never after it was cancelled")
@@ -295,7 +295,7 @@ class Run:
 
 
 def start(
-    deck: Deck,
+    deck: ScreenedDeck,
     simulator: Simulator,
     *,
     timeout: float,
@@ -307,7 +307,7 @@ def start(
 
     Parameters
     ----------
-    deck : Deck
+    deck : ScreenedDeck
         What to run.
     simulator : Simulator
         The executable.
@@ -344,7 +344,7 @@ def start(
 
 
 def simulate(
-    deck: Deck,
+    deck: ScreenedDeck,
     simulator: Simulator,
     *,
     timeout: float,

@@ -21,8 +21,8 @@ from taction.netlist_gen.analysis import Analysis
 from taction.system.errors import DidNotLoad, SingularCircuit
 
 
-class Deck(Protocol):
-    """The properties of a deck (`taction.netlist_gen.deck.deck.Deck`) that the runner uses.
+class ScreenedDeck(Protocol):
+    """The properties of a deck (`taction.netlist_gen.deck.deck.ScreenedDeck`) that the runner uses.
 
     `files` maps names to the text of further files in the deck's folder; `saved` are the node
     names of the ``.save`` card; `analysis` is the requested analysis.
@@ -109,7 +109,7 @@ class _Scope:
             self.instances[name] = [*self.instances.get(name, ()), *nodes]
 
 
-def screen(deck: Deck) -> None:
+def screen(deck: ScreenedDeck) -> None:
     """Refuse a deck that ngspice would misread without a message, or that runs commands.
 
     Time is linear in the text, about 0.5 µs a line; a group of successive lines with one first
@@ -128,13 +128,13 @@ def screen(deck: Deck) -> None:
     if len(set(map(str.lower, deck.saved))) != len(deck.saved) or not deck.saved:
         raise DidNotLoad(f"saved nodes must be distinct, and at least one: {deck.saved!r}")
     title, _, body = deck.text.partition("\n")
-    reading = _Reading({name.lower(): text for name, text in deck.files.items()})
+    reading = _ScreeningReading({name.lower(): text for name, text in deck.files.items()})
     # The first line is the title, unless ngspice reads it as a card or a script.
     reading.read(body if title[:1] not in "*." else deck.text)
     _refuse_floating(reading.scopes)
 
 
-class _Reading:
+class _ScreeningReading:
     """Reads a deck and the files it includes, in place, into `scopes`."""
 
     def __init__(self, files: Mapping[str, str]) -> None:

@@ -9,7 +9,7 @@ from taction.verification.evidence.paper.findings import Chapter, Finding, findi
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
 from taction.verification.reference import IdealNetwork, ideal_transient
-from taction.verification.reference.dynamics import AGREEMENT, ScaledNetwork, Transient, Trust
+from taction.verification.reference.dynamics import AGREEMENT, IdealTransient, ScaledNetwork, Trust
 from taction.verification.reference.regularisers import REGULARISERS
 
 GEOMETRY = Geometry(15, 6.0)
@@ -67,7 +67,7 @@ def _gradient(scaled: ScaledNetwork) -> Finding:
     return finding("gradient-system", {"difference": difference}, weigh(difference <= 1e-6))
 
 
-def _final(run: Transient) -> Floats:
+def _final(run: IdealTransient) -> Floats:
     """Return the outputs (N,) at the end of a transient; NaN for a transient that failed."""
     if run.response is None:
         return np.full(GEOMETRY.channels, np.nan)

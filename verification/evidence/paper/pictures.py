@@ -11,7 +11,7 @@ from taction.system.array_types import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class PaperCurve:
     """One line of a picture; `style` is a format string of matplotlib."""
 
     x: Floats
@@ -27,7 +27,7 @@ class Panel:
     title: str
     x: str
     y: str
-    curves: tuple[Curve, ...]
+    curves: tuple[PaperCurve, ...]
     logs: str = ""
     limits: tuple[float, float] | None = None
     marks: tuple[tuple[float, str], ...] = ()
@@ -42,6 +42,8 @@ class Picture:
     panels: tuple[Panel, ...]
 
 
-def curve(x: ArrayLike, y: ArrayLike, label: str = "", style: str = "-") -> Curve:
-    """Return a `Curve` of any two array-like values."""
-    return Curve(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), label, style)
+def curve(x: ArrayLike, y: ArrayLike, label: str = "", style: str = "-") -> PaperCurve:
+    """Return a `PaperCurve` of any two array-like values."""
+    return PaperCurve(
+        np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), label, style
+    )

@@ -30,7 +30,7 @@ from taction.verification.studies.running.versions import describe_machine
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class PaperTask:
     """One chapter: what runs, and its processor time on one core of 2.5 GHz, s."""
 
     title: str
@@ -43,17 +43,17 @@ class Task:
         return self.quick_seconds if quick else self.seconds
 
 
-CHAPTERS: dict[str, Task] = {
-    "reconstruction": Task("Stress from noisy strain", reconstruction, 43.0, 3.1),
-    "breadboard": Task("The seven-channel breadboard", breadboard, 5.9, 5.1),
-    "console": Task("The design step", console, 3.2, 0.2),
-    "hardware": Task("Other hardware", hardware, 2.2, 2.0),
-    "speed": Task("Analog against digital", speed, 3.3, 2.5),
-    "simnon": Task("Simulation", simnon, 10.0, 2.5),
-    "energy": Task("Energy and stability", energy, 6.9, 5.2),
-    "conditioning": Task("Ill-posedness", conditioning, 25.0, 1.5),
-    "kernels": Task("Kernel and load as printed", kernels, 0.1, 0.1),
-    "equations": Task("The network's equations as printed", equations, 0.1, 0.1),
+CHAPTERS: dict[str, PaperTask] = {
+    "reconstruction": PaperTask("Stress from noisy strain", reconstruction, 43.0, 3.1),
+    "breadboard": PaperTask("The seven-channel breadboard", breadboard, 5.9, 5.1),
+    "console": PaperTask("The design step", console, 3.2, 0.2),
+    "hardware": PaperTask("Other hardware", hardware, 2.2, 2.0),
+    "speed": PaperTask("Analog against digital", speed, 3.3, 2.5),
+    "simnon": PaperTask("Simulation", simnon, 10.0, 2.5),
+    "energy": PaperTask("Energy and stability", energy, 6.9, 5.2),
+    "conditioning": PaperTask("Ill-posedness", conditioning, 25.0, 1.5),
+    "kernels": PaperTask("Kernel and load as printed", kernels, 0.1, 0.1),
+    "equations": PaperTask("The network's equations as printed", equations, 0.1, 0.1),
 }
 
 
@@ -78,7 +78,7 @@ class Judged:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Section:
+class PaperSection:
     """One chapter of the report; `seconds` is its wall time."""
 
     DOCUMENT = ("title", "seconds [s]")
@@ -99,7 +99,7 @@ class Reproduction(Result):
         *("left_out = omitted", "chapters = sections"),
     )
 
-    sections: tuple[Section, ...]
+    sections: tuple[PaperSection, ...]
     left_out: tuple[Claim, ...]
     quick: bool
     seconds: float
@@ -142,7 +142,7 @@ def reproduce(
     expected = {name: task.expected(quick=quick) for name, task in CHAPTERS.items()}
     total = sum(expected.values())
     progress(f"{len(selected)} claims in {len(CHAPTERS)} chapters: about {total:.0f} s")
-    sections: list[Section] = []
+    sections: list[PaperSection] = []
     for name, task in CHAPTERS.items():
         start = time.perf_counter()
         left = remaining(list(expected.values()), start - began, len(sections))
@@ -151,7 +151,9 @@ def reproduce(
         chapter = _run(task.run, of_chapter, quick=quick)
         findings = {finding.id: finding for finding in chapter.findings}
         judged = tuple(Judged(claim, findings[claim.id]) for claim in of_chapter)
-        sections.append(Section(task.title, judged, chapter.pictures, time.perf_counter() - start))
+        sections.append(
+            PaperSection(task.title, judged, chapter.pictures, time.perf_counter() - start)
+        )
     return Reproduction(
         tuple(sections),
         tuple(claim for claim in claims if claim not in selected),

@@ -14,7 +14,7 @@ from taction.verification.evidence.paper.findings import Chapter, Finding, findi
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
 from taction.verification.reference import ideal_transient
-from taction.verification.reference.dynamics import AGREEMENT, ScaledNetwork, Transient, Trust
+from taction.verification.reference.dynamics import AGREEMENT, IdealTransient, ScaledNetwork, Trust
 
 GEOMETRY = Geometry(21, 6.0)
 MU = 5e-4
@@ -137,7 +137,7 @@ def _cost(explicit: list[_Run], implicit: list[_Run], stiffness: float) -> Findi
     )
 
 
-def _accuracy(run: Transient) -> Finding:
+def _accuracy(run: IdealTransient) -> Finding:
     settling = run.response.settling_time() if run.response is not None else float("nan")
     trusted = run.outcome is Trust.TRUSTED and run.second_opinion <= AGREEMENT
     values = {"settling_time_rc": settling, "second_opinion": run.second_opinion}

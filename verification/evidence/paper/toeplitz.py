@@ -28,7 +28,7 @@ from taction.verification.reference.newton import (
 )
 from taction.verification.reference.problem import SMALLEST_SCALE, Solution, ToeplitzProblem
 from taction.verification.reference.regularisers import REGULARISERS
-from taction.verification.reference.stacked_least_squares import Factor
+from taction.verification.reference.stacked_least_squares import StackedFactor
 
 Real = NDArray[Any]
 """Single or double precision."""
@@ -209,7 +209,7 @@ class _ToeplitzSystem(System):
     def transposed(self, r: Floats) -> Floats:
         return self.T.transposed(r)
 
-    def factor(self, D: Floats, mu: float) -> Factor:
+    def factor(self, D: Floats, mu: float) -> StackedFactor:
         linear = self.regulariser is REGULARISERS["linear"]
         if linear and self.symmetric and self.T.size <= LEVINSON_SIZE:
             return Levinson(self.column, mu)

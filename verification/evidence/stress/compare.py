@@ -21,7 +21,7 @@ RESTING = ("steady_state", "settling_time")  # also judged by where drawn boards
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class TruthComparison:
     """One stated number.
 
     Attributes
@@ -74,7 +74,7 @@ class Comparison:
         return not self.error <= self.doubt + self.uncertainty + self.accuracy
 
 
-def compare(verdict: Verdict, truth: TrueValues) -> tuple[Comparison, ...]:
+def compare(verdict: Verdict, truth: TrueValues) -> tuple[TruthComparison, ...]:
     """Compare every number that a verdict states with its true value.
 
     An undecided verdict states no readings. The outputs of a board that never arrives at its
@@ -90,10 +90,10 @@ def compare(verdict: Verdict, truth: TrueValues) -> tuple[Comparison, ...]:
     return (*static, *numbers.checks(), *numbers.channels(), *poles)
 
 
-def worst(comparisons: tuple[Comparison, ...]) -> Comparison | None:
+def worst(comparisons: tuple[TruthComparison, ...]) -> TruthComparison | None:
     """Return the comparison with the largest ratio."""
 
-    def rank(comparison: Comparison) -> float:
+    def rank(comparison: TruthComparison) -> float:
         return math.inf if math.isnan(comparison.ratio) else comparison.ratio
 
     return max(comparisons, key=rank, default=None)
@@ -164,14 +164,14 @@ class _Numbers:
     verdict: Verdict
     truth: TrueValues
 
-    def static(self) -> Iterator[Comparison]:
+    def static(self) -> Iterator[TruthComparison]:
         """Yield the outputs at the equilibrium."""
         steady, amplitude = self.verdict.steady, self.truth.amplitude
         for n, (value, true) in enumerate(zip(steady.values, self.truth.channels, strict=True)):
             name, final = f"final value of u_{n + 1}", true["final"]
             yield self._number(name, float(value), steady.error, final, "V", amplitude)
 
-    def checks(self) -> Iterator[Comparison]:
+    def checks(self) -> Iterator[TruthComparison]:
         """Yield the numbers of the decided checks of the network."""
         for check in self.verdict.checks:
             value, uncertainty = check.value, check.uncertainty
@@ -181,7 +181,7 @@ class _Numbers:
                 true = _of_the_network(check.name, self.verdict, self.truth)
                 yield self._number(check.name, value or 0.0, uncertainty or 0.0, true, check.unit)
 
-    def channels(self) -> Iterator[Comparison]:
+    def channels(self) -> Iterator[TruthComparison]:
         """Yield the readings of the channels."""
         channels = self.verdict.measurements.channels
         for channel, true in zip(channels, self.truth.channels, strict=True):
@@ -191,7 +191,7 @@ class _Numbers:
                     value, error, unit = reading.value, reading.uncertainty, READINGS[name].unit
                     yield self._number(label, value, error, true.get(name, math.nan), unit)
 
-    def poles(self) -> Iterator[Comparison]:
+    def poles(self) -> Iterator[TruthComparison]:
         """Yield the rightmost pole and the margin."""
         found, truth = self.verdict.poles, self.truth
         lead, resolution = truth.rightmost[0], found.resolution
@@ -203,10 +203,12 @@ class _Numbers:
 
     def _number(
         self, name: str, value: float, error: float, truth: float, unit: str, scale: float = 1.0
-    ) -> Comparison:
+    ) -> TruthComparison:
         """Return a comparison; errors of times, poles and margins are relative, else of `scale`."""
         size, share = (scale if unit in ("step", "V") else abs(truth)), self._allowed(name)
-        return Comparison(name, value, error, truth, unit, self.truth.error * size, share * size)
+        return TruthComparison(
+            name, value, error, truth, unit, self.truth.error * size, share * size
+        )
 
     def _allowed(self, name: str) -> float:
         """Return the error that the scene allows for a number, as a fraction.

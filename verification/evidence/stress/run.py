@@ -11,7 +11,12 @@ from dataclasses import dataclass
 from taction.system.errors import INTERRUPTED
 from taction.system.results import Result
 from taction.verification.evidence.stress.catalogue import Case
-from taction.verification.evidence.stress.compare import Comparison, compare, worst, wrong_checks
+from taction.verification.evidence.stress.compare import (
+    TruthComparison,
+    compare,
+    worst,
+    wrong_checks,
+)
 from taction.verification.studies.running.collecting import collected
 from taction.verification.studies.running.executors import cores, local
 from taction.verification.studies.running.versions import describe_machine
@@ -26,7 +31,7 @@ STOPPED = "interrupted"
 NO_NGSPICE = "ngspice was not found, or it is too old; `taction self doctor` says more"
 
 
-class Judgement(enum.Enum):
+class CaseJudgement(enum.Enum):
     """Whether taction was right on a case."""
 
     RIGHT = "right"
@@ -45,10 +50,10 @@ class CaseRun:
     engine : str
     outcome : str
         Outcome of the verdict, or the name of the exception; "-" without either.
-    judgement : Judgement
+    judgement : CaseJudgement
     checks : tuple of Check
         Empty for a refused scene.
-    comparisons : tuple of Comparison
+    comparisons : tuple of TruthComparison
         Every stated number with its true value.
     reason : str
         What is wrong, or why the scene was refused.
@@ -67,9 +72,9 @@ class CaseRun:
     case: Case
     engine: str
     outcome: str
-    judgement: Judgement
+    judgement: CaseJudgement
     checks: tuple[Check, ...] = ()
-    comparisons: tuple[Comparison, ...] = ()
+    comparisons: tuple[TruthComparison, ...] = ()
     reason: str = ""
     seconds: float = 0.0
 
@@ -79,7 +84,7 @@ class CaseRun:
         return tuple(self.case.outcome[self.engine])
 
     @property
-    def worst(self) -> Comparison | None:
+    def worst(self) -> TruthComparison | None:
         """The stated number with the largest true error over its stated error."""
         return worst(self.comparisons)
 
@@ -102,7 +107,7 @@ class StressReport(Result):
     @property
     def wrong(self) -> tuple[CaseRun, ...]:
         """Runs with a wrong outcome or a wrong number."""
-        fine = (Judgement.RIGHT, Judgement.NOT_RUN)
+        fine = (CaseJudgement.RIGHT, CaseJudgement.NOT_RUN)
         return tuple(run for run in self.runs if run.judgement not in fine)
 
     @property
@@ -117,7 +122,7 @@ class StressReport(Result):
             return INTERRUPTED
         if self.wrong:
             return 1
-        return 3 if any(run.judgement is Judgement.NOT_RUN for run in self.runs) else 0
+        return 3 if any(run.judgement is CaseJudgement.NOT_RUN for run in self.runs) else 0
 
     @property
     def known_versions(self) -> dict[str, str | None]:
@@ -137,7 +142,7 @@ class StressReport(Result):
     def count(self) -> dict[str, int]:
         """Return the number of runs by judgement, without zeros."""
         found = [run.judgement for run in self.runs]
-        return {kind.value: found.count(kind) for kind in Judgement if kind in found}
+        return {kind.value: found.count(kind) for kind in CaseJudgement if kind in found}
 
 
 def run_catalogue(
@@ -145,7 +150,7 @@ def run_catalogue(
 ) -> StressReport:
     """Run every case on every one of its engines, and announce the time that is left.
 
-    Without ngspice its runs are `Judgement.NOT_RUN`, and after Ctrl-C all remaining runs are.
+    Without ngspice its runs are `CaseJudgement.NOT_RUN`, and after Ctrl-C all remaining runs are.
     `jobs` runs are computed at a time, by default one per core, the longest first.
     """
     machine = describe_machine()
@@ -170,11 +175,11 @@ def run_catalogue(
 
 
 def _not_run(case: Case, engine: str, reason: str) -> CaseRun:
-    return CaseRun(case, engine, "-", Judgement.NOT_RUN, reason=reason)
+    return CaseRun(case, engine, "-", CaseJudgement.NOT_RUN, reason=reason)
 
 
 def _killed(case: Case, engine: str) -> CaseRun:
-    return CaseRun(case, engine, "-", Judgement.WRONG_OUTCOME, reason="its process was killed")
+    return CaseRun(case, engine, "-", CaseJudgement.WRONG_OUTCOME, reason="its process was killed")
 
 
 def usual_seconds(case: Case, engine: str) -> float:
@@ -197,7 +202,7 @@ def run_case(case: Case, engine: str) -> CaseRun:
         # Also an exception that taction does not raise on purpose is an outcome, a wrong one.
         seconds, name = time.perf_counter() - began, type(error).__name__
         right = name in case.outcome[engine]
-        judgement = Judgement.RIGHT if right else Judgement.WRONG_OUTCOME
+        judgement = CaseJudgement.RIGHT if right else CaseJudgement.WRONG_OUTCOME
         return CaseRun(case, engine, name, judgement, reason=str(error), seconds=seconds)
     return _judged(case, engine, verdict, time.perf_counter() - began)
 
@@ -205,9 +210,9 @@ def run_case(case: Case, engine: str) -> CaseRun:
 def _judged(case: Case, engine: str, verdict: Verdict, seconds: float) -> CaseRun:
     comparisons = () if case.truth is None else compare(verdict, case.truth)
     mistakes = list(_wrong_outcomes(case, engine, verdict))
-    judgement = Judgement.WRONG_OUTCOME if mistakes else Judgement.RIGHT
+    judgement = CaseJudgement.WRONG_OUTCOME if mistakes else CaseJudgement.RIGHT
     if wrong := [c.name for c in comparisons if c.wrong]:
-        judgement = Judgement.WRONG_NUMBER
+        judgement = CaseJudgement.WRONG_NUMBER
         mistakes.append(f"wrong: {', '.join(wrong)}")
     return CaseRun(
         case=case,

@@ -14,7 +14,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.design.exploration import (
-    Curves,
+    ExplorerCurves,
     Judgement,
     PoleView,
     RestView,
@@ -208,12 +208,14 @@ def _bar(check: Check) -> Part:
     return {**asdict(bar), "width": bar.width, "used": bar.used}
 
 
-def outputs_chart(curves: Curves, other: Curves | None, view: RestView, window: str) -> Chart:
+def outputs_chart(
+    curves: ExplorerCurves, other: ExplorerCurves | None, view: RestView, window: str
+) -> Chart:
     """Return the outputs of all channels in a window, with their targets and bands.
 
     Parameters
     ----------
-    other : Curves or None
+    other : ExplorerCurves or None
         The record of ngspice.
     window : str
         ``"rise"`` or ``"whole"``.
@@ -259,7 +261,7 @@ def outputs_chart(curves: Curves, other: Curves | None, view: RestView, window: 
     return Chart("Outputs", time_axis, volts, tuple(marks), summary=" ".join(notes), legend="")
 
 
-def _shown(curves: Curves, end: float, view: RestView) -> tuple[Floats, Floats, bool]:
+def _shown(curves: ExplorerCurves, end: float, view: RestView) -> tuple[Floats, Floats, bool]:
     """Return a window of the curves within the supply, and whether they go beyond it."""
     shown = curves.time <= end * (1.0 + 1e-9)
     outputs, limit = curves.outputs[shown], view.board.circuit.supply
@@ -324,7 +326,7 @@ class Look:
         look = replace(self, poles=found)
         return look, poles_part(found) | look.outputs_part(window)
 
-    def curves(self, window: str) -> Curves | None:
+    def curves(self, window: str) -> ExplorerCurves | None:
         """Return the best curves that are known.
 
         Those of the verdict where the linear board has no closed form, or is not the board.

@@ -16,8 +16,8 @@ from taction.verification.design.choose import (
     GAIN,
     U0,
     Choice,
+    ChosenDesign,
     Confirmation,
-    Design,
 )
 from taction.verification.report.blocks import (
     BOTH,
@@ -109,7 +109,7 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
     )
 
 
-def _moved(scene: Scene, designs: Sequence[Design]) -> Iterator[str]:
+def _moved(scene: Scene, designs: Sequence[ChosenDesign]) -> Iterator[str]:
     """Yield which op-amps have another G0 than the scene, and why."""
     own = scene.design.unit_conductance
     moved = {one.opamp: float(one.values[G0]) for one in designs if one.values.get(G0, own) != own}
@@ -132,20 +132,20 @@ def _text_of(confirmation: Confirmation) -> str:
     return "not run" if confirmation.outcome is None else confirmation.outcome.value
 
 
-def _values(design: Design) -> tuple[float, float]:
+def _values(design: ChosenDesign) -> tuple[float, float]:
     """Return C in F and the gain in ohm."""
     return float(design.values[CAPACITANCE]), float(design.values[GAIN])
 
 
-def _words(design: Design) -> str:
+def _words(design: ChosenDesign) -> str:
     farads, ohms = _values(design)
     return f"{design.opamp}, C = {quantity(farads, 'F')}, gain = {quantity(ohms, 'ohm')}"
 
 
-def _best(best: Sequence[Design], confirmations: Sequence[Confirmation]) -> Iterator[Block]:
+def _best(best: Sequence[ChosenDesign], confirmations: Sequence[Confirmation]) -> Iterator[Block]:
     said = {design.place: each for design, each in zip(best, confirmations, strict=True)}
 
-    def ngspice(design: Design) -> Cell:
+    def ngspice(design: ChosenDesign) -> Cell:
         each = said[design.place]
         return Cell(_text_of(each), None, each.outcome.value if each.outcome else "")
 
@@ -158,7 +158,7 @@ def _best(best: Sequence[Design], confirmations: Sequence[Confirmation]) -> Iter
     yield Notes("What ngspice says", tuple(reasons))
 
 
-def _opamps(designs: Sequence[Design]) -> Table:
+def _opamps(designs: Sequence[ChosenDesign]) -> Table:
     """Return the best design of each op-amp, and why it does not pass."""
     passing = Counter(design.opamp for design in designs if design.good)
     columns = {**_columns(designs), "passing": lambda each: passing[each.opamp]}
@@ -166,12 +166,12 @@ def _opamps(designs: Sequence[Design]) -> Table:
     return Table.of(title, _first_of_each(designs), columns, "", most, "{} more: --json.")
 
 
-def _table(designs: Sequence[Design]) -> Table:
+def _table(designs: Sequence[ChosenDesign]) -> Table:
     more = f"The first {LISTED} of {len(designs)}; --json has all."
     return Table.of("Designs, the best first", designs, _columns(designs), "", {PAGE: LISTED}, more)
 
 
-def _outcome(design: Design) -> Cell:
+def _outcome(design: ChosenDesign) -> Cell:
     """Return the outcome with the check that decides it, or what cannot be bought."""
     if design.refused:
         return Cell(f"no parts: {readable(design.refused)}", None, "fail")
@@ -179,8 +179,8 @@ def _outcome(design: Design) -> Cell:
     return outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
 
 
-def _columns(designs: Sequence[Design]) -> dict[str, Callable[[Design], Shown]]:
-    columns: dict[str, Callable[[Design], Shown]] = {
+def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesign], Shown]]:
+    columns: dict[str, Callable[[ChosenDesign], Shown]] = {
         "op-amp": lambda each: each.opamp,
         "C": lambda each: number_cell(_values(each)[0], "F", 3),
         "gain": lambda each: number_cell(_values(each)[1], "ohm", 3),
@@ -200,15 +200,15 @@ def _columns(designs: Sequence[Design]) -> dict[str, Callable[[Design], Shown]]:
     return columns
 
 
-def _first_of_each(designs: Sequence[Design]) -> list[Design]:
+def _first_of_each(designs: Sequence[ChosenDesign]) -> list[ChosenDesign]:
     """Return the best design of every op-amp, the best first; `designs` are in their order."""
-    first: dict[str, Design] = {}
+    first: dict[str, ChosenDesign] = {}
     for design in designs:
         first.setdefault(design.opamp, design)
     return list(first.values())
 
 
-def _maps(designs: Sequence[Design], best: Sequence[Design]) -> Iterator[Block]:
+def _maps(designs: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Iterator[Block]:
     names = [design.opamp for design in _first_of_each(designs)]
     for name in names[:MAPS]:
         own = [design for design in designs if design.opamp == name]
@@ -221,13 +221,13 @@ def _maps(designs: Sequence[Design], best: Sequence[Design]) -> Iterator[Block]:
         yield Notes("", (f"The tables have {len(names) - MAPS} op-amps more.",))
 
 
-def sheet(title: str, designs: Sequence[Design], best: Sequence[Design]) -> Sheet:
+def sheet(title: str, designs: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Sheet:
     """Return what the picture of a choice shows: a map for each of the best op-amps."""
     blocks = [block for block in _maps(designs, best) if isinstance(block, Chart)]
     return Sheet.of(title, blocks, ACROSS, (3.6, 3.0), (0.6, 1.4), MAP)
 
 
-def _map(name: str, own: Sequence[Design], best: Sequence[Design]) -> Chart:
+def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Chart:
     farads, ohms = (sorted(set(values)) for values in zip(*map(_values, own), strict=True))
     at = {_values(design): design for design in own}
     cells = [[at.get((x, y)) for x in farads] for y in ohms]
@@ -272,20 +272,20 @@ def _limit_line(grid: Grid) -> Iterator[Curve]:
         yield Curve(np.exp(across), np.exp(down), "the limit", "ink", width=2.0)
 
 
-def _points(designs: Sequence[Design], name: str, mark: str, size: float) -> Iterator[Curve]:
+def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) -> Iterator[Curve]:
     if designs:
         x, y = np.array([_values(design) for design in designs]).T
         yield Curve(x, y, name, "ink", "", mark, size=size)
 
 
-def _level(design: Design | None) -> float:
+def _level(design: ChosenDesign | None) -> float:
     """Return the worst share; not a number for an unstable design."""
     if design is None or not design.shares:
         return math.nan
     return max(design.worst, LOW / 10.0)
 
 
-def _hover(design: Design | None) -> str:
+def _hover(design: ChosenDesign | None) -> str:
     if design is None:
         return ""
     share = figure(design.worst, "", 3) if design.shares else "no value"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from taction.verification.evidence.demonstration import Demonstration, Step
+from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
 from taction.verification.report.blocks import BOTH, Block, Notes, Page, Section, Sheet, Table
 from taction.verification.report.texts import outcome_cell
 from taction.verification.report.views.origin import origin_section
@@ -40,7 +40,7 @@ def view(found: Demonstration) -> Page:
     )
 
 
-def _sections(number: int, step: Step) -> tuple[Section, ...]:
+def _sections(number: int, step: DemonstrationStep) -> tuple[Section, ...]:
     verdict = step.verdict
     title = f"{number}. {step.title}"
     table = Table.of(

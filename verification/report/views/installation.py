@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from taction.verification.report.blocks import EVERYWHERE, Notes, Page, Section
-from taction.verification.studies.running.installation import Finding, Installation
+from taction.verification.studies.running.installation import Installation, InstalledPart
 
 
 def view(result: Installation) -> Page:
@@ -18,6 +18,6 @@ def view(result: Installation) -> Page:
     )
 
 
-def _lines(finding: Finding) -> tuple[str, str]:
+def _lines(finding: InstalledPart) -> tuple[str, str]:
     mark = "ok     " if finding.ok else "missing"
     return f"{mark}  {finding.what}: {finding.found}", f"         {finding.means}"

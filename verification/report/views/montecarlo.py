@@ -35,9 +35,9 @@ from taction.verification.report.texts import (
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.tolerance.yield_report import (
     CHECK_OF,
+    QuantitySpread,
     Remedy,
     Sensitivity,
-    Spread,
     YieldReport,
 )
 
@@ -199,7 +199,7 @@ def value_range(
 def spreads(result: YieldReport) -> Table:
     """Return the spread of each quantity."""
 
-    def number(name: str) -> Callable[[Spread], Cell]:
+    def number(name: str) -> Callable[[QuantitySpread], Cell]:
         return lambda each: number_cell(getattr(each, name), each.unit)
 
     columns = {
@@ -218,7 +218,7 @@ def spreads(result: YieldReport) -> Table:
 def histograms(result: YieldReport) -> Iterator[Block]:
     """Yield a histogram of each quantity, those first whose check costs most yield."""
 
-    def place(spread: Spread) -> tuple[bool, int]:
+    def place(spread: QuantitySpread) -> tuple[bool, int]:
         unlimited = spread.at_least is None and spread.at_most is None
         return unlimited, -result.failures.get(CHECK_OF.get(spread.name, spread.name), 0)
 
@@ -233,7 +233,7 @@ def histograms(result: YieldReport) -> Iterator[Block]:
             yield _histogram(spread, values)
 
 
-def _histogram(spread: Spread, values: Floats) -> Chart:
+def _histogram(spread: QuantitySpread, values: Floats) -> Chart:
     limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
     least, most = _ends((spread.at_least, spread.at_most))
     beyond, edges = (values < least) | (values > most), _edges(values, limits)

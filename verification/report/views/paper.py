@@ -11,10 +11,9 @@ import numpy as np
 
 from taction.system.atomic_files import write_atomically
 from taction.verification.evidence.paper.findings import ClaimOutcome
-from taction.verification.evidence.paper.pictures import Curve as PaperCurve
-from taction.verification.evidence.paper.pictures import Panel, Picture
+from taction.verification.evidence.paper.pictures import Panel, PaperCurve, Picture
 from taction.verification.evidence.paper.reproduce import Judged, Reproduction
-from taction.verification.evidence.paper.reproduce import Section as Chapter
+from taction.verification.evidence.paper.reproduce import PaperSection as Chapter
 from taction.verification.report.blocks import (
     BOTH,
     TERMINAL,

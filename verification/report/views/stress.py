@@ -6,17 +6,17 @@ import math
 from collections.abc import Iterable, Iterator
 
 from taction.verification.evidence.stress.catalogue import Case
-from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import BOTH, PAGE, Cell, Notes, Page, Section, Table
 from taction.verification.report.charts import Outcome
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.texts import figure, number_cell, outcome_cell
 
-OUTCOMES: dict[Judgement, Outcome] = {
-    Judgement.RIGHT: "pass",
-    Judgement.WRONG_OUTCOME: "fail",
-    Judgement.WRONG_NUMBER: "fail",
-    Judgement.NOT_RUN: "inconclusive",
+OUTCOMES: dict[CaseJudgement, Outcome] = {
+    CaseJudgement.RIGHT: "pass",
+    CaseJudgement.WRONG_OUTCOME: "fail",
+    CaseJudgement.WRONG_NUMBER: "fail",
+    CaseJudgement.NOT_RUN: "inconclusive",
 }
 
 

@@ -32,7 +32,7 @@ EXTRAS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class InstalledPart:
     """A part of the installation."""
 
     what: str
@@ -48,7 +48,7 @@ class Installation(Result):
     VIEW = "taction.verification.report.views.installation:view"
     SHOWN = ("ok",)
 
-    findings: tuple[Finding, ...]
+    findings: tuple[InstalledPart, ...]
 
     @property
     def ok(self) -> bool:
@@ -73,27 +73,27 @@ def installation() -> Installation:
     return Installation((_python(), _simulator(), *_blas(), *_extras()))
 
 
-def _python() -> Finding:
+def _python() -> InstalledPart:
     found = f"{platform.python_version()} on {platform.system()}, {os.cpu_count()} cores"
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
-    return Finding("Python", True, found, versions)
+    return InstalledPart("Python", True, found, versions)
 
 
-def _simulator() -> Finding:
+def _simulator() -> InstalledPart:
     try:
         simulator = find_simulator()
     except SimulationError as error:
         means = "taction uses its state-space engine only, without the comparison with ngspice"
-        return Finding("ngspice", False, str(error), means)
+        return InstalledPart("ngspice", False, str(error), means)
     means = (
         "with the matrix solver KLU: fast on large boards"
         if simulator.klu
         else "without the matrix solver KLU: slow on boards of more than 32 channels"
     )
-    return Finding("ngspice", True, f"{simulator.version} at {simulator.executable}", means)
+    return InstalledPart("ngspice", True, f"{simulator.version} at {simulator.executable}", means)
 
 
-def _blas() -> Iterator[Finding]:
+def _blas() -> Iterator[InstalledPart]:
     """Yield one finding a BLAS library: numpy and scipy bring their own."""
     import numpy as np  # noqa: F401
     import scipy.linalg  # noqa: F401
@@ -103,7 +103,7 @@ def _blas() -> Iterator[Finding]:
         if library["user_api"] == "blas":
             version = library["version"] or "of no stated version"
             kernels = library.get("architecture", "unnamed")
-            yield Finding(
+            yield InstalledPart(
                 f"BLAS of {Path(library['filepath']).parent.name.partition('.')[0]}",
                 True,
                 f"{library['internal_api']} {version}, {kernels} kernels,"
@@ -112,8 +112,8 @@ def _blas() -> Iterator[Finding]:
             )
 
 
-def _extras() -> Iterator[Finding]:
+def _extras() -> Iterator[InstalledPart]:
     for package, purpose, remedy in EXTRAS:
         there = util.find_spec(package) is not None
         found = "installed" if there else f"not installed: {remedy}"
-        yield Finding(package, there, found, f"needed only for {purpose}")
+        yield InstalledPart(package, there, found, f"needed only for {purpose}")

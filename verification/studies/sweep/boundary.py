@@ -70,7 +70,7 @@ def solve_boundary(plan: Plan, *, seconds: float = SECONDS) -> Boundary:
     every crossing.
     """
     across, down = (group[0] for group in plan.groups)
-    lines = _Lines(plan)
+    lines = _GridLines(plan)
     try:
         began = clock.process_time()
         lines.poles_at(0, 0)
@@ -99,7 +99,7 @@ def place_of(axis: Axis, number: int) -> float:
     return float(axis.values[number]) if by_value(axis) else float(number)
 
 
-class _Lines:
+class _GridLines:
     """Edges of stability along the lines of a grid."""
 
     def __init__(self, plan: Plan) -> None:

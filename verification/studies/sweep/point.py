@@ -24,7 +24,7 @@ POINT_EFFORT = Effort(details=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Job:
+class PointJob:
     """A point to compute."""
 
     scene: Scene  # with the point's values and its engine
@@ -33,7 +33,7 @@ class Job:
     versions: Versions  # of the process that runs the sweep
 
 
-def compute(*jobs: Job) -> list[StoredResult | None]:
+def compute(*jobs: PointJob) -> list[StoredResult | None]:
     """Compute points; a verification that fails gives a result, too.
 
     Of several points those are computed that the engine solves together; each other one is None,
@@ -55,12 +55,12 @@ def compute(*jobs: Job) -> list[StoredResult | None]:
     return [found.get(place) for place in range(len(jobs))]
 
 
-def _result(job: Job, verdict: Verdict) -> StoredResult:
+def _result(job: PointJob, verdict: Verdict) -> StoredResult:
     waveforms = _pack(verdict) if job.keep_waveforms else None
     return StoredResult.of(Record.of(verdict, channels=False), waveforms)
 
 
-def _computed(job: Job) -> StoredResult:
+def _computed(job: PointJob) -> StoredResult:
     """Compute one point."""
     try:
         verdict = repeated_if_killed(

@@ -34,7 +34,7 @@ from taction.verification.studies.sweep.forecast import (
 )
 from taction.verification.studies.sweep.hybrid import confirmed_points
 from taction.verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
-from taction.verification.studies.sweep.point import Job, compute, failure
+from taction.verification.studies.sweep.point import PointJob, compute, failure
 from taction.verification.verdict.record import ERROR
 
 
@@ -190,7 +190,7 @@ class _Sweep:
             return 1
         return together(self.count.total - self.count.done, self.workers)
 
-    def _calls(self, point: GridPoint) -> Iterator[tuple[bytes, Job]]:
+    def _calls(self, point: GridPoint) -> Iterator[tuple[bytes, PointJob]]:
         """Yield key and job of a point unless the store or a running job has its result."""
         if self._is_known(point):
             return
@@ -213,7 +213,7 @@ class _Sweep:
             if self.count.time is not None:
                 self.count.time.submit(point.engine, point.place)
             versions = own_versions(point.engine == "ngspice")
-            yield key, Job(scene, problem, self.plan.keep_waveforms, versions)
+            yield key, PointJob(scene, problem, self.plan.keep_waveforms, versions)
 
     def _is_known(self, point: GridPoint) -> bool:
         """Whether the store has a result for the request of a point; count the point if so."""

@@ -77,7 +77,7 @@ def _together(names: list[str]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class QuantitySpread:
     """Distribution of a quantity over the samples.
 
     `low`, `median` and `high` are the `QUANTILES`, each the value of one sample: infinite for the
@@ -157,7 +157,7 @@ class YieldReport(Result):
     high: float
     failures: dict[str, int]
     reasons: dict[str, int]
-    quantities: tuple[Spread, ...]
+    quantities: tuple[QuantitySpread, ...]
     sensitivities: tuple[Sensitivity, ...]
     remedy: Remedy | None = None
     min_yield: float | None = None
@@ -242,7 +242,7 @@ def interval(passed: int, samples: int, confidence: float = CONFIDENCE) -> tuple
     return low, high
 
 
-def _spread(quantity: Quantity, samples: list[BoardSample]) -> Spread:
+def _spread(quantity: Quantity, samples: list[BoardSample]) -> QuantitySpread:
     values = [sample.value(quantity.name) for sample in samples if not sample.lost]
     missing = sum(value is None for value in values)
     never = math.inf if quantity.unit == "s" else math.nan
@@ -252,7 +252,7 @@ def _spread(quantity: Quantity, samples: list[BoardSample]) -> Spread:
     if len(known):
         low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
     least, most = quantity.limits
-    return Spread(quantity.name, quantity.unit, least, most, low, median, high, missing)
+    return QuantitySpread(quantity.name, quantity.unit, least, most, low, median, high, missing)
 
 
 def _sensitivities(

@@ -27,7 +27,7 @@ from taction.verification.studies.work_precision.ladders import SettingRuns
 from taction.verification.studies.work_precision.methods import (
     Integrator,
     MethodRun,
-    Task,
+    MethodTask,
     any_board,
     integrate_ideal,
     linear_board,
@@ -142,23 +142,23 @@ class ReferenceMethod:
     name: str
     solver: str  # see `taction.verification.studies.work_precision.methods.Method.solver`
     refuses: Callable[[Circuit], str]
-    compute: Callable[[Task, Floats], Floats]
+    compute: Callable[[MethodTask, Floats], Floats]
 
 
-def board_exact(task: Task, time: Floats) -> Floats:
+def board_exact(task: MethodTask, time: Floats) -> Floats:
     """Return the exact solution of a linear board."""
     solution = exact_solution(task.circuit, initial=task.transient.initial)
     return _signs(task) * solution.at(time)
 
 
-def board_implicit(task: Task, time: Floats) -> Floats:
+def board_implicit(task: MethodTask, time: Floats) -> Floats:
     """Return the solution of the adaptive implicit engine."""
     tolerance = STRUCTURED if LinearBoard(task.circuit).descriptor.is_large else TIGHT
     waveforms = stepped.simulate(task.circuit, task.transient, times=time, tolerance=tolerance)
     return outputs(task.circuit, waveforms)
 
 
-def board_lsoda(task: Task, time: Floats) -> Floats:
+def board_lsoda(task: MethodTask, time: Floats) -> Floats:
     """Return the solution of the board's equations by ODEPACK's LSODA; EngineError if it fails."""
     from scipy.integrate import solve_ivp
 
@@ -177,17 +177,17 @@ def board_lsoda(task: Task, time: Floats) -> Floats:
     return _signs(task) * run.reported.voltages(watch(e))
 
 
-def ideal_exact(task: Task, time: Floats) -> Floats:
+def ideal_exact(task: MethodTask, time: Floats) -> Floats:
     """Return the exact solution of an ideal network with linear amplifiers."""
     return ideal_linear(task.network, task.v0).outputs(time)
 
 
-def ideal_integrated(task: Task, time: Floats, method: Integrator) -> Floats:
+def ideal_integrated(task: MethodTask, time: Floats, method: Integrator) -> Floats:
     """Return the solution of the ideal network by an integrator of SciPy."""
     return integrate_ideal(task, TIGHTEST, method, time)[1]
 
 
-def _signs(task: Task) -> Floats:
+def _signs(task: MethodTask) -> Floats:
     return np.array([output.sign for output in task.circuit.outputs])
 
 
@@ -253,7 +253,7 @@ class ProblemErrors:
 
 
 def measure_runs(
-    task: Task,
+    task: MethodTask,
     entries: Sequence[SettingRuns],
     band: float,
     pole: complex | None,
@@ -280,7 +280,7 @@ def measure_runs(
 
 
 def _measure(
-    task: Task,
+    task: MethodTask,
     problem: str,
     entries: Sequence[SettingRuns],
     target: Floats,
@@ -312,7 +312,7 @@ def _measure(
 
 
 def _references(
-    task: Task, problem: str, entries: Sequence[SettingRuns], worker: Worker, end: float
+    task: MethodTask, problem: str, entries: Sequence[SettingRuns], worker: Worker, end: float
 ) -> tuple[list[Reference], list[str]]:
     """Compute up to `NEEDED` references; return them and the omissions."""
     references: list[Reference] = []
@@ -350,12 +350,12 @@ def _floor(references: Sequence[Reference], scale: ErrorScale) -> Errors:
     return floor
 
 
-def _board_target(task: Task) -> Floats:
+def _board_target(task: MethodTask) -> Floats:
     """Return the outputs at the board's equilibrium, shape (N,), V."""
     rest = LinearBoard(task.circuit).equilibrium
     return np.array([out.sign * rest[out.node] for out in task.circuit.outputs])
 
 
-def _ideal_target(task: Task) -> Floats:
+def _ideal_target(task: MethodTask) -> Floats:
     """Return the outputs of the ideal network at rest, shape (N,), V."""
     return np.asarray(solve(task.network.problem).u * task.network.U0)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from itertools import zip_longest
 
 from taction.verification.studies.running.worker import FAILURES, Worker
-from taction.verification.studies.work_precision.methods import Method, MethodRun, Task
+from taction.verification.studies.work_precision.methods import Method, MethodRun, MethodTask
 
 REPEATS = 3
 SHARE = 0.5  # of the remaining time that one run may take
@@ -38,7 +38,7 @@ class SettingRuns:
 
 
 def run_ladders(
-    task: Task,
+    task: MethodTask,
     methods: Sequence[Method],
     seconds: float,
     worker: Worker,
@@ -93,7 +93,7 @@ def _schedule(methods: Sequence[Method]) -> Iterator[tuple[Method, float]]:
             yield from (pair for pair in level if pair is not None)
 
 
-def _run_once(task: Task, entry: SettingRuns, limit: float, worker: Worker) -> None:
+def _run_once(task: MethodTask, entry: SettingRuns, limit: float, worker: Worker) -> None:
     """Run a setting once and store the run or its error in `entry`."""
     method = entry.method
     try:
@@ -114,7 +114,7 @@ def _run_once(task: Task, entry: SettingRuns, limit: float, worker: Worker) -> N
 
 
 def _repeat(
-    task: Task,
+    task: MethodTask,
     entries: list[SettingRuns],
     end: float,
     worker: Worker,

@@ -50,7 +50,7 @@ _COUNT = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
+class MethodTask:
     """The input of every method."""
 
     circuit: Circuit
@@ -102,7 +102,7 @@ def small_linear_board(circuit: Circuit) -> str:
 
 
 def ngspice(
-    task: Task, points: float, timeout: float, method: Literal["trapezoidal", "gear"]
+    task: MethodTask, points: float, timeout: float, method: Literal["trapezoidal", "gear"]
 ) -> MethodRun:
     """Run ngspice with `points` points on a ringing period; TimeoutError after `timeout` s."""
     simulator = find_simulator()
@@ -130,7 +130,7 @@ def ngspice(
     )
 
 
-def exact(task: Task, _: float) -> MethodRun:
+def exact(task: MethodTask, _: float) -> MethodRun:
     """Run the exact engine with `BASE_POINTS` recorded points on a ringing period."""
     started = clock.perf_counter()
     transient = task.transient
@@ -141,12 +141,12 @@ def exact(task: Task, _: float) -> MethodRun:
     return _thinned(task, Waveforms(time, solution.nodes, values, ENGINE, cost))
 
 
-def implicit(task: Task, tolerance: float) -> MethodRun:
+def implicit(task: MethodTask, tolerance: float) -> MethodRun:
     """Run the adaptive implicit engine, also on a linear board."""
     return _thinned(task, stepped.simulate(task.circuit, task.transient, tolerance=tolerance))
 
 
-def scipy_run(task: Task, tolerance: float, method: Integrator) -> MethodRun:
+def scipy_run(task: MethodTask, tolerance: float, method: Integrator) -> MethodRun:
     """Run an integrator of SciPy on the ideal network and record the ends of its steps."""
     started = clock.perf_counter()
     time, u, factorisations = integrate_ideal(task, tolerance, method)
@@ -156,7 +156,7 @@ def scipy_run(task: Task, tolerance: float, method: Integrator) -> MethodRun:
 
 
 def integrate_ideal(
-    task: Task, tolerance: float, method: Integrator, times: Floats | None = None
+    task: MethodTask, tolerance: float, method: Integrator, times: Floats | None = None
 ) -> tuple[Floats, Floats, int]:
     """Integrate the ideal network with SciPy.
 
@@ -200,7 +200,7 @@ def stride(count: int, channels: int) -> NDArray[np.intp]:
     return np.unique(np.append(np.arange(0, count, step), count - 1))
 
 
-def _thinned(task: Task, waveforms: Waveforms) -> MethodRun:
+def _thinned(task: MethodTask, waveforms: Waveforms) -> MethodRun:
     chosen = stride(len(waveforms.time), len(task.circuit.outputs))
     u, cost = outputs(task.circuit, waveforms)[chosen], waveforms.cost
     return MethodRun(waveforms.time[chosen], u, cost.seconds, cost.points, cost.factorisations)

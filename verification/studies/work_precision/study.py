@@ -42,7 +42,7 @@ from taction.verification.studies.work_precision.methods import (
     BASE_POINTS,
     METHODS,
     Method,
-    Task,
+    MethodTask,
     load_integrators,
     ngspice,
 )
@@ -183,7 +183,7 @@ def study_extent(
     periods = UNTIMED_PERIODS
     if points:
         probe = _transient(scene, scales, min(whole, FEWEST_PERIODS * period))
-        task = Task(circuit, probe, network, np.zeros(0))
+        task = MethodTask(circuit, probe, network, np.zeros(0))
         try:
             run = ngspice(task, BASE_POINTS, seconds, "trapezoidal")
         except TimeoutError:
@@ -407,7 +407,7 @@ def run_study(
     applicable, omissions = _applicable(methods, circuit)
     progress("time of an ngspice point")
     extent = study_extent(scene, circuit, network, applicable, LADDERS * budget)
-    task = Task(circuit, extent.transient, network, initial_voltages(scene, network))
+    task = MethodTask(circuit, extent.transient, network, initial_voltages(scene, network))
     with Worker() as worker:
         worker.call(START_UP, load_integrators)
         limit = LADDERS * budget - (clock.perf_counter() - started)
@@ -448,7 +448,7 @@ def _applicable(methods: Sequence[Method], circuit: Circuit) -> tuple[list[Metho
     return applicable, omissions
 
 
-def _point(task: Task, entry: SettingRuns, problem: ProblemErrors) -> SettingResult:
+def _point(task: MethodTask, entry: SettingRuns, problem: ProblemErrors) -> SettingResult:
     run, seconds = entry.run, entry.seconds
     stop = task.transient.stop if entry.method.problem == "board" else task.ideal_stop
     key = (entry.method.name, entry.setting)

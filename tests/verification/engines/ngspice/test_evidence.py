@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taction.netlist_gen.analysis import Band, Noise, OperatingPoint, SmallSignal
+from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand, OperatingPoint, SmallSignal
 from taction.system.errors import (
     BadEvidence,
     DidNotLoad,
@@ -166,7 +166,7 @@ R, L, C = 1e4, 1e-6, 1e-12
 RC = noise_bands(np.array([-1.0 / (R * C) + 0j]))
 
 
-def noise_deck(bands: tuple[Band, ...], *, saved: str = "out", parts: str = "") -> SmallDeck:
+def noise_deck(bands: tuple[NoiseBand, ...], *, saved: str = "out", parts: str = "") -> SmallDeck:
     """R and C between ``out`` and ground."""
     cards = [f".noise v({saved}) V1 dec {b.density} {b.start!r} {b.stop!r}" for b in bands]
     lines = [
@@ -179,7 +179,7 @@ def noise_deck(bands: tuple[Band, ...], *, saved: str = "out", parts: str = "") 
         *cards,
         ".end",
     ]
-    return SmallDeck("\n".join(lines) + "\n", (saved,), Noise(bands))
+    return SmallDeck("\n".join(lines) + "\n", (saved,), NoiseAnalysis(bands))
 
 
 def noise(deck: SmallDeck) -> float:
@@ -218,9 +218,9 @@ def test_other_frequencies_than_asked_for_are_refused() -> None:
     fewer = (replace(RC[0], start=2.0 * RC[0].start), *RC[1:])
     for bands in (wider, fewer):
         with pytest.raises(BadEvidence, match="were asked for"):
-            noise(replace(deck, analysis=Noise(bands)))
+            noise(replace(deck, analysis=NoiseAnalysis(bands)))
     with pytest.raises(BadEvidence, match="4 plots; 2 were asked for"):
-        noise(replace(deck, analysis=Noise(RC[:1])))
+        noise(replace(deck, analysis=NoiseAnalysis(RC[:1])))
 
 
 @pytest.mark.usefixtures("ngspice")
@@ -234,7 +234,7 @@ def test_another_analysis_is_refused() -> None:
     ("density", "message"), [(math.nan, "not finite"), (math.inf, "not finite"), (-1.0, "negative")]
 )
 def test_a_density_that_is_none_is_refused(tmp_path: Path, density: float, message: str) -> None:
-    band = Band(1.0, 1, 1)
+    band = NoiseBand(1.0, 1, 1)
 
     def plot(name: str, vectors: tuple[str, ...], *rows: tuple[float, ...]) -> bytes:
         named = "".join(f"\t{k}\t{vector}\tvoltage\n" for k, vector in enumerate(vectors))
@@ -247,7 +247,7 @@ def test_a_density_that_is_none_is_refused(tmp_path: Path, density: float, messa
     names = ("frequency", "onoise_spectrum")
     spectrum = plot("Noise Spectral Density Curves", names, (1.0, 1e-9), (10.0, density))
     integral = plot("Integrated Noise", ("v(onoise_total)",), (1e-9,))
-    deck = SmallDeck("", ("out",), Noise((band,)))
+    deck = SmallDeck("", ("out",), NoiseAnalysis((band,)))
     ending = Ending(0, False, 1.0, 0.1, "", tmp_path)
     (tmp_path / "out.raw").write_bytes(spectrum + integral)
     with pytest.raises(BadEvidence, match=message):
@@ -257,7 +257,7 @@ def test_a_density_that_is_none_is_refused(tmp_path: Path, density: float, messa
         integrated_noise(deck, ending)
 
 
-BAND = Band(1e3, 40, 10)
+BAND = NoiseBand(1e3, 40, 10)
 
 
 def low_pass(card: str = ".ac dec 10 1000.0 10000000.01") -> SmallDeck:

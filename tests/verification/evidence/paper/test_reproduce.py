@@ -22,9 +22,9 @@ from taction.verification.evidence.paper.findings import (
 from taction.verification.evidence.paper.reproduce import (
     CHAPTERS,
     Judged,
+    PaperSection,
+    PaperTask,
     Reproduction,
-    Section,
-    Task,
     _run,
 )
 from taction.verification.evidence.paper.tactile import FINE, GradientFlow, by_transform
@@ -72,7 +72,7 @@ def test_sentences_are_filled_with_numbers_lists_and_quantities(template: str, t
 def reproduction(*outcomes: ClaimOutcome) -> Reproduction:
     claim = replace(load_claims()[0], expected=ClaimOutcome.HOLDS)
     judged = tuple(Judged(claim, Finding(claim.id, "run", "ours", each)) for each in outcomes)
-    return Reproduction((Section("title", judged, (), 0.0),), (), True, 0.0)
+    return Reproduction((PaperSection("title", judged, (), 0.0),), (), True, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_a_run_says_how_long_it_takes_and_what_is_left(monkeypatch: pytest.Monke
         )
 
     names = sorted({claim.chapter for claim in load_claims()})
-    tasks = {name: Task(name, chapter, 30.0, 3.0) for name in names}
+    tasks = {name: PaperTask(name, chapter, 30.0, 3.0) for name in names}
     monkeypatch.setattr(module, "CHAPTERS", tasks)
     for quick, seconds in ((False, 30.0), (True, 3.0)):
         lines: list[str] = []

@@ -9,15 +9,22 @@ import pytest
 
 from taction.netlist_gen.scene.checks import ExcursionCheck
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
-from taction.verification.evidence.stress.compare import Comparison, compare, worst, wrong_checks
+from taction.verification.evidence.stress.compare import (
+    TruthComparison,
+    compare,
+    worst,
+    wrong_checks,
+)
 from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.verdict.verify import Verdict, verify
 
 CASES = load_catalogue()
 
 
-def stated(value: float, uncertainty: float, truth: float = 1.0, doubt: float = 0.0) -> Comparison:
-    return Comparison("overshoot", value, uncertainty, truth, "step", doubt, accuracy=0.01)
+def stated(
+    value: float, uncertainty: float, truth: float = 1.0, doubt: float = 0.0
+) -> TruthComparison:
+    return TruthComparison("overshoot", value, uncertainty, truth, "step", doubt, accuracy=0.01)
 
 
 @pytest.mark.parametrize(
@@ -34,7 +41,7 @@ def stated(value: float, uncertainty: float, truth: float = 1.0, doubt: float = 
     ],
 )
 def test_a_number_is_wrong_beyond_its_error_and_the_accuracy_of_the_scene(
-    number: Comparison, outside: bool, wrong: bool
+    number: TruthComparison, outside: bool, wrong: bool
 ) -> None:
     assert (number.outside, number.wrong) == (outside, wrong)
 

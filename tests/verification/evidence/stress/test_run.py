@@ -10,8 +10,8 @@ import pytest
 from taction.verification.evidence.stress import run as running
 from taction.verification.evidence.stress.catalogue import Case, load_catalogue, select
 from taction.verification.evidence.stress.run import (
+    CaseJudgement,
     CaseRun,
-    Judgement,
     StressReport,
     expected_seconds,
     run_case,
@@ -41,7 +41,7 @@ def one(name: str) -> Case:
 def test_no_case_ends_as_a_pass_with_a_wrong_number(case: Case) -> None:
     for engine in case.engines:
         run = run_case(case, engine)
-        assert run.judgement is Judgement.RIGHT, run.reason
+        assert run.judgement is CaseJudgement.RIGHT, run.reason
 
 
 @pytest.mark.parametrize("case", AGAIN, ids=name_of)
@@ -65,7 +65,7 @@ def test_a_dip_within_the_first_step_is_within_the_stated_error() -> None:
 
 def test_a_refusal_is_a_right_outcome() -> None:
     run = run_case(one("wrong-shape"), "statespace")
-    assert (run.outcome, run.judgement) == ("InputError", Judgement.RIGHT)
+    assert (run.outcome, run.judgement) == ("InputError", CaseJudgement.RIGHT)
     assert run.comparisons == ()
 
 
@@ -73,19 +73,19 @@ def test_a_refusal_is_a_right_outcome() -> None:
 def test_another_outcome_than_the_right_one_is_wrong(outcome: str) -> None:
     case = replace(one("two-channels"), outcome={"statespace": (outcome,)})
     run = run_case(case, "statespace")
-    assert run.judgement is Judgement.WRONG_OUTCOME
+    assert run.judgement is CaseJudgement.WRONG_OUTCOME
     assert f"pass instead of {outcome}" in run.reason
 
 
 def test_one_of_several_accepted_outcomes_is_right() -> None:
     case = replace(one("two-channels"), outcome={"statespace": ("fail", "pass")})
-    assert run_case(case, "statespace").judgement is Judgement.RIGHT
+    assert run_case(case, "statespace").judgement is CaseJudgement.RIGHT
 
 
 def test_a_check_of_its_own_must_have_its_outcome() -> None:
     case = replace(one("two-channels"), decided={"stability": "fail", "overshoot": "pass"})
     run = run_case(case, "statespace")
-    assert run.judgement is Judgement.WRONG_OUTCOME
+    assert run.judgement is CaseJudgement.WRONG_OUTCOME
     assert "stability must be fail, is pass" in run.reason
     assert "overshoot must be pass, is missing" in run.reason
 
@@ -95,7 +95,7 @@ def test_a_pass_with_a_wrong_number_is_wrong() -> None:
     assert case.truth is not None
     channels = tuple(dict(c) | {"settling_time": 1.0} for c in case.truth.channels)
     run = run_case(replace(case, truth=replace(case.truth, channels=channels)), "statespace")
-    assert (run.outcome, run.judgement) == ("pass", Judgement.WRONG_NUMBER)
+    assert (run.outcome, run.judgement) == ("pass", CaseJudgement.WRONG_NUMBER)
     assert "settling_time of u_1" in run.reason
 
 
@@ -105,7 +105,7 @@ def test_an_unforeseen_exception_is_a_wrong_outcome(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(running, "verify", broken)
     run = run_case(one("two-channels"), "statespace")
-    assert (run.outcome, run.judgement) == ("ZeroDivisionError", Judgement.WRONG_OUTCOME)
+    assert (run.outcome, run.judgement) == ("ZeroDivisionError", CaseJudgement.WRONG_OUTCOME)
 
 
 @pytest.mark.usefixtures("ngspice")
@@ -133,7 +133,7 @@ def test_ctrl_c_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
     assert report.exit_status == 130
 
 
-def report_of(*judgements: Judgement) -> StressReport:
+def report_of(*judgements: CaseJudgement) -> StressReport:
     case = one("two-channels")
     runs = tuple(CaseRun(case, "statespace", Outcome.PASS.value, j) for j in judgements)
     return StressReport(runs, ())
@@ -142,13 +142,13 @@ def report_of(*judgements: Judgement) -> StressReport:
 @pytest.mark.parametrize(
     ("judgements", "status"),
     [
-        ((Judgement.RIGHT,), 0),
-        ((Judgement.RIGHT, Judgement.NOT_RUN), 3),
-        ((Judgement.WRONG_OUTCOME, Judgement.NOT_RUN), 1),
-        ((Judgement.RIGHT, Judgement.WRONG_NUMBER), 1),
+        ((CaseJudgement.RIGHT,), 0),
+        ((CaseJudgement.RIGHT, CaseJudgement.NOT_RUN), 3),
+        ((CaseJudgement.WRONG_OUTCOME, CaseJudgement.NOT_RUN), 1),
+        ((CaseJudgement.RIGHT, CaseJudgement.WRONG_NUMBER), 1),
     ],
 )
-def test_exit_status(judgements: tuple[Judgement, ...], status: int) -> None:
+def test_exit_status(judgements: tuple[CaseJudgement, ...], status: int) -> None:
     assert report_of(*judgements).exit_status == status
 
 

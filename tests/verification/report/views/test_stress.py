@@ -10,8 +10,8 @@ from lxml import etree
 
 from taction.system.documents import plain
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
-from taction.verification.evidence.stress.compare import Comparison
-from taction.verification.evidence.stress.run import CaseRun, Judgement, StressReport
+from taction.verification.evidence.stress.compare import TruthComparison
+from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import TERMINAL, Table
 from taction.verification.report.junit import stress_junit
 from taction.verification.report.renderers.terminal import page_text
@@ -23,17 +23,25 @@ NASTY = 'a <b> & "c" | `d` ]]> \x1b[31m\x00 µΩ\nnext * line'
 ALL = load_catalogue()
 FINE, OTHER = select(ALL, ("two-channels", "wrong-shape"))
 CHECK = Check("stability", Outcome.PASS, -1.0, 1e-9, 0.0, None, "1/s", NASTY)
-INSIDE = Comparison("overshoot of u_1", 0.101, 0.002, 0.1, "step", 0.0, 1e-3)
-OUTSIDE = Comparison("settling_time of u_2", 1.003e-3, 1e-6, 1e-3, "s", 0.0, 1e-5)
+INSIDE = TruthComparison("overshoot of u_1", 0.101, 0.002, 0.1, "step", 0.0, 1e-3)
+OUTSIDE = TruthComparison("settling_time of u_2", 1.003e-3, 1e-6, 1e-3, "s", 0.0, 1e-5)
 REPORT = StressReport(
     (
-        CaseRun(FINE, "statespace", "InputError", Judgement.RIGHT, seconds=0.01),
-        CaseRun(OTHER, "ngspice", "-", Judgement.NOT_RUN, reason="no ngspice"),
+        CaseRun(FINE, "statespace", "InputError", CaseJudgement.RIGHT, seconds=0.01),
+        CaseRun(OTHER, "ngspice", "-", CaseJudgement.NOT_RUN, reason="no ngspice"),
         CaseRun(
-            OTHER, "statespace", "pass", Judgement.RIGHT, (CHECK,), (INSIDE, OUTSIDE), seconds=0.5
+            OTHER,
+            "statespace",
+            "pass",
+            CaseJudgement.RIGHT,
+            (CHECK,),
+            (INSIDE, OUTSIDE),
+            seconds=0.5,
         ),
-        CaseRun(OTHER, "ngspice", "fail", Judgement.WRONG_OUTCOME, (CHECK,), (), NASTY, 1.25),
-        CaseRun(OTHER, "ngspice", "pass", Judgement.WRONG_NUMBER, (), (OUTSIDE,), "wrong: x", 1.25),
+        CaseRun(OTHER, "ngspice", "fail", CaseJudgement.WRONG_OUTCOME, (CHECK,), (), NASTY, 1.25),
+        CaseRun(
+            OTHER, "ngspice", "pass", CaseJudgement.WRONG_NUMBER, (), (OUTSIDE,), "wrong: x", 1.25
+        ),
     ),
     (("numpy", "2.0"),),
 )
@@ -89,8 +97,8 @@ def test_the_document_has_every_number() -> None:
 
 
 def test_a_number_without_a_true_value_is_the_worst() -> None:
-    none = Comparison("rise_time of u_1", 1e-3, 1e-6, math.nan, "s", 0.0, 1e-5)
-    run = CaseRun(OTHER, "ngspice", "pass", Judgement.WRONG_NUMBER, (), (OUTSIDE, none))
+    none = TruthComparison("rise_time of u_1", 1e-3, 1e-6, math.nan, "s", 0.0, 1e-5)
+    run = CaseRun(OTHER, "ngspice", "pass", CaseJudgement.WRONG_NUMBER, (), (OUTSIDE, none))
     row = row_of(run)
     assert (row["worst quantity"], row["true error"]) == ("rise_time of u_1", "–")
 

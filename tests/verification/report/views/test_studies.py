@@ -24,9 +24,9 @@ from taction.verification.report.views.sweep import Plane
 from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.tolerance.yield_report import (
+    QuantitySpread,
     Remedy,
     Sensitivity,
-    Spread,
     YieldReport,
 )
 from tests.support.making import make_scene
@@ -165,7 +165,7 @@ SAMPLES = [
     )
     for k in range(40)
 ]
-TIME = Spread("settling_time", "s", None, 1.76e-5, 1e-5, 1.5e-5, 2e-5, 0)
+TIME = QuantitySpread("settling_time", "s", None, 1.76e-5, 1e-5, 1.5e-5, 2e-5, 0)
 REPORT = YieldReport(
     name="three",
     engine="statespace",
@@ -179,7 +179,7 @@ REPORT = YieldReport(
     high=0.87,
     failures={"settling_time": 10},
     reasons={},
-    quantities=(TIME, Spread("growth_rate", "1/s", None, 0.0, -5.0, -5.0, -5.0, 0)),
+    quantities=(TIME, QuantitySpread("growth_rate", "1/s", None, 0.0, -5.0, -5.0, -5.0, 0)),
     sensitivities=(Sensitivity("Cc_1", "capacitor", "settling_time", -0.9, 0.15),),
     remedy=Remedy({"Cc_1": 0.01}, {}, 0.99, 1.0),
 )
@@ -190,7 +190,7 @@ def charts(report: YieldReport) -> list[Any]:
     return [*column, *(block for each in more for block in each)]
 
 
-def histogram(spread: Spread) -> Chart:
+def histogram(spread: QuantitySpread) -> Chart:
     (chart, *_) = charts(replace(REPORT, quantities=(spread,)))
     assert isinstance(chart, Chart)
     return chart

@@ -27,7 +27,7 @@ from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep import point as point_module
 from taction.verification.studies.sweep.plan import Plan, Requests
-from taction.verification.studies.sweep.point import Job, compute
+from taction.verification.studies.sweep.point import PointJob, compute
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import SweepCounts, sweep
 from taction.verification.verdict.verify import verify
@@ -198,7 +198,7 @@ def test_waveforms_only_where_asked_for(tmp_path: Path, workers: Workers) -> Non
 
 def test_another_version_at_the_worker_is_named() -> None:
     own = own_versions(False)
-    job = Job(scene(), None, False, Versions("0.0.9", own.code, own.ngspice))  # type: ignore[arg-type]
+    job = PointJob(scene(), None, False, Versions("0.0.9", own.code, own.ngspice))  # type: ignore[arg-type]
     with pytest.raises(OtherVersionsError, match=rf"taction {own.taction} instead of 0\.0\.9"):
         compute(job)
     old, new = Versions("1", b"", "ngspice-39 noopiter"), Versions("1", b"", "ngspice-46 klu")

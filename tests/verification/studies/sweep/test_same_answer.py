@@ -22,7 +22,7 @@ from taction.verification.studies.running.versions import own_versions
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import plan_sweep
-from taction.verification.studies.sweep.point import Job, compute
+from taction.verification.studies.sweep.point import PointJob, compute
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import sweep
 from taction.verification.verdict.design import design_board
@@ -56,7 +56,7 @@ def of_sweep(scene: Scene) -> dict[str, Any]:
         problem = make_problem(scene)
     except TactionError as error:
         return without_verdict(error, engine)
-    (result,) = compute(Job(scene, problem, False, own_versions(engine == "ngspice")))
+    (result,) = compute(PointJob(scene, problem, False, own_versions(engine == "ngspice")))
     assert result is not None
     return result.row
 

@@ -28,7 +28,12 @@ from taction.verification.studies.work_precision.errors import (
     make_scale,
     measure_errors,
 )
-from taction.verification.studies.work_precision.methods import METHODS, Method, MethodRun, Task
+from taction.verification.studies.work_precision.methods import (
+    METHODS,
+    Method,
+    MethodRun,
+    MethodTask,
+)
 from taction.verification.studies.work_precision.study import (
     WorkPrecisionStudy,
     fit_order,
@@ -159,14 +164,14 @@ def test_document_and_picture(found: WorkPrecisionStudy, tmp_path: Path) -> None
     assert picture.count("</svg>") == 1
 
 
-def sleeps(task: Task, setting: float) -> MethodRun:
+def sleeps(task: MethodTask, setting: float) -> MethodRun:
     import time
 
     time.sleep(60.0)
     raise AssertionError
 
 
-def refuses(task: Task, setting: float) -> MethodRun:
+def refuses(task: MethodTask, setting: float) -> MethodRun:
     raise EngineError("no answer")
 
 

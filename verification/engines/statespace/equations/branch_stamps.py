@@ -16,10 +16,10 @@ from itertools import chain
 import numpy as np
 
 from taction.netlist_gen.board.branches import (
+    BranchCoupling,
     ByCurrent,
     ByVoltage,
     Coil,
-    Coupling,
     CurrentBetween,
     CurrentByCurrent,
     CurrentByVoltage,
@@ -235,7 +235,7 @@ class _Branches:
 
 _OTHERS: dict[type[Branch], Callable[..., None]] = {
     Coil: _Branches._coil,
-    Coupling: _Branches._coupling,
+    BranchCoupling: _Branches._coupling,
     CurrentBetween: _Branches._source,
     CurrentByVoltage: _Branches._by_voltage,
     CurrentByCurrent: _Branches._by_current,
