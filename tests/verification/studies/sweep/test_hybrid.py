@@ -27,7 +27,7 @@ from taction.verification.studies.sweep.run import SweepCounts, sweep
 from tests.support.paths import SCENES
 from tests.support.sweeping import grid_plan, make_record, store_records
 
-PAPER = SCENES / "paper-breadboard.toml"
+PAPER, TUNED = (SCENES / f"{name}-breadboard.toml" for name in ("paper", "tuned"))
 READINGS = {
     "settling_time",
     "rise_time",
@@ -132,8 +132,8 @@ def documented(rows: list[dict[str, Any]], shape: tuple[int, int]) -> set[int]:
 def test_a_hybrid_sweep_runs_ngspice_at_the_documented_points_only(
     tmp_path: Path, workers: Workers, ngspice: str
 ) -> None:
-    over = ["C=5pF:100pF:6", "gain=1M:20M:5"]
-    plan = plan_sweep(PAPER, over, "hybrid", fix="lambda=0.7", keep_waveforms=False)
+    over = ["C=1pF:20pF:6", "gain=1M:8M:5"]
+    plan = plan_sweep(TUNED, over, "hybrid", fix="lambda=0.7", keep_waveforms=False)
     with Store(str(tmp_path / "a.sqlite")) as store:
         count = sweep(plan, store, workers)
         rows = list(records(plan, store))
