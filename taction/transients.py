@@ -248,9 +248,8 @@ def verify_files(
     Examples
     --------
     >>> import taction
-    >>> found = taction.verify_files(
-    ...     ["scenes"], exclude=["e*", "*-exponential.toml", "t*", "k*"], jobs=1
-    ... )
+    >>> exclude = ["[eiklrt]*", "*-exponential.toml"]
+    >>> found = taction.verify_files(["scenes"], exclude=exclude, jobs=1)
     >>> found.outcome, found.count()
     ('pass', {'pass': 3})
     """

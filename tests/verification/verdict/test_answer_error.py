@@ -186,10 +186,15 @@ def test_channels_of_a_symmetric_board_are_equal() -> None:
 def test_a_noiseless_problem_that_cannot_be_solved(monkeypatch: pytest.MonkeyPatch) -> None:
     """The distance from the true stress stays; the shares and the split of the budget go."""
 
-    def fails(problem: object) -> object:
-        raise SolverError("no answer")
+    class Unsolved:
+        @property
+        def rest(self) -> object:
+            raise SolverError("no answer")
 
-    monkeypatch.setattr(answer_error, "solve", fails)
+    def changed(value: Any, **changes: Any) -> object:
+        return Unsolved() if "eps" in changes else replace(value, **changes)
+
+    monkeypatch.setattr(answer_error, "replace", changed)
     verdict = judged(STRESS, T @ STRESS + NOISE)
     found = verdict.answer
     assert found.true_error is not None
