@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from itertools import islice
@@ -10,7 +11,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from taction.system.errors import MACHINE_FAILURES, Killed, NoVerdictError
+from taction.system.errors import MACHINE_FAILURES, Killed, NoVerdictError, TactionError
 from taction.system.own_folders import remove_own_folder
 from taction.verification.studies.running.executors import cores, local
 from taction.verification.studies.running.versions import OtherVersionsError
@@ -266,3 +267,30 @@ def repeated_if_killed(function: Callable[[], T]) -> T:
             if error.folder is not None:  # nobody will be told of this reproducer
                 remove_own_folder(error.folder)
     return function()
+
+
+def attempted(function: Callable[[], T], without: Callable[[BaseException, str], T]) -> T:
+    """Return ``function()``, or what `without` makes of an error and its words: a failure is a row.
+
+    This is what a worker does with each point and each sample, also with a defect of taction: it
+    must not end a study of ten thousand.
+
+    Raises
+    ------
+    SimulatorNotFound, SimulatorTooOld, OutOfDisk
+        This machine can compute nothing; the point itself may be right.
+
+    Examples
+    --------
+    >>> print(attempted(lambda: 1 // 0, lambda error, text: text).splitlines()[0])
+    unforeseen: ZeroDivisionError: integer division or modulo by zero
+    """
+    try:
+        return repeated_if_killed(function)
+    except MACHINE_FAILURES:
+        raise
+    except TactionError as error:
+        return without(error, str(error))
+    except Exception as error:
+        where = traceback.format_tb(error.__traceback__)[-1].strip()
+        return without(error, f"unforeseen: {type(error).__name__}: {error}\n{where}")

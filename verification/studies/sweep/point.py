@@ -6,15 +6,13 @@ A failed verification is a result like any other: no exception crosses the borde
 from __future__ import annotations
 
 import io
-import traceback
 from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.errors import MACHINE_FAILURES, TactionError
-from taction.verification.studies.running.collecting import repeated_if_killed
+from taction.verification.studies.running.collecting import attempted
 from taction.verification.studies.running.versions import Versions
 from taction.verification.studies.store import StoredResult
 from taction.verification.verdict.record import Record
@@ -62,18 +60,10 @@ def _result(job: PointJob, verdict: Verdict) -> StoredResult:
 
 def _computed(job: PointJob) -> StoredResult:
     """Compute one point."""
-    try:
-        verdict = repeated_if_killed(
-            lambda: verify(job.scene, problem=job.problem, effort=POINT_EFFORT)
-        )
-        return _result(job, verdict)
-    except MACHINE_FAILURES:
-        raise
-    except TactionError as error:
-        return failure(error, str(error), job.scene.analysis.engine)
-    except Exception as error:  # a defect at one point must not end a sweep of ten thousand
-        where = "".join(traceback.format_exception(error)[-2:]).strip()
-        return failure(error, f"unforeseen: {where}", job.scene.analysis.engine)
+    return attempted(
+        lambda: _result(job, verify(job.scene, problem=job.problem, effort=POINT_EFFORT)),
+        lambda error, reason: failure(error, reason, job.scene.analysis.engine),
+    )
 
 
 def failure(error: BaseException, reason: str, engine: str) -> StoredResult:

@@ -18,10 +18,9 @@ from taction.netlist_gen.board.variation import Parameter, vary
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.documents import INLINE
-from taction.system.errors import MACHINE_FAILURES, TactionError
 from taction.verification.studies.running.collecting import (
+    attempted,
     collected_together,
-    repeated_if_killed,
     together,
 )
 from taction.verification.studies.running.versions import Versions
@@ -204,15 +203,10 @@ def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
         This machine can compute no sample; the sample itself may be right.
     """
     board.versions.check_here()
-    try:
-        return repeated_if_killed(partial(board.measured, number, z))
-    except MACHINE_FAILURES:
-        raise
-    except TactionError as error:
-        return without_verdict(number, error, str(error), board)
-    except Exception as error:  # a defect at one sample must not end a study of ten thousand
-        reason = f"unforeseen: {type(error).__name__}: {error}"
-        return without_verdict(number, error, reason, board)
+    return attempted(
+        partial(board.measured, number, z),
+        lambda error, reason: without_verdict(number, error, reason, board),
+    )
 
 
 def without_verdict(number: int, error: BaseException, reason: str, board: Varied) -> BoardSample:
