@@ -10,12 +10,11 @@ import numpy as np
 from taction.system.documents import (
     INLINE,
     OPTIONAL,
-    Number,
     plain,
 )
 from taction.system.error_document import Failure
 from taction.verification.stability.margin import Margin
-from taction.verification.verdict.error_budget import ErrorBudget, difference
+from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Verdict
@@ -35,12 +34,12 @@ class BudgetPart:
     `ill_posedness` is the sum of `regularisation` and `strain_noise`.
     """
 
-    value: Number
-    unit: str
-    how: str
-    bound: Number
-    channels: tuple[float, ...] = ()
-    predicted: tuple[float, ...] = ()
+    DOCUMENT = (
+        *("value = part.value", "unit = 'V'", "how = part.how", "bound = part.bound"),
+        *("channels = part.channels", "predicted = part.predicted", "sum", "solves"),
+    )
+
+    part: ErrorPart
     sum: tuple[float, ...] = ()
     solves: int = 0
 
@@ -158,14 +157,10 @@ def budget_parts(budget: ErrorBudget) -> dict[str, BudgetPart]:
         how = "regularised answer against the true stress: regularisation and strain_noise"
         whole = difference("ill_posedness", how, -both[0], both[1])
         parts = {whole.name: whole} | parts
-    parts |= {} if budget.total is None else {"total": budget.total}
-    return {
-        name: BudgetPart(
-            part.value, "V", part.how, part.bound, part.channels, part.predicted,
-            *((tuple(budget.summed), budget.solves) if part is budget.total else ()),
-        )
-        for name, part in parts.items()
-    }  # fmt: skip
+    found = {name: BudgetPart(part) for name, part in parts.items()}
+    if budget.total is not None:
+        found["total"] = BudgetPart(budget.total, budget.summed, budget.solves)
+    return found
 
 
 @dataclass(frozen=True, slots=True)
