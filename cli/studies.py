@@ -200,6 +200,7 @@ CHECK = Command(
         option("over", metavar="NAME[=LOW:HIGH:N]", multiple=True),
         option("checks", "--check", metavar="NAME=LIMIT", multiple=True),
         option("expect", metavar="V(NODE)=VALUE", multiple=True),
+        option("linearise", is_flag=True),
         option("matrix", metavar="T", reads=True),
         option("strain", metavar="EPS", reads=True),
         option("lam", "--lambda", type=click.FloatRange(0)),

@@ -20,6 +20,7 @@ def check(
     outputs: str | Iterable[str] = (),
     checks: str | Iterable[str] = (),
     expect: str | Iterable[str] = (),
+    linearise: bool = False,
     over: str | Iterable[str] = (),
     matrix: str | Path | None = None,
     strain: str | Path | None = None,
@@ -51,6 +52,9 @@ def check(
         margin=2 (factor by which any part may change), stable, agree=1e-3.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
+    linearise : bool
+        Take diodes and transistors (D Q J M) for linear at ngspice's operating point: the answers
+        are those of small signals.
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.
@@ -110,7 +114,7 @@ def check(
 
     asked = wanted(_listed(checks), _listed(expect), _listed(over))
     progress("deck")
-    board = read_board(deck, _listed(outputs))
+    board = read_board(deck, _listed(outputs), linearise=linearise)
     notes = board.notes
     if matrix is not None or strain is not None:
         asked, more = _with_reference(asked, board, matrix, strain, lam, unit, accept)

@@ -398,15 +398,25 @@ def circuit_of(
     )
 
 
-def stepped(flat: Flat) -> tuple[Flat, str]:
+def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     """Return the parts with a step to show: where no source changes, one that is switched on.
 
     The sources with an ``ac`` value are switched on at t = 0, and without one of them all sources.
+    A `small` signal is a step by 1 of the sources with an ``ac`` value: the others hold the circuit
+    at its operating point.
     """
     moving = [card for card, found in flat.stimuli.items() if found.moves]
     if moving:
         return flat, f"step at t = 0: {_named(moving)}"
-    chosen = [card for card, found in flat.stimuli.items() if found.ac] or list(flat.stimuli)
+    chosen = [card for card, found in flat.stimuli.items() if found.ac]
+    if small:
+        by_one = [
+            _on(p, p.value + 1.0, p.value) if p.card in chosen and isinstance(p, Source) else p
+            for p in flat.branches
+        ]
+        text = f"no source changes over time, so a step by 1 at t = 0: {_named(chosen)}"
+        return replace(flat, branches=by_one), text if chosen else "no source changes over time"
+    chosen = chosen or list(flat.stimuli)
     unit = {card for card in chosen if flat.stimuli[card].after == 0.0}
     if len(unit) == len(chosen):  # sources of an AC analysis have no value: they step to 1
         branches = [_on(p, 1.0) if p.card in unit else p for p in flat.branches]
@@ -424,6 +434,6 @@ def _named(cards: Sequence[str]) -> str:
     return ", ".join(names[:NAMED]) + more
 
 
-def _on(part: Part, value: float) -> Branch:
+def _on(part: Part, value: float, before: float = 0.0) -> Branch:
     assert isinstance(part, Source)  # noqa: S101 - of `Flat.stimuli`
-    return replace(part, before=0.0, value=value)
+    return replace(part, before=before, value=value)

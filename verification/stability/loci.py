@@ -189,6 +189,8 @@ class LawResponse(PortResponse):
         in_mass = not np.array_equal(there.mass, own.mass)
         change = there.mass - own.mass if in_mass else own.stiffness - there.stiffness
         i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
+        if change[i, j] == 0.0:
+            return in_mass, np.zeros(0), np.zeros(0)
         u, v = change[:, j], change[i] / change[i, j]
         if not np.allclose(np.outer(u, v), change, rtol=1e-12, atol=0.0):
             return in_mass, np.zeros(0), np.zeros(0)

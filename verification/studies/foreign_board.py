@@ -38,6 +38,7 @@ from taction.system.errors import Complaint, DidNotLoad, InputError
 from taction.verification.characterise.characterise import import_opamp
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.listing import expand
+from taction.verification.studies.small_signal import linearised
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
 NOT_LINEAR = re.compile(
@@ -76,6 +77,7 @@ class ForeignBoard:
     notes: tuple[str, ...]
     opamps: Mapping[str, ImportedOpAmp] = field(default_factory=dict)
     lines: tuple[str, ...] = ()  # as ngspice expands them: the cards, with stubs for op-amps
+    linearise: bool = False
 
     def witness(self, transient: Transient, solver: str) -> Deck:
         """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
@@ -147,11 +149,13 @@ class ForeignBoard:
 
     @cached_property
     def _stubbed(self) -> tuple[str, ...]:
-        return tuple(_with_stubs(self.deck, _vendors(self.deck)))
+        return tuple(_with_stubs(self.deck, _vendors(self.deck, self.linearise)))
 
     def _circuit(self, cards: Iterable[str]) -> Circuit:
         try:
-            flat, _ = stepped(read_cards(cards))
+            if self.linearise:
+                cards, _ = linearised(cards, find_simulator())
+            flat, _ = stepped(read_cards(cards), small=self.linearise)
         except CardError as error:
             raise InputError(self.deck.file, Complaint("deck", "", str(error))) from None
         outputs = [out.node for out in self.circuit.outputs]
@@ -159,13 +163,17 @@ class ForeignBoard:
         return circuit_of(flat, c.name, outputs, c.models, c.supply)
 
 
-def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
+def read_board(
+    file: str | Path, outputs: Sequence[str] = (), *, linearise: bool = False
+) -> ForeignBoard:
     """Read a deck as a board.
 
     Parameters
     ----------
     outputs : sequence of str
         Nodes of interest; by default those that the deck shows, else the usual names of outputs.
+    linearise : bool
+        Take diodes and transistors for linear at ngspice's operating point.
 
     Raises
     ------
@@ -175,17 +183,20 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
         ngspice is missing, or does not expand the deck.
     """
     deck = read_deck(file)
-    vendors = _vendors(deck)
+    vendors = _vendors(deck, linearise)
     try:
         (cards,) = expand(tuple(_with_stubs(deck, vendors)), find_simulator())
     except DidNotLoad as error:
         raise InputError(deck.file, Complaint("deck", "", str(error).splitlines()[0])) from None
     try:
-        flat = read_cards(cards)
-        flat, stimulus = stepped(flat)
+        small = ""
+        if linearise:
+            cards, small = linearised(cards, find_simulator())
+        flat, stimulus = stepped(read_cards(cards), small=bool(small))
         nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
     except CardError as error:
-        raise InputError(deck.file, Complaint("deck", "", f"{error}; {LINEAR}")) from None
+        accepted = "" if linearise else f"; {LINEAR}"
+        raise InputError(deck.file, Complaint("deck", "", f"{error}{accepted}")) from None
     if len(flat.nodes) > MOST_UNKNOWNS:
         text = f"the deck has {len(flat.nodes)} nodes; up to {MOST_UNKNOWNS} are read"
         raise InputError(deck.file, Complaint("deck", "", text))
@@ -198,14 +209,16 @@ def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     models = {name: as_opamp(name, model) for name, model in imported.items()}
     circuit = circuit_of(flat, deck.file.stem, nodes, models, supply)
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
+    immediate &= not small  # the small signal begins where the circuit rests
     return ForeignBoard(
         deck,
         flat,
         circuit,
         "zero" if immediate else "rest",
-        (stimulus, *_notes(deck, flat, vendors, imported, immediate)),
+        (*([small] if small else ()), stimulus, *_notes(deck, flat, vendors, imported, immediate)),
         imported,
-        cards,
+        tuple(cards),
+        linearise,
     )
 
 
@@ -296,8 +309,11 @@ def _called(card: Card) -> str:
     return [w for w in words if w != "params:"][-1]
 
 
-def _vendors(deck: ForeignDeck) -> tuple[str, ...]:
-    """Return the subcircuits to replace; InputError for a card that is not linear elsewhere."""
+def _vendors(deck: ForeignDeck, linearise: bool = False) -> tuple[str, ...]:
+    """Return the subcircuits to replace; InputError for a card that is not linear elsewhere.
+
+    With `linearise` such a card stays where it is.
+    """
     blocks, top = _blocks(deck)
     kinds: dict[str, bool] = {}
 
@@ -322,8 +338,8 @@ def _vendors(deck: ForeignDeck) -> tuple[str, ...]:
             kinds[name] = inner[name] is not None and len(blocks[name].ports) == len(ROLES)
         return kinds[name]
 
-    if card := device(top, ()):
-        raise card.refused(f"this card is not linear; {LINEAR}")
+    if (card := device(top, ())) and not linearise:
+        raise card.refused(f"this card is not linear; {LINEAR}, or --linearise")
     return tuple(name for name, yes in kinds.items() if yes)
 
 

@@ -27,6 +27,7 @@ SECONDS = 20.0  # of an expansion, which takes some milliseconds
 _CARD = re.compile(r"^ *\d+ : (\S.*)$")
 _HEAD = re.compile(r"^\t\S", re.M)  # of a listing: the title
 _WRONG = re.compile(r"^(?:Error|Cannot|Undefined|Too few|Unknown|.*[Ee]rror).*$", re.M)
+_REFUSED = re.compile(r"^Error on line \d+ or its substitute:\n\s*(\S.*)\n\s*(\S.*)$", re.M)
 SHOWN = 5  # lines of an error
 
 
@@ -83,7 +84,9 @@ def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...]:
         raise DidNotLoad(f"the listing cannot be read: {error}") from None
     found = [_cards(part) for part in _HEAD.split(out)[1:]]
     text = re.split(r"incomplete or empty netlist", ending.errors)[0]
-    wrong = _WRONG.findall(re.sub(r"Error: $", "", text.strip()))
+    wrong = [": ".join(each) for each in _REFUSED.findall(text)] or _WRONG.findall(
+        re.sub(r"Error: $", "", text.strip())
+    )
     if wrong or not all(found):
         said = "; ".join(line.strip() for line in wrong[:SHOWN]) or "it lists no card"
         raise DidNotLoad(f"ngspice does not expand the deck: {said}")
