@@ -9,10 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from lxml import etree
 
-from taction.cli.main import main
 from taction.verification.studies.sweep import result as sweep_result
 from taction.verification.studies.sweep.hybrid import Comparison
 from taction.verification.verdict.checks import Outcome
@@ -148,7 +147,7 @@ def test_a_wrong_outcome_has_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def regress(*words: object) -> Result:
-    return CliRunner().invoke(main, ["regress", *map(str, words)])
+    return taction("regress", *map(str, words))
 
 
 @pytest.fixture

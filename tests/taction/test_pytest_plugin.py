@@ -7,11 +7,10 @@ import sys
 from importlib import metadata
 
 import pytest
-from click.testing import CliRunner
 
-from taction.cli.main import main
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
+from tests.support.running import taction as command
 
 pytest_plugins = ["pytester"]
 
@@ -96,7 +95,7 @@ def test_what_could_not_be_decided_is_no_pass(
 def test_collected_scenes_are_compared_with_a_baseline(session: pytest.Pytester) -> None:
     scene = write_fast(session.path / "a.scene.toml")
     words = ["regress", str(session.path), "--baseline", str(session.path / "b.json"), "--update"]
-    assert CliRunner().invoke(main, words).exit_code == 0
+    assert command(*words).exit_code == 0
     option = "--taction-baseline=b.json"
     run(session, option).assert_outcomes(passed=1)
     write_fast(scene, capacitance="10.5pF")

@@ -6,20 +6,20 @@ import json
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from taction.cli.main import main
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
 from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES
+from tests.support.running import taction as command
 
 TACTILE = '[problem]\nkind = "tactile"\n'
 
 
 def run(scene: Path, *options: str) -> Result:
-    return CliRunner().invoke(main, ["netlist", str(scene), *options])
+    return command("netlist", str(scene), *options)
 
 
 @pytest.mark.parametrize(

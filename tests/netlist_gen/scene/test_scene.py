@@ -11,15 +11,14 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from taction.cli.main import main
 from taction.netlist_gen.board.part_warnings import broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from tests.support.making import make_scene
 from tests.support.paths import ROOT, SCENES
+from tests.support.running import taction as command
 
 SCHEMA = json.loads((ROOT / "docs" / "scene.schema.json").read_text(encoding="utf-8"))
 
@@ -31,7 +30,7 @@ def mistakes(value: Any) -> list[str]:
 
 
 def test_the_published_schema_is_current() -> None:
-    result = CliRunner().invoke(main, ["new", "--schema"])
+    result = command("new", "--schema")
     assert result.exit_code == 0
     now = json.loads(result.stdout)
     assert now == SCHEMA, "run: taction new --schema > docs/scene.schema.json"
@@ -73,7 +72,7 @@ def test_schema_and_program_accept_the_same(scene: dict[str, Any]) -> None:
 
 def test_the_template_is_the_defaults(tmp_path: Path) -> None:
     path = tmp_path / "my board.toml"
-    result = CliRunner().invoke(main, ["new", str(path)])
+    result = command("new", str(path))
     assert result.exit_code == 0
     scene = load_scene(path)
     assert scene.name == "my-board"
@@ -96,7 +95,7 @@ def test_the_template_is_the_defaults(tmp_path: Path) -> None:
 
 def test_the_parts_of_the_template_can_be_bought(tmp_path: Path) -> None:
     path = tmp_path / "fresh.toml"
-    assert CliRunner().invoke(main, ["new", str(path)]).exit_code == 0
+    assert command("new", str(path)).exit_code == 0
     circuit = synthesise(load_scene(path))
     ohms = np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices])
     ohms = np.append(ohms[np.isfinite(ohms)], [part.ohms for part in circuit.resistors])
@@ -106,7 +105,7 @@ def test_the_parts_of_the_template_can_be_bought(tmp_path: Path) -> None:
 
 def test_the_template_names_every_key(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
-    CliRunner().invoke(main, ["new", str(path)])
+    command("new", str(path))
     text = path.read_text(encoding="utf-8")
     for table in SCHEMA["$defs"].values():
         for key in table.get("properties", {}):

@@ -8,10 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import taction
-from taction.cli.main import main
 from taction.netlist_gen.board.part_warnings import ANY_PART, broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
@@ -37,6 +35,7 @@ from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
 from tests.support.paths import ROOT
+from tests.support.running import taction as command
 from tests.support.sweeping import make_record, store_records
 
 FILE = str(ROOT / "scenes" / "tuned-breadboard.toml")
@@ -222,7 +221,7 @@ def test_the_command_confirms_by_ngspice(tmp_path: Path, ngspice: str) -> None:
     ]
     words += ["--c-range", "10pF:22pF", "--gain-range", "2.4M:4.7M", "--points", "2", "--jobs", "1"]
     words += ["--store", str(tmp_path / "a.sqlite"), "-o", str(folder), "--json"]
-    found = CliRunner().invoke(main, words)
+    found = command(*words)
     assert found.exit_code == 0, found.stderr
     document = json.loads(found.stdout)
     assert len(document["designs"]) == 8
@@ -233,14 +232,14 @@ def test_the_command_confirms_by_ngspice(tmp_path: Path, ngspice: str) -> None:
         assert simulated == pytest.approx(exact, rel=0.02)
         written = load_scene(best["file"])
         assert verify(written.with_engine("statespace")).outcome.value == "pass"
-    again = CliRunner().invoke(main, [*words[:-3], "--json"])
+    again = command(*words[:-3], "--json")
     assert "points: about" not in again.stderr  # all of them are stored
     assert json.loads(again.stdout)["designs"] == document["designs"]
 
 
 def test_no_design_passes(tmp_path: Path) -> None:
     words = ["choose", FILE, "--settling", "1ns", "--opamps", "ne5534", "--points", "1"]
-    found = CliRunner().invoke(main, [*words, "--jobs", "1", "--store", str(tmp_path / "a.sqlite")])
+    found = command(*words, "--jobs", "1", "--store", str(tmp_path / "a.sqlite"))
     assert found.exit_code == 1
     assert "0 of 1 designs pass" in found.stdout
 
@@ -248,7 +247,7 @@ def test_no_design_passes(tmp_path: Path) -> None:
 def test_limits_that_look_like_a_slip_are_asked_about(tmp_path: Path) -> None:
     words = ["choose", FILE, "--opamps", "ne5534", "--points", "1", "--jobs", "1"]
     words += ["--settling", "10", "--overshoot", "5", "--store", str(tmp_path / "a.sqlite")]
-    text = CliRunner().invoke(main, words).stderr
+    text = command(*words).stderr
     assert "question: checks.settling_time.max = 10 has no unit and is 10 s" in text
     assert "question: checks.overshoot: max = 5 is 500 % of the step" in text
     assert "taction: 1 point: about" in text
@@ -256,20 +255,20 @@ def test_limits_that_look_like_a_slip_are_asked_about(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("option", [["--overshoot", "x"], ["--margin", "2x"], ["--plot", "a.xyz"]])
 def test_options_that_cannot_be(option: list[str]) -> None:
-    found = CliRunner().invoke(main, ["choose", FILE, *option])
+    found = command("choose", FILE, *option)
     assert found.exit_code == 2
 
 
 def test_a_folder_with_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text("", encoding="utf-8")
-    found = CliRunner().invoke(main, ["choose", FILE, "-o", str(tmp_path)])
+    found = command("choose", FILE, "-o", str(tmp_path))
     assert found.exit_code == 2
     assert "not empty" in found.stderr
 
 
 def test_the_command_tries_every_op_amp_without_an_option(tmp_path: Path) -> None:
     words = ["choose", FILE, "--settling", "1ms", "--points", "1", "--jobs", "1", "--json"]
-    found = CliRunner().invoke(main, [*words, "--store", str(tmp_path / "a.sqlite")])
+    found = command(*words, "--store", str(tmp_path / "a.sqlite"))
     assert found.exit_code in (0, 1), found.stderr
     document = json.loads(found.stdout)
     names = {name for name, each in OPAMPS.items() if math.isfinite(each.gbw)}

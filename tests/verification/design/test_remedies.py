@@ -7,9 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from taction.cli.main import main
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Point, with_values
 from taction.netlist_gen.scene.loading import load_scene
@@ -27,6 +25,7 @@ from taction.verification.stability.poles import count_unstable
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.verify import verify
 from tests.support.paths import ROOT
+from tests.support.running import taction as command
 
 LONG = 1e4  # s
 
@@ -166,12 +165,12 @@ def test_the_command_ends_with_the_changes(tmp_path: Path) -> None:
     file = tmp_path / "slow.toml"
     file.write_text(text.replace("10pF", "100pF"), encoding="utf-8")
     arguments = ["verify", str(file), "--engine", "statespace"]
-    shown = CliRunner().invoke(main, [*arguments, "--changes", "1000"])
+    shown = command(*arguments, "--changes", "1000")
     assert shown.exit_code == 1
     assert "C = 77.3 pF (verified)" in shown.stdout
-    document = json.loads(CliRunner().invoke(main, [*arguments, "--json"]).stdout)
+    document = json.loads(command(*arguments, "--json").stdout)
     assert document["what_to_change"]["failed"] == ["settling_time"]
-    silent = CliRunner().invoke(main, [*arguments, "--changes", "0"])
+    silent = command(*arguments, "--changes", "0")
     assert "what to change" not in silent.stdout
 
 
@@ -180,9 +179,9 @@ def test_margins_of_an_unstable_board(tmp_path: Path) -> None:
     file = tmp_path / "ringing.toml"
     file.write_text(text.replace("10pF", "3pF"), encoding="utf-8")
     arguments = ["verify", str(file), "--engine", "statespace", "--changes", "0", "--margins"]
-    shown = CliRunner().invoke(main, arguments)
+    shown = command(*arguments)
     assert "margin: C = 3 pF: stable from C = 4.134 pF" in shown.stdout
-    document = json.loads(CliRunner().invoke(main, [*arguments, "--json"]).stdout)
+    document = json.loads(command(*arguments, "--json").stdout)
     edge = document["stability"]["margins"]["design.capacitance"]["edge"]
     assert edge == pytest.approx(4.1337e-12, rel=1e-4)
 

@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from taction.cli.main import main
 from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.board.preferred_values import buyable, values_between
 from taction.netlist_gen.board.synthesis import synthesise
@@ -23,6 +21,7 @@ from taction.verification.design.scaling import scale
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene, write_matrix_scene
 from tests.support.paths import ROOT
+from tests.support.running import taction as command
 
 
 def shipped(name: str, opamp: str) -> Scene:
@@ -102,12 +101,12 @@ def test_a_lambda_that_no_resistors_have(tmp_path: Path) -> None:
 def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:
     file = tmp_path / "scaled.toml"
     arguments = ["scale", str(ROOT / "scenes" / "eleven-channel.toml"), "--opamp", "opa189"]
-    found = CliRunner().invoke(main, [*arguments, "--supply", "±12V", "-o", str(file), "--json"])
+    found = command(*arguments, "--supply", "±12V", "-o", str(file), "--json")
     assert found.exit_code == 0, found.stderr
     document = json.loads(found.stdout)
     design = tomllib.loads(file.read_text("utf-8"))["design"]
     assert parse(design["unit_voltage"], "V") == document["unit_voltage"]
     assert design["supply"] == "12V"
     assert verify(load_scene(file).with_engine("statespace")).outcome.value == "pass"
-    shown = CliRunner().invoke(main, arguments)
+    shown = command(*arguments)
     assert shown.stdout.splitlines()[-2:] == ["verified by the state-space engine", "PASS"]

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from taction.cli.main import main
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
@@ -25,6 +24,7 @@ from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.views.tune import sheet
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
+from tests.support.running import taction as command
 from tests.support.trials import make_trial
 
 REAL = {"base": "ideal", "dc_gain": 1e5, "gbw": "1MHz", "second_pole": "3MHz"}
@@ -61,7 +61,7 @@ def tuned() -> Tuning:
 
 
 def taction(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ["tune", *arguments])
+    return command("tune", *arguments)
 
 
 def test_the_board_becomes_faster_within_the_limits() -> None:

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import taction
-from taction.cli.main import main
 from taction.system.errors import InputError
+from tests.support.running import taction as command
 
 pytestmark = pytest.mark.usefixtures("ngspice")
 T, EPS = np.array([[2.0, 1.0], [1.0, 3.0], [0.0, 1.0]]), np.array([3.0, 4.0, 2.0])
@@ -71,9 +70,9 @@ def test_an_uncertain_optimum_is_refused(place: Path) -> None:
 def test_the_command_shows_the_expected_value_with_its_tolerance(place: Path) -> None:
     call = ["check", str(place / "deck.cir"), "--output", "o1", "--output", "o2", "--matrix",
             str(place / "T.csv"), "--strain", str(place / "eps.csv"), "--no-ngspice"]  # fmt: skip
-    result = CliRunner().invoke(main, [*call, "--lambda", "0.5", "--unit=-1mV"])
+    result = command(*call, "--lambda", "0.5", "--unit=-1mV")
     assert result.exit_code == 0, result.output
     assert "±" in result.output
-    result = CliRunner().invoke(main, [*call, "--unit=-1mV"])
+    result = command(*call, "--unit=-1mV")
     assert result.exit_code == 1
     assert "expected: " in result.output

@@ -6,11 +6,10 @@ import math
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 import taction
-from taction.cli.main import main
 from taction.verification.studies.board_check import BoardCheck
+from tests.support.running import taction as command
 
 pytestmark = pytest.mark.usefixtures("ngspice")
 RC = "RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n.end\n"
@@ -106,10 +105,10 @@ def test_the_command_says_worst_cases_and_yield(tmp_path: Path) -> None:
     (tmp_path / "deck.cir").write_text(RC)
     (tmp_path / "parts.toml").write_text("capacitor = 0.05\n")
     call = ["check", str(tmp_path / "deck.cir"), "--tolerances", str(tmp_path / "parts.toml")]
-    result = CliRunner().invoke(main, [*call, "-n", "40", "--no-ngspice"])
+    result = command(*call, "-n", "40", "--no-ngspice")
     assert result.exit_code == 0, result.output
     assert "worst settling time" in result.output
     assert "40 of 40 boards pass" in result.output
-    result = CliRunner().invoke(main, [*call, "--check", "settling=4.7us@1%", "--no-ngspice"])
+    result = command(*call, "--check", "settling=4.7us@1%", "--no-ngspice")
     assert result.exit_code == 1
     assert "settling time not kept" in result.output

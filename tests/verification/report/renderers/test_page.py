@@ -11,15 +11,14 @@ from importlib.resources import files
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from lxml import html
 
-from taction.cli.main import main
 from taction.system.errors import InputError
 from taction.verification.report.blocks import Facts, Page, Section
 from taction.verification.report.renderers.page import check_report_file, page_html, write_page
 from tests.support.entries import write_fast
 from tests.support.report_pages import HOSTILE, hostile, page, swept
+from tests.support.running import taction as command
 
 MOST = 6_000_000  # bytes
 SAMPLE = ("passing", "exponential", "64 channels", "sweep, a map", "regress")
@@ -99,7 +98,7 @@ def test_missing_packages_are_named_before_any_work(
         importlib.util, "find_spec", lambda name, *more: None if name in absent else find(name)
     )
     scene, out = write_fast(tmp_path / "a.toml"), tmp_path / "a.html"
-    run = CliRunner().invoke(main, ["verify", str(scene), "--report", str(out)])
+    run = command("verify", str(scene), "--report", str(out))
     assert run.exit_code == 2
     assert "needs jinja2 and plotly: pip install 'taction[report]'" in run.output
     assert not out.exists()

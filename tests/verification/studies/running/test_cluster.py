@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner
 
-from taction.cli.main import main
 from taction.netlist_gen.scene.axes import parse_axes
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running import cluster as module
@@ -26,6 +24,7 @@ from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import sweep
 from tests.support.clusters import address, another_taction, scheduler, worker
 from tests.support.making import NEAR_IDEAL, make_scene
+from tests.support.running import taction as command
 from tests.support.studying import one_thread, scene_file, small_scene
 
 DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0, "opamp": NEAR_IDEAL}
@@ -75,10 +74,7 @@ def test_a_yield_and_the_corners_are_those_of_one_process(tmp_path: Path) -> Non
     studies = (["montecarlo", scene, "-n", "12", "--seed", "3"], ["corners", scene])
 
     def told(*where: str) -> list[dict[str, Any]]:
-        runs = [
-            CliRunner().invoke(main, [*study, "--engine", "statespace", *where, "--json"])
-            for study in studies
-        ]
+        runs = [command(*study, "--engine", "statespace", *where, "--json") for study in studies]
         assert [run.exit_code for run in runs] == [0, 1], runs[0].stderr
         return [json.loads(run.stdout) for run in runs]
 

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from taction.cli.main import main
 from taction.netlist_gen.scene.axes import parse_axes
 from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.report.renderers.picture import draw_page
@@ -28,6 +27,7 @@ from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.sweep.run import SweepCounts
 from taction.verification.verdict.record import FIGURES
 from tests.support.making import write_matrix_scene
+from tests.support.running import taction as command
 
 DESIGN = """[design]
 gain = "100kohm"
@@ -57,7 +57,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def taction(*words: str) -> Result:
-    return CliRunner().invoke(main, ["sweep", "scene.toml", "--engine", "statespace", *words])
+    return command("sweep", "scene.toml", "--engine", "statespace", *words)
 
 
 def test_json_has_one_record_a_point(folder: Path) -> None:

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from taction.cli.main import main
 from taction.netlist_gen.board.variation import vary
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
@@ -24,6 +23,7 @@ from taction.verification.studies.tolerance.drawing import SampleCollection, run
 from taction.verification.studies.tolerance.samples import evaluate
 from taction.verification.studies.tolerance.steady_directions import rest_slopes, steady_directions
 from taction.verification.studies.tolerance.varied_board import prepare
+from tests.support.running import taction as command
 from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_scene
 
 WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
@@ -40,7 +40,7 @@ def worst(found: tuple[Corner, ...], quantity: str) -> float:
 
 
 def taction(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ["corners", *arguments])
+    return command("corners", *arguments)
 
 
 def test_no_corner_is_worse_than_the_worst() -> None:

@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.stats import binomtest, norm
 
-from taction.cli.main import main
 from taction.netlist_gen.board.variation import parameters, with_input_errors_at
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.netlist_gen.scene.loading import load_scene
@@ -35,6 +33,7 @@ from taction.verification.studies.tolerance.yield_report import (
     summarise_samples,
 )
 from taction.verification.verdict.error_budget import outputs_at_rest
+from tests.support.running import taction as command
 from tests.support.studying import QUIET, one_thread, small_scene
 from tests.support.sweeping import make_sample
 
@@ -171,7 +170,7 @@ def test_single_parts_have_tolerances_of_their_own() -> None:
 
 def fresh(tmp_path: Any) -> VariedBoard:
     path = tmp_path / "fresh.toml"
-    assert CliRunner().invoke(main, ["new", str(path)]).exit_code == 0
+    assert command("new", str(path)).exit_code == 0
     return prepare(load_scene(path).with_engine("statespace"))
 
 

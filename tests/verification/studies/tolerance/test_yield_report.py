@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 from scipy.stats import binom, binomtest
 
-from taction.cli.main import main
 from taction.netlist_gen.board.variation import draw
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running.executors import local
@@ -24,6 +23,7 @@ from taction.verification.studies.tolerance.drawing import SampleCollection, run
 from taction.verification.studies.tolerance.samples import BoardSample, evaluate
 from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
 from taction.verification.studies.tolerance.yield_report import interval, summarise_samples
+from tests.support.running import taction as command
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
 from tests.support.sweeping import make_sample
 
@@ -43,7 +43,7 @@ def drawn(asked: VariedBoard, count: int, workers: Workers, **more: Any) -> list
 
 
 def taction(*arguments: str) -> Result:
-    return CliRunner().invoke(main, ["montecarlo", *arguments])
+    return command("montecarlo", *arguments)
 
 
 @pytest.mark.parametrize(("passed", "samples"), [(0, 10), (10, 10), (3, 10), (970, 1000), (1, 2)])
