@@ -101,6 +101,7 @@ def _ask_limits(call: Call) -> None:
     names = ("settling", "rise", "overshoot", "noise", "margin", "supply")
     request = request_of(
         given["opamps"], given["c_range"], given["gain_range"], given["points"],
+        given["topology"],
         **{name: given[name] for name in names},
     )  # fmt: skip
     scene, base = base_of(given["scene"], request)
@@ -138,6 +139,7 @@ CHOOSE = Command(
         option("margin", metavar="FACTOR"),
         option("supply", metavar="VOLTS"),
         option("opamps", metavar="A,B,C"),
+        option("topology", metavar="A,B,C"),
         option("c_range", metavar="LOW:HIGH"),
         option("gain_range", metavar="LOW:HIGH"),
         option("points", type=click.IntRange(1, 101)),

@@ -96,6 +96,7 @@ def choose(
     margin: str | float | None = None,
     supply: str | float | None = None,
     opamps: str | Sequence[str] = (),
+    topology: str | Sequence[str] = "",
     c_range: str = "",
     gain_range: str = "",
     points: int = 9,
@@ -130,6 +131,9 @@ def choose(
         Supply of the op-amps: 15V.
     opamps : str or sequence of str
         Presets; by default all of them.
+    topology : str or sequence of str
+        Topologies to compare, or all that solve the same problem: all; by default the scene's. One
+        without C and gain has a grid of gf and G0.
     c_range : str
         By default the scene's C from a tenth to ten times its value.
     gain_range : str
@@ -197,7 +201,7 @@ def choose(
         raise InputError("-o", Complaint("FOLDER", repr(str(output)), text))
     original = read_scene(scene)
     request = request_of(
-        opamps, c_range, gain_range, points,
+        opamps, c_range, gain_range, points, topology,
         settling=settling, rise=rise, overshoot=overshoot, noise=noise, margin=margin,
         supply=supply,
     )  # fmt: skip

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import product
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +26,10 @@ from taction.netlist_gen.scene.axes import Axis, Point, with_values
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.keys import Value, find_key
+from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
 from taction.system.errors import (
     Complaint,
     EngineError,
@@ -66,6 +68,13 @@ from taction.verification.verdict.verify import Verdict, verify
 ERRORS = "design.opamp.input_errors"
 OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
 G0, U0 = "design.unit_conductance", "design.unit_voltage"
+TOPOLOGY, FEEDBACK = "design.topology", "design.feedback_conductance"
+NAMES = {
+    TOPOLOGY: "topology", OPAMP: "opamp", G0: "G0", U0: "U0", CAPACITANCE: "C", GAIN: "gain",
+    FEEDBACK: "gf",
+}  # fmt: skip
+"""The keys that may move, with their names in a table."""
+EVERY, SAME_LAMBDA = "all", 1e-9
 AROUND = 10.0  # C and gain go from the scene's value divided by it to the value times it
 POINTS = 9  # of C and of the gain
 MOST_POINTS = 101
@@ -87,6 +96,8 @@ class ChoiceRequest:
         Values of C and of the gain, before they are rounded to their series.
     limits : mapping
         Values of the scene by dotted paths: limits of the checks, and the supply.
+    topologies : sequence of str
+        Names, or `EVERY`; empty for that of the scene.
     """
 
     opamps: Sequence[str] = ()
@@ -94,6 +105,7 @@ class ChoiceRequest:
     gains: str = ""
     points: int = POINTS
     limits: Point | None = None
+    topologies: Sequence[str] = ()
 
 
 def request_of(
@@ -101,6 +113,7 @@ def request_of(
     capacitances: str,
     gains: str,
     points: int,
+    topology: str | Sequence[str] = "",
     **limits: str | float | None,
 ) -> ChoiceRequest:
     """Return what is asked for, from the arguments of `taction.choose`.
@@ -110,7 +123,9 @@ def request_of(
     InputError
         The overshoot or the margin is no number.
     """
-    names = opamps.split(",") if isinstance(opamps, str) else opamps
+    names, topologies = (
+        text.split(",") if isinstance(text, str) else text for text in (opamps, topology)
+    )
     values = {
         "checks.settling_time.max": limits["settling"],
         "checks.rise_time.max": limits["rise"],
@@ -125,6 +140,7 @@ def request_of(
         gains=gains,
         points=points,
         limits={path: value for path, value in values.items() if value is not None},
+        topologies=[name.strip() for name in topologies if name.strip()],
     )
 
 
@@ -161,29 +177,90 @@ def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
     --------
     >>> import taction
     >>> scene = taction.load_scene("scenes/tuned-breadboard.toml")
-    >>> plan = choice_plan(scene, Request(["tl084", "ne5534"], "10pF:40pF", "1M:2M", 3))
+    >>> plan = choice_plan(scene, ChoiceRequest(["tl084", "ne5534"], "10pF:40pF", "1M:2M", 3))
     >>> plan.shape, sorted(set(plan.axes[1].values))
     ((18,), [1e-11, 2e-11, 4e-11])
     """
     base = choice_base(scene, request)
-    starts = [with_values(base, {OPAMP: name}) for name in dict.fromkeys(_names(request))]
-    if not request.gains:
-        starts = [_with_own_scale(start) for start in starts]
-    rows: list[tuple[Value, ...]] = []
-    for start in starts:
-        farads = _values(start, CAPACITANCE, "--c-range", request.capacitances, request.points)
-        ohms = _values(start, GAIN, "--gain-range", request.gains, request.points)
-        design = start.design
-        own = (design.opamp.base, design.unit_conductance, design.unit_voltage)
-        rows += [(*own, c, s) for c, s in product(farads, ohms)]
-    moved = any(start.design.unit_conductance != base.design.unit_conductance for start in starts)
-    names_of = {OPAMP: "opamp", G0: "G0", U0: "U0", CAPACITANCE: "C", GAIN: "gain"}
-    axes = [
-        Axis(find_key(base, path), name, values, "list")
-        for (path, name), values in zip(names_of.items(), zip(*rows, strict=True), strict=True)
-        if moved or path not in (G0, U0)
-    ]
+    rows: list[dict[str, Value]] = []
+    for name, opamp in product(_topologies(base, request), dict.fromkeys(_names(request))):
+        rows += _rows(with_values(base, {TOPOLOGY: name, OPAMP: opamp}), request)
+    own = {path: _own(base, path) for path in NAMES}
+    held = {path for path in NAMES if all(row.get(path, own[path]) == own[path] for row in rows)}
+    kept = [path for path in NAMES if path in (OPAMP, *base_keys(base)) or path not in held]
+    axes = []
+    for path in kept:
+        values = tuple(row.get(path, own[path]) for row in rows)
+        axes.append(Axis(find_key(base, path), NAMES[path], values, "list"))
     return Plan(at_small_signal(base), [axes], ("statespace",))
+
+
+def base_keys(scene: Scene) -> tuple[str, str]:
+    """Return the two keys that the topology of a scene searches."""
+    return topology_of(scene).searched
+
+
+def _own(scene: Scene, path: str) -> Value:
+    key = find_key(scene, path)
+    value = own_value(scene, key) if key.kind == "real" else attrgetter(path)(scene)
+    return scene.design.unit_conductance if value is None else value
+
+
+def _rows(start: Scene, request: ChoiceRequest) -> Iterator[dict[str, Value]]:
+    """Yield the designs of one topology and op-amp: every pair of the two keys that it searches."""
+    paths = base_keys(start)
+    texts = {CAPACITANCE: request.capacitances, GAIN: request.gains}
+    options = {CAPACITANCE: "--c-range", GAIN: "--gain-range"}
+    if GAIN in paths:
+        start = _with_a_gain(start)
+        start = _with_own_scale(start) if not request.gains else start
+    design = start.design
+    own: dict[str, Value] = {
+        OPAMP: design.opamp.base, G0: design.unit_conductance, U0: design.unit_voltage,
+        TOPOLOGY: design.topology, GAIN: design.gain, CAPACITANCE: design.capacitance,
+    }  # fmt: skip
+    lists = [
+        _values(start, path, options.get(path, "--points"), texts.get(path, ""), request.points)
+        for path in paths
+    ]
+    for pair in product(*lists):
+        yield {**own, **dict(zip(paths, pair, strict=True))}
+
+
+def _with_a_gain(scene: Scene) -> Scene:
+    """Return a scene that gives no gain with the one at which R has the same value."""
+    lam = scene.design.lam
+    if "gain" in scene.design.model_fields_set or not isinstance(lam, int | float):
+        return scene
+    return with_values(scene, {GAIN: 1.0 / (math.sqrt(lam) * scene.design.unit_conductance)})
+
+
+def _topologies(base: Scene, request: ChoiceRequest) -> Sequence[str]:
+    """Return the topologies of a choice: those asked for, or all that solve the same problem.
+
+    Raises
+    ------
+    InputError
+        A topology is unknown, or it has another lambda than the scene.
+    """
+    if not request.topologies:
+        return [base.design.topology]
+    wanted = TOPOLOGIES if EVERY in request.topologies else request.topologies
+    lam, found = topology_of(base).facts(base)["lambda"].value, []
+    for name in wanted:
+        try:
+            moved = with_values(base, {TOPOLOGY: name})
+            stated = topology_of(moved).facts(moved)["lambda"].value
+        except InputError:
+            if wanted is TOPOLOGIES:
+                continue
+            raise
+        if math.isclose(stated, lam, rel_tol=SAME_LAMBDA):
+            found.append(name)
+        elif wanted is not TOPOLOGIES:
+            text = f"it solves with lambda = {stated:g}, the scene with {lam:g}"
+            raise InputError("--topology", Complaint("name", repr(name), text))
+    return found
 
 
 def _names(request: ChoiceRequest) -> Sequence[str]:
@@ -204,7 +281,7 @@ def choice_base(scene: Scene, request: ChoiceRequest) -> Scene:
         scene,
         {
             **limits,
-            "design.lambda": lam,
+            **({"design.lambda": lam} if lam > 0.0 else {}),
             "design.opamp": _names(request)[0],
             ERRORS: scene.design.opamp.input_errors,
         },
@@ -266,6 +343,10 @@ class ChosenDesign(Trial):
         Of the grid, from 0.
     shares : dict
         Value over limit of each check that has a limit; empty for an unstable board.
+    keys : tuple of str
+        The two keys that its topology searches.
+    topology : str
+        Its name.
     """
 
     DOCUMENT = (
@@ -276,6 +357,13 @@ class ChosenDesign(Trial):
 
     place: int = 0
     shares: dict[str, float] = field(default_factory=dict)
+    keys: tuple[str, str] = (CAPACITANCE, GAIN)
+    topology: str = ""
+
+    @property
+    def group(self) -> str:
+        """Topology, if there are several, and op-amp."""
+        return f"{self.topology}, {self.opamp}" if TOPOLOGY in self.values else self.opamp
 
     @property
     def headroom(self) -> float | None:
@@ -341,9 +429,9 @@ class Choice(Result):
     ----------
     scene : Scene
         The scene as it was.
-    designs : sequence of Design
+    designs : sequence of ChosenDesign
         All designs of the grid, the best first.
-    best : sequence of Design
+    best : sequence of ChosenDesign
         Those that ngspice has verified.
     confirmations : sequence of Confirmation
         What ngspice says about each of them.
@@ -399,7 +487,9 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
             scene = with_values(plan.scene, point.values)
             refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))
         shares = dict(_shares(record, plan.scene.checks)) if record.stable else {}
-        found.append(ChosenDesign(dict(point.values), record, refused, point.place, shares))
+        name = str(point.values.get(TOPOLOGY, plan.scene.design.topology))
+        about = TOPOLOGIES[name].searched, name
+        found.append(ChosenDesign(dict(point.values), record, refused, point.place, shares, *about))
     return sorted(found, key=lambda design: design.rank)
 
 
@@ -432,11 +522,11 @@ def design_scene(plan: Plan, original: Scene, design: ChosenDesign, rank: int) -
 
 
 def best_designs(ranked: list[ChosenDesign], count: int = BEST) -> list[ChosenDesign]:
-    """Return the best good designs, each of another op-amp while there are any."""
+    """Return the best good designs, each of another op-amp or topology while there are any."""
     good = [design for design in ranked if design.good]
     first: dict[str, ChosenDesign] = {}
     for design in good:
-        first.setdefault(design.opamp, design)
+        first.setdefault(design.group, design)
     chosen = list(first.values())[:count]
     chosen += [design for design in good if design not in chosen][: count - len(chosen)]
     return chosen

@@ -130,6 +130,8 @@ class Loop(Topology):
         {"capacitance", "resistance", "gain", "capacitor_series", "exponential_slope", "antilog"}
     )
 
+    searched = ("design.feedback_conductance", "design.unit_conductance")
+
     @abstractmethod
     def check(self, scene: Scene, T: Floats) -> None:
         """Raise InputError for a scene or a matrix (M, N) that the topology cannot be built for."""

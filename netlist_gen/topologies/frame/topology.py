@@ -37,11 +37,14 @@ class Topology(ABC):
         The keys of its own table ``[design.NAME]``, if it has any.
     unused : frozenset of str
         Keys of ``[design]`` that have no effect on its boards.
+    searched : tuple of str
+        The two keys that a choice among designs moves.
     """
 
     name: ClassVar[str]
     keys: ClassVar[type[Model] | None] = None
     unused: ClassVar[frozenset[str]] = frozenset({"feedback_conductance", "negative_entries"})
+    searched: ClassVar[tuple[str, str]] = ("design.capacitance", "design.gain")
 
     @abstractmethod
     def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:

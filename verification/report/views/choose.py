@@ -12,12 +12,14 @@ import numpy as np
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.design.choose import (
     CAPACITANCE,
+    FEEDBACK,
     G0,
     GAIN,
+    NAMES,
     U0,
     Choice,
-    ChosenDesign,
     Confirmation,
+    ChosenDesign,
 )
 from taction.verification.report.blocks import (
     BOTH,
@@ -57,6 +59,7 @@ MAP = (
 )
 WORST = "Worst: the largest value over its limit; below 1 every check passes."
 COMMAND = "taction design choose"
+UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", U0: "V", FEEDBACK: "S"}
 
 
 def full_view(choice: Choice) -> Page:
@@ -112,7 +115,11 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
 def _moved(scene: Scene, designs: Sequence[ChosenDesign]) -> Iterator[str]:
     """Yield which op-amps have another G0 than the scene, and why."""
     own = scene.design.unit_conductance
-    moved = {one.opamp: float(one.values[G0]) for one in designs if one.values.get(G0, own) != own}
+    moved = {
+        one.opamp: float(one.values[G0])
+        for one in designs
+        if G0 not in one.keys and one.values.get(G0, own) != own
+    }
     if moved:
         values = ", ".join(f"{name} {quantity(G0, 'S')}" for name, G0 in moved.items())
         yield (
@@ -133,13 +140,18 @@ def _text_of(confirmation: Confirmation) -> str:
 
 
 def _values(design: ChosenDesign) -> tuple[float, float]:
-    """Return C in F and the gain in ohm."""
-    return float(design.values[CAPACITANCE]), float(design.values[GAIN])
+    """Return the values of the two keys that its topology searches."""
+    first, second = (float(design.values[path]) for path in design.keys)
+    return first, second
 
 
 def _words(design: ChosenDesign) -> str:
-    farads, ohms = _values(design)
-    return f"{design.opamp}, C = {quantity(farads, 'F')}, gain = {quantity(ohms, 'ohm')}"
+    values = zip(design.keys, _values(design), strict=True)
+    return ", ".join((design.group, *(f"{NAMES[path]} = {_text(path, v)}" for path, v in values)))
+
+
+def _text(path: str, value: float) -> str:
+    return quantity(value, UNITS[path])
 
 
 def _best(best: Sequence[ChosenDesign], confirmations: Sequence[Confirmation]) -> Iterator[Block]:
@@ -160,8 +172,8 @@ def _best(best: Sequence[ChosenDesign], confirmations: Sequence[Confirmation]) -
 
 def _opamps(designs: Sequence[ChosenDesign]) -> Table:
     """Return the best design of each op-amp, and why it does not pass."""
-    passing = Counter(design.opamp for design in designs if design.good)
-    columns = {**_columns(designs), "passing": lambda each: passing[each.opamp]}
+    passing = Counter(design.group for design in designs if design.good)
+    columns = {**_columns(designs), "passing": lambda each: passing[each.group]}
     title, most = "The best design of each op-amp", {TERMINAL: SHOWN}
     return Table.of(title, _first_of_each(designs), columns, "", most, "{} more: --json.")
 
@@ -181,11 +193,8 @@ def _outcome(design: ChosenDesign) -> Cell:
 
 def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesign], Shown]]:
     columns: dict[str, Callable[[ChosenDesign], Shown]] = {
-        "op-amp": lambda each: each.opamp,
-        "C": lambda each: number_cell(_values(each)[0], "F", 3),
-        "gain": lambda each: number_cell(_values(each)[1], "ohm", 3),
-        "G0": lambda each: number_cell(float(each.values[G0]), "S", 3),
-        "U0": lambda each: number_cell(float(each.values[U0]), "V", 3),
+        "op-amp": lambda each: each.group,
+        **dict(_moved_columns(designs)),
         "outcome": _outcome,
         "settling": lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
@@ -195,23 +204,37 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesig
     }
     if all(design.noise is None for design in designs):
         del columns["noise"]
-    if all(G0 not in design.values for design in designs):
-        del columns["G0"], columns["U0"]
     return columns
+
+
+def _moved_columns(designs: Sequence[ChosenDesign]) -> Iterator[tuple[str, Callable[[ChosenDesign], Shown]]]:
+    """Yield the columns of the keys that move; a topology shows those that it searches."""
+    searched = {path for design in designs for path in design.keys}
+    for path in (CAPACITANCE, GAIN, FEEDBACK, G0, U0):
+        if any(path in design.values for design in designs) and (
+            path in searched or path in (G0, U0)
+        ):
+
+            def shown(each: ChosenDesign, path: str = path) -> Shown:
+                if path not in each.values or (path not in each.keys and path not in (G0, U0)):
+                    return ""
+                return number_cell(float(each.values[path]), UNITS[path], 3)
+
+            yield NAMES[path], shown
 
 
 def _first_of_each(designs: Sequence[ChosenDesign]) -> list[ChosenDesign]:
     """Return the best design of every op-amp, the best first; `designs` are in their order."""
     first: dict[str, ChosenDesign] = {}
     for design in designs:
-        first.setdefault(design.opamp, design)
+        first.setdefault(design.group, design)
     return list(first.values())
 
 
 def _maps(designs: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Iterator[Block]:
-    names = [design.opamp for design in _first_of_each(designs)]
+    names = [design.group for design in _first_of_each(designs)]
     for name in names[:MAPS]:
-        own = [design for design in designs if design.opamp == name]
+        own = [design for design in designs if design.group == name]
         if any(design.shares for design in own):
             yield _map(name, own, best)
         else:
@@ -245,10 +268,11 @@ def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -
     )
     others = [design for design in own if design.good and design.place not in chosen]
     stars = [design for design in own if design.place in chosen]
+    x_path, y_path = own[0].keys
     return Chart(
         name,
-        Axis("C", "F", "log"),
-        Axis("gain", "ohm", "log"),
+        Axis(NAMES[x_path], UNITS[x_path], "log"),
+        Axis(NAMES[y_path], UNITS[y_path], "log"),
         (
             grid,
             *_limit_line(grid),
@@ -289,7 +313,7 @@ def _hover(design: ChosenDesign | None) -> str:
     if design is None:
         return ""
     share = figure(design.worst, "", 3) if design.shares else "no value"
-    farads, ohms = _values(design)
-    place = f"C {quantity(farads, 'F')}, gain {quantity(ohms, 'ohm')}"
+    values = zip(design.keys, _values(design), strict=True)
+    place = ", ".join(f"{NAMES[path]} {_text(path, value)}" for path, value in values)
     outcome = "no parts" if design.refused else design.outcome
     return f"{place}: {outcome}, worst {share}"
