@@ -89,6 +89,21 @@ _INVERTER = _resistors_kind(
     "a smaller design.inverter_resistance",
     "a larger design.inverter_resistance",
 )
+_OUTPUT_CONDUCTANCE = _resistors_kind(
+    "resistors 1/gf",
+    "a larger design.feedback_conductance",
+    "a smaller design.feedback_conductance",
+)
+_REGULARISING = _resistors_kind(
+    "resistors of the rows that add lambda",
+    "a larger design.unit_conductance or lambda",
+    "a smaller design.unit_conductance or lambda",
+)
+_OFFSET = _resistors_kind(
+    "resistors of the offset column",
+    "a larger design.unit_conductance",
+    "a smaller design.unit_conductance",
+)
 _STRAIN_RESISTORS = _resistors_kind(
     "strain resistors",
     "a larger design.unit_conductance",
@@ -133,6 +148,10 @@ _KINDS = {
     Role.BIAS_RESISTOR: _FEEDBACK,
     Role.CONSTRAINT_RESISTOR: _GAIN,
     Role.INVERTER_RESISTOR: _INVERTER,
+    Role.SUM: _INVERTER,
+    Role.OUTPUT_CONDUCTANCE: _OUTPUT_CONDUCTANCE,
+    Role.REGULARISING: _REGULARISING,
+    Role.OFFSET: _OFFSET,
     Role.STRAIN_RESISTOR: _STRAIN_RESISTORS,
     Role.STAGE: _DIVIDER,
 }

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from taction.netlist_gen.scene.axes import Axis, with_value
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS
 
@@ -24,7 +25,15 @@ def questions(scene: Scene) -> tuple[str, ...]:
     >>> print(questions(scene)[0][:71])
     design.capacitance = 1 F is not between 10 fF and 100 uF; is the prefix
     """
-    return (*scene.written_questions, *value_questions(scene), *_no_parts(scene))
+    found = (*scene.written_questions, *value_questions(scene), *_no_parts(scene))
+    return (*found, *_no_effect(scene))
+
+
+def _no_effect(scene: Scene) -> Iterator[str]:
+    """Yield the keys of the design that the topology does not read."""
+    design, topology = scene.design, topology_of(scene)
+    for key in sorted(topology.unused & design.model_fields_set):
+        yield f"design.{key} has no effect with topology = {topology.name!r}"
 
 
 def _no_parts(scene: Scene) -> Iterator[str]:

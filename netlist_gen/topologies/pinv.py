@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Role
+from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import place_strain
+from taction.netlist_gen.topologies.frame.laws import Law, feedback_laws
 from taction.netlist_gen.topologies.frame.loops import Inputs, Loop, LoopBoard
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
@@ -53,6 +54,19 @@ class PseudoInverse(Loop):
         self.more_rows(board, columns)
         self.array(board, Role.FORWARD, {n: f"v_{n}" for n in board.channels}, rows)
         self.array(board, Role.FEEDBACK, {k: f"w_{k}" for k in board.sensors}, columns)
+
+    def laws(self, circuit: Circuit) -> tuple[Law, ...]:
+        """Return those of every loop, and two for gf.
+
+        With op-amps of one pole, and T without negative entries or with differential inputs, the
+        board is stable for every gf: the symmetric part of the state matrix times the loads is
+        negative semidefinite, so the loads over wt are a Lyapunov matrix.
+        """
+        return (*super().laws(circuit), *feedback_laws(circuit, self.stacked(circuit)))
+
+    def stacked(self, circuit: Circuit) -> Floats:
+        """Return the conductances of array 1 with their signs, S, (M, N)."""
+        return circuit.realised * circuit.value("G0")
 
     def more_rows(self, board: LoopBoard, columns: dict[int, Inputs]) -> None:
         """Place rows of both arrays besides those of T."""

@@ -201,8 +201,8 @@ def scale(scene: Scene, share: float = SHARE, *, accepted: AcceptedParts | None 
     Raises
     ------
     InputError
-        The problem or the design cannot be used, T has a ratio of entries that no range of
-        resistors has, or the scalings need parts that are not accepted.
+        The problem or the design cannot be used, the topology has no gain, T has a ratio of entries
+        that no range of resistors has, or the scalings need parts that are not accepted.
     EngineError
         The board has no equilibrium.
 
@@ -213,6 +213,13 @@ def scale(scene: Scene, share: float = SHARE, *, accepted: AcceptedParts | None 
     >>> print(f"{found.gain:g} ohm, {found.resistance:g} ohm, lambda {found.lam:.3g}")
     16000 ohm, 510000 ohm, lambda 0.0224
     """
+    topology = topology_of(scene)
+    if "gain" in topology.unused:
+        text = (
+            f"topology {topology.name!r} has no gain and no R that scalings could set; use"
+            f" `taction design tune --over {topology.searched[0].rpartition('.')[2]}`"
+        )
+        raise InputError(scene.file, Complaint("design.topology", repr(topology.name), text))
     problem = make_problem(scene)
     answer = ideal_answer(ideal_network(problem, scene), scene)
     accepted = accepted or accepted_parts(scene, problem)

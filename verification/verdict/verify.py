@@ -13,6 +13,8 @@ from taction.netlist_gen.board.part_warnings import part_warnings
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.questions import questions
 from taction.netlist_gen.scene.scene import Scene, opamp_words
+from taction.netlist_gen.topologies.frame.laws import Law
+from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.spice_models.input_errors import MOST, not_known
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
@@ -133,6 +135,15 @@ class Verdict(Result):
     def accuracy(self) -> Accuracy:
         """The error of the transient over all time."""
         return self.recording.accuracy
+
+    @cached_property
+    def laws(self) -> tuple[Law, ...]:
+        """What closed formulas of the topology say about the board."""
+        topology, failures = TOPOLOGIES.get(self.circuit.topology), list[str]()
+        if topology is None:
+            return ()
+        nothing = tuple[Law, ...]()
+        return attempt("the laws", lambda: topology.laws(self.circuit), nothing, failures.append)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
 
+from taction.netlist_gen.topologies.frame.laws import Law
 from taction.system.documents import (
     INLINE,
     OPTIONAL,
@@ -90,6 +91,7 @@ class VerdictBody:
         "timing [s] = verdict.timing",
         "cause = record.reason # why it is no pass, with value and limit; empty of a pass",
         "what_to_change? = remedies # of a failed verdict: changes that mend it",
+        "laws? = laws # what closed formulas of the topology say, in SI base units",
     )
 
     verdict: Verdict
@@ -101,6 +103,11 @@ class VerdictBody:
     def of(cls, verdict: Verdict) -> VerdictBody:
         """Return the document of a verdict."""
         return cls(verdict, Record.of(verdict))
+
+    @property
+    def laws(self) -> tuple[Law, ...] | None:
+        """What closed formulas say; None for a topology that has none."""
+        return self.verdict.laws or None
 
     @property
     def states(self) -> int | None:

@@ -12,7 +12,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.report.blocks import Block, Facts, Notes
+from taction.verification.report.blocks import Block, Facts, Notes, Table
 from taction.verification.report.charts import (
     Axis,
     Band,
@@ -28,6 +28,7 @@ from taction.verification.report.texts import figure, quantity
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import AROUND, first_knob, stable_values
 from taction.verification.stability.poles import Poles
+from taction.verification.verdict.verify import Verdict
 
 SHOWN = 2000  # poles
 MOST = 100  # channels up to which the stable values of C cost some seconds
@@ -58,6 +59,23 @@ def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Block, ...]:
     rows = (*rows, (f"{name} of this board", own), (f"stable values of {name}", ranges))
     text = f"The board is {word} at {name} = {own}. {stated}"
     return Notes("", (text,)), pole_map(poles, stated), Facts("", rows)
+
+
+def law_blocks(verdict: Verdict) -> tuple[Block, ...]:
+    """Return what closed formulas of the topology say, beside what the board has."""
+    own = {"rightmost_pole": figure(verdict.poles.rightmost.real, "1/s")}
+    if "gf" in verdict.circuit.facts:
+        gf = verdict.circuit.facts["gf"].text
+        own |= {"fastest_gf": gf, "least_gf": gf}
+    models = verdict.circuit.models.values()
+    own["second_pole"] = ", ".join(quantity(model.second_pole, "Hz") for model in models)
+    columns = {
+        "formula": lambda each: each.title,
+        "gives": lambda each: quantity(each.value, each.unit),
+        "this board": lambda each: own.get(each.name, ""),
+        "for": lambda each: each.sentence,
+    }
+    return (Table.of("Closed formulas", verdict.laws, columns),) if verdict.laws else ()
 
 
 def knob_ranges(circuit: Circuit, poles: Poles) -> str:
