@@ -18,8 +18,8 @@ from taction.verification.design.choose import (
     NAMES,
     U0,
     Choice,
-    Confirmation,
     ChosenDesign,
+    Confirmation,
 )
 from taction.verification.report.blocks import (
     BOTH,
@@ -207,7 +207,10 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesig
     return columns
 
 
-def _moved_columns(designs: Sequence[ChosenDesign]) -> Iterator[tuple[str, Callable[[ChosenDesign], Shown]]]:
+Columns = Iterator[tuple[str, Callable[[ChosenDesign], Shown]]]
+
+
+def _moved_columns(designs: Sequence[ChosenDesign]) -> Columns:
     """Yield the columns of the keys that move; a topology shows those that it searches."""
     searched = {path for design in designs for path in design.keys}
     for path in (CAPACITANCE, GAIN, FEEDBACK, G0, U0):
