@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.analysis import Analysis, Band, OperatingPoint, SmallSignal
+from taction.netlist_gen.analysis import Analysis, NoiseBand, OperatingPoint, SmallSignal
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.flat_cards import CardError, shown
 from taction.spice_models.foreign_expressions import number
@@ -28,7 +28,7 @@ TERMINALS = {"d": 2, "q": 3, "j": 3, "m": 4}  # of the devices that are accepted
 OHMIC = {"d": ("rs",), "q": ("rc", "rb", "re"), "j": ("rd", "", "rs"), "m": ("rd", "", "rs")}
 """Names of a model's resistances in series with the terminals, in their order."""
 ACCEPTED = "linearised are diodes D, transistors Q J M with a .model; no B S, no expressions"
-BAND = Band(1e3, 6, 1)  # Hz: where the admittance has to be G + s C
+BAND = NoiseBand(1e3, 6, 1)  # Hz: where the admittance has to be G + s C
 LEAST_SURE = 1e6  # Hz
 MISFIT = 1e-3  # of the largest admittance of a device
 SMALL = 1e-12  # of the largest one: a smaller element is left out
