@@ -1,6 +1,6 @@
 """What an installation costs: time of the import, and size of the core and of each extra.
 
-`import taction` loads a job at its first use; a board needs numpy and parts of SciPy.
+`import taction` loads a job at its first use; a board needs numpy, pydantic and parts of SciPy.
 Sizes are those of the packages in this environment, without bytecode.
 """
 

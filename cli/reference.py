@@ -135,7 +135,7 @@ def _schemas(*, every: bool) -> dict[str, Any]:
     return {
         "fields": fields(),
         "schemas": {schema_name(name): schema(name) for name in MODELS},
-        "scene_schema": scene_type().model_json_schema(),
+        "scene_schema": scene_type().model_json_schema(by_alias=True),
     }
 
 

@@ -264,7 +264,7 @@ def scene_schema() -> dict[str, Any]:
     """
     from taction.netlist_gen.scene.scene import scene_type
 
-    return scene_type().model_json_schema()
+    return scene_type().model_json_schema(by_alias=True)
 
 
 def doctor() -> Installation:

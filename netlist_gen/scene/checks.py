@@ -10,7 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
-from taction.netlist_gen.scene.field_values import Number, Unit
+from pydantic import (
+    AfterValidator,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic_core import CoreSchema
+
+from taction.netlist_gen.scene.field_values import Unit
 from taction.netlist_gen.scene.fields import (
     Count,
     Hertz,
@@ -20,9 +29,8 @@ from taction.netlist_gen.scene.fields import (
     Real,
     Seconds,
     Volts,
-    field,
 )
-from taction.system.quantities import show
+from taction.netlist_gen.scene.key_mistakes import above_max
 from taction.system.reading_definitions import SETTLING_BAND, TIMES
 
 LOWEST = 0.1  # Hz; data sheets print the 1/f noise from here to 10 Hz
@@ -55,51 +63,63 @@ def unitless_times(data: Mapping[str, Any]) -> Iterator[str]:
 class UpperLimit(Model):
     """A check whose plain value is its `max`: ``settling_time = "10us"``."""
 
-    PLAIN, PLAIN_TYPES = "max", (str, int, float)
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_value(cls, data: Any) -> Any:
+        return {"max": data} if isinstance(data, str | int | float) else data
 
     @classmethod
-    def checked(cls, name: str, value: Any, before: Mapping[str, Any]) -> Any:
-        """Refuse a `min` above `max`: nothing would pass."""
-        most = before.get("max")
-        if name == "min" and value is not None and most is not None and value > most:
-            text = f"above max = {show(most, 's')}, so nothing passes"
-            raise ValueError(f"{text}; expected at most {show(most, 's')}, or are they swapped?")
-        return value
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        """Return the schema of the table, or of a plain value."""
+        return {"anyOf": [{"type": "number"}, {"type": "string"}, handler(core)]}
 
 
 class SteadyStateCheck(Model):
     """Final outputs against the reference, as a fraction of the step amplitude."""
 
-    tolerance: Annotated[Positive, Number(lt=1)] = 1e-3
+    tolerance: Annotated[Positive, Field(lt=1)] = 1e-3
+
+
+def _below_max(least: float | None, info: ValidationInfo) -> float | None:
+    """Return `min` if it is not above `max`: nothing would pass."""
+    most = info.data.get("max")
+    if reason := above_max(least, most):
+        raise ValueError(reason)
+    return least
+
+
+Least = Annotated[Seconds | None, AfterValidator(_below_max)]
 
 
 class SettlingTimeCheck(UpperLimit):
     """Settling to ``±band`` (a fraction of the step amplitude) within `max`, not before `min`."""
 
-    band: Annotated[Positive, Number(lt=1)] = SETTLING_BAND
+    band: Annotated[Positive, Field(lt=1)] = SETTLING_BAND
     max: Seconds | None = None
-    min: Seconds | None = None
+    min: Least = None
 
 
 class ExcursionCheck(UpperLimit):
     """Overshoot or undershoot as a fraction of the step amplitude."""
 
-    max: NonNegative = field(description="fraction of the step amplitude")
+    max: NonNegative = Field(description="fraction of the step amplitude")
 
 
 class RiseTimeCheck(UpperLimit):
     """10-90 % rise time of one channel, by default the middle channel."""
 
     max: Seconds | None = None
-    min: Seconds | None = None
+    min: Least = None
     channel: Count | None = None
 
 
 class NoiseCheck(UpperLimit):
     """Output noise of every channel at rest, rms, V, over all frequencies or above the lowest."""
 
-    max: Volts = field(description="largest noise of an output, rms, V")
-    lowest: Hertz | None = field(
+    max: Volts = Field(description="largest noise of an output, rms, V")
+    lowest: Hertz | None = Field(
         None,
         description="the lowest frequency that counts: an observation of T seconds sees nothing"
         f" below 1/T. By default {LOWEST:g} Hz where op-amps have 1/f noise, else 0",
@@ -109,7 +129,7 @@ class NoiseCheck(UpperLimit):
 class StabilityCheck(Model):
     """`margin`: factor by which C can shrink until the board oscillates; 1: only stability."""
 
-    margin: Annotated[float, Number(ge=1)] = 1.0
+    margin: Annotated[Real, Field(ge=1)] = 1.0
 
 
 class EnginesAgreeCheck(Model):
@@ -142,23 +162,23 @@ class Checks(Model):
 class Tolerances(Model):
     """Tolerances of real components, fractions of their values."""
 
-    distribution: Literal["normal", "uniform"] = field(
+    distribution: Literal["normal", "uniform"] = Field(
         "normal", description="normal: the tolerance is three sigma; uniform: within it"
     )
-    resistor: NonNegative = field(0.01, description="every resistor by itself")
-    capacitor: NonNegative = field(0.05, description="C of every signal node by itself")
-    stray: NonNegative = field(0.2, description="stray capacitance of every summing node")
-    opamp_gbw: NonNegative = field(
+    resistor: NonNegative = Field(0.01, description="every resistor by itself")
+    capacitor: NonNegative = Field(0.05, description="C of every signal node by itself")
+    stray: NonNegative = Field(0.2, description="stray capacitance of every summing node")
+    opamp_gbw: NonNegative = Field(
         0.3, description="gain-bandwidth product and second pole of every op-amp together"
     )
-    opamp_gain: NonNegative = field(0.5, description="DC gain of every op-amp")
-    parts: dict[str, NonNegative] = field(
+    opamp_gain: NonNegative = Field(0.5, description="DC gain of every op-amp")
+    parts: dict[str, NonNegative] = Field(
         {}, description="tolerances of single parts by their names in the deck: { Rf_4_4 = 0.001 }"
     )
-    temperature: NonNegative = field(0.0, description="K, either side of nominal; the whole board")
-    resistor_drift: Real = field(1e-4, description="per K")
-    capacitor_drift: Real = field(3e-5, description="per K")
-    opamp_drift: Real = field(-3e-3, description="of the gain-bandwidth product, per K")
+    temperature: NonNegative = Field(0.0, description="K, either side of nominal; the whole board")
+    resistor_drift: Real = Field(1e-4, description="per K")
+    capacitor_drift: Real = Field(3e-5, description="per K")
+    opamp_drift: Real = Field(-3e-3, description="of the gain-bandwidth product, per K")
 
 
 SecondsOrZero = Annotated[float, Unit("s", zero=True)]
@@ -191,9 +211,9 @@ class PoleTolerance(Model):
 class WaveformTolerance(Model):
     """Each output over time: the norm of its difference, against the norm of its baseline."""
 
-    norm: Literal["max", "rms"] = field("max", description="rms: weighted by time")
+    norm: Literal["max", "rms"] = Field("max", description="rms: weighted by time")
     relative: NonNegative = 0.01
-    absolute: NonNegative = field(1e-3, description="fraction of the step amplitude")
+    absolute: NonNegative = Field(1e-3, description="fraction of the step amplitude")
 
 
 class Regression(Model):

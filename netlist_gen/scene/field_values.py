@@ -1,21 +1,27 @@
-"""What a value of a scene may be: annotations of fields, each with a check and a JSON Schema.
-
-An annotation has ``check(value)``, which returns the value as the scene keeps it, or raises a
-ValueError whose text says what is accepted, and ``schema()``.
-"""
+"""What a value of a scene may be: quantities, rules, ranges and names; pydantic is not needed."""
 
 from __future__ import annotations
 
-import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taction.system.quantities import EXAMPLES, parse
+
+if TYPE_CHECKING:
+    from pydantic_core import CoreSchema
 
 LEAST, MOST = 1e-30, 1e30  # of a quantity in base units: no product of a few leaves the floats
 BOTH_SIGNS = re.compile(r"^\s*(±|\+/?-)")
 SMALL, LARGE = 1e-100, 1e100  # of a number without a unit
+
+
+def plain_validator(check: Callable[[object], object]) -> CoreSchema:
+    """Return the schema of pydantic for a value that `check` returns or refuses."""
+    from pydantic_core import core_schema
+
+    return core_schema.no_info_plain_validator_function(check)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +60,10 @@ class Unit:
             raise ValueError(f"must be {'zero or more' if self.zero else 'above zero'}")
         return number
 
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the values."""
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return plain_validator(self.check)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
         example = f"a number in {self.unit}, or a quantity such as {self.example!r}"
         if self.word:
             example += f", or {self.word!r}"
@@ -79,8 +87,10 @@ class TemperatureRange:
             raise ValueError(f"expected two temperatures, such as '0..70degC', {text}")
         return str(value)
 
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the values."""
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return plain_validator(self.check)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
         return {"type": "string", "description": "two temperatures, such as '0..70degC'"}
 
 
@@ -100,111 +110,15 @@ class Rule:
         numbers = f"a number between {SMALL:g} and {LARGE:g}"
         raise ValueError(f"expected {numbers}, or one of the rules {known}")
 
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the values."""
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return plain_validator(self.check)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
         return {"anyOf": [{"type": "number", "exclusiveMinimum": 0}, {"enum": list(self.names)}]}
 
 
-@dataclass(frozen=True, slots=True)
-class Number:
-    """Annotation of a plain number between limits, a `whole` one or any; two of them add up."""
-
-    gt: float | None = None
-    ge: float | None = None
-    lt: float | None = None
-    le: float | None = None
-    whole: bool = False
-
-    def check(self, value: object) -> float:
-        """Return the number; ValueError has the accepted values. "7" and true are no numbers."""
-        kinds = int if self.whole else (int, float)
-        if isinstance(value, bool) or not isinstance(value, kinds):
-            kind = "plain whole number" if self.whole else "plain number"
-            raise ValueError(f"expected a {kind}, without quotes or unit")
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ValueError("expected a finite number")
-        if not self.whole and value and not SMALL <= abs(value) <= LARGE:
-            size = f"expected 0, or a size between {SMALL:g} and {LARGE:g}"
-            raise ValueError(f"out of range; {size}")  # products of larger ones leave the floats
-        if self.le is not None and value > self.le:
-            raise ValueError(f"must be {self.le:g} or less")
-        if self.lt is not None and value >= self.lt:
-            share = f"; it is a fraction: {value:g} % is {value / 100.0:g}"
-            raise ValueError(f"must be below {self.lt:g}{share if 1 <= value <= 100 else ''}")
-        if self.ge is not None and value < self.ge:
-            raise ValueError(f"must be {self.ge:g} or more")
-        if self.gt is not None and value <= self.gt:
-            raise ValueError(f"must be above {self.gt:g}")
-        return value if self.whole else float(value)
-
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the values."""
-        limits = {
-            "exclusiveMinimum": self.gt,
-            "minimum": self.ge,
-            "exclusiveMaximum": self.lt,
-            "maximum": self.le,
-        }
-        kind = "integer" if self.whole else "number"
-        return {"type": kind} | {k: limit for k, limit in limits.items() if limit is not None}
-
-
-@dataclass(frozen=True, slots=True)
-class ShortText:
-    """Annotation of a text with a least and a largest length, and perhaps a pattern."""
-
-    least: int = 0
-    most: int | None = None
-    pattern: str = ""
-
-    def check(self, value: object) -> str:
-        """Return the text; ValueError has the accepted values."""
-        if not isinstance(value, str):
-            raise ValueError("expected text in quotes")
-        if len(value) < self.least:
-            raise ValueError("expected text that is not empty")
-        if self.most is not None and len(value) > self.most:
-            raise ValueError(f"expected at most {self.most} characters")
-        if self.pattern and not re.search(self.pattern.replace("$", r"\Z"), value):
-            raise ValueError("letters, digits, '-', '_' and '.' only")
-        return value
-
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the values."""
-        limits = {"minLength": self.least, "maxLength": self.most, "pattern": self.pattern}
-        return {"type": "string"} | {name: limit for name, limit in limits.items() if limit}
-
-
-@dataclass(frozen=True, slots=True)
-class Words:
-    """Annotation of one of some words."""
-
-    names: tuple[str, ...]
-
-    def check(self, value: object) -> str:
-        """Return the word; ValueError has the accepted ones."""
-        if isinstance(value, str) and value in self.names:
-            return value
-        *others, last = map(repr, self.names)
-        known = f"{', '.join(others)} or {last}" if others else last
-        raise ValueError(f"expected one of {known}")
-
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the values."""
-        several = {"enum": list(self.names)} if len(self.names) > 1 else {"const": self.names[0]}
-        return {**several, "type": "string"}
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Annotation of true or false."""
-
-    def check(self, value: object) -> bool:
-        """Return the truth value; ValueError for anything else."""
-        if not isinstance(value, bool):
-            raise ValueError("expected true or false")
-        return value
-
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the values."""
-        return {"type": "boolean"}
+def in_range(value: float) -> float:
+    """Return a number without a unit; ValueError for one whose products may leave the floats."""
+    if value and not SMALL <= abs(value) <= LARGE:
+        raise ValueError(f"out of range; expected 0, or a size between {SMALL:g} and {LARGE:g}")
+    return value

@@ -1,13 +1,12 @@
-"""Types of a scene's fields: quantities with units and plain numbers; the base of the tables."""
+"""Types of a scene's fields: quantities with units, plain numbers, and the base of the tables."""
 
 from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from taction.netlist_gen.scene.field_values import Number, Rule, ShortText, Unit
-from taction.netlist_gen.scene.model import Model, field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-__all__ = ["Model", "field"]  # what a table of another package needs stands here
+from taction.netlist_gen.scene.field_values import Rule, Unit, in_range
 
 MOST_CHANNELS = 5000  # T has 0.2 GB, and the analysis of the board takes many times that
 
@@ -37,9 +36,17 @@ LambdaOrRule = Annotated[
     float | str, Rule(("discrepancy", "gcv", "l-curve", "quasi-optimality", "mse"))
 ]
 
-Real = Annotated[float, Number()]
-Positive = Annotated[float, Number(gt=0)]
-NonNegative = Annotated[float, Number(ge=0)]
-Count = Annotated[int, Number(ge=1, le=MOST_CHANNELS, whole=True)]
-Seed = Annotated[int, Number(ge=0, whole=True)]
-FileName = Annotated[str, ShortText(least=1)]
+
+# Strict: "7" and true are mistakes, not numbers.
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False), AfterValidator(in_range)]
+Positive = Annotated[Real, Field(gt=0)]
+NonNegative = Annotated[Real, Field(ge=0)]
+Count = Annotated[int, Field(strict=True, ge=1, le=MOST_CHANNELS)]
+Seed = Annotated[int, Field(strict=True, ge=0)]
+FileName = Annotated[str, Field(min_length=1)]
+
+
+class Model(BaseModel):
+    """A table of the scene: frozen, without unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")

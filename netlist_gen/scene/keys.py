@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
+from pydantic import BaseModel
+
 from taction.netlist_gen.scene.field_values import Unit
-from taction.netlist_gen.scene.model import Model
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import number as plain_number
@@ -75,19 +76,19 @@ def all_keys(scene: Scene) -> Iterator[Key]:
     yield from {key.path: key for _, key in _keys(scene, "", "")}.values()
 
 
-def _keys(model: Model, prefix: str, python: str) -> Iterator[tuple[str, Key]]:
+def _keys(model: BaseModel, prefix: str, python: str) -> Iterator[tuple[str, Key]]:
     """Yield each key with its path in a file, and again with its path in Python (`lam`)."""
     for name, field in type(model).model_fields.items():
-        path, value = f"{prefix}{field.alias}", getattr(model, name)
-        if isinstance(value, Model):
+        path, value = f"{prefix}{field.alias or name}", getattr(model, name)
+        if isinstance(value, BaseModel):
             yield from _keys(value, f"{path}.", f"{python}{name}.")
         elif not isinstance(value, dict):
-            key = _key(path, field.annotation)
+            key = _key(path, field.annotation, field.metadata)
             yield from ((path, key), (f"{python}{name}", key))
 
 
-def _key(path: str, annotation: Any) -> Key:
-    parts = [*_parts(annotation)]
+def _key(path: str, annotation: Any, metadata: list[Any]) -> Key:
+    parts = [*_parts(annotation), *metadata]
     units = [part.unit for part in parts if isinstance(part, Unit)]
     if float in parts:
         return Key(path, "real", units[0] if units else "")

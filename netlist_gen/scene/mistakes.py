@@ -1,24 +1,27 @@
-"""All mistakes in a scene's data at once, also those that no single key shows."""
+"""The mistakes in a scene's data, each with its key, its value and the accepted values.
+
+`root` is the model of a scene, an argument because this module must not import it.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
-from taction.netlist_gen.scene.model import (
-    Kinds,
-    Maybe,
-    MistakesError,
-    Model,
-    TableForm,
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from taction.netlist_gen.scene.key_mistakes import (
+    TEXTS,
+    design_mistakes,
+    impossible,
+    share,
     value_text,
 )
 from taction.system.errors import Complaint, InputError, listed, nearest_question
-from taction.system.quantities import parse, show
 
-Root = TypeVar("Root", bound=Model)
+Root = TypeVar("Root", bound=BaseModel)
 
 
 def validated(
@@ -28,17 +31,19 @@ def validated(
 
     `written` tells that `data` is what the user wrote, with the units that were given.
     """
-    complaints = [*impossible(data)] if written else []
+    complaints = [*design_mistakes(data), *(impossible(data) if written else ())]
     try:
-        model = root.model_validate(data)
-    except MistakesError as error:
-        raise InputError(file, *error.complaints, *complaints) from None
+        model = root.model_validate(dict(data))
+    except ValidationError as error:
+        complaints = [*_complaints(root, error, data), *complaints]
     if complaints:
         raise InputError(file, *complaints)
     return model
 
 
-def placed(root: type[Model], data: dict[str, Any], values: Mapping[str, Any]) -> list[Complaint]:
+def placed(
+    root: type[BaseModel], data: dict[str, Any], values: Mapping[str, Any]
+) -> list[Complaint]:
     """Put `values` into the tables of `data`; return the complaints about unknown names.
 
     A name is a key or a table at any depth (``capacitance``, ``settling_time``), or a dotted path.
@@ -63,62 +68,88 @@ def placed(root: type[Model], data: dict[str, Any], values: Mapping[str, Any]) -
     return complaints
 
 
-def _all_keys(model: type[Model], data: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+def _all_keys(model: type[BaseModel], data: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield the name in Python and the path of every key and table below `model`."""
     for name, field in model.model_fields.items():
-        key = field.alias
+        key = field.alias or name
         yield name, prefix + key
         inside = data.get(key) if isinstance(data, Mapping) else None
         kind = inside.get("kind") if isinstance(inside, Mapping) else None
-        if (table := _table_of(field.form, kind)) is not None:
+        if (table := _pick(field.annotation, kind)) is not None:
             yield from _all_keys(table, inside, f"{prefix}{key}.")
 
 
-def _table_of(form: object, kind: object) -> type[Model] | None:
-    """Return the model of a form, of several that of `kind`; None without a model."""
-    if isinstance(form, Maybe):
-        form = form.inner
-    if isinstance(form, Kinds):
-        return form.of.get(str(kind), next(iter(form.of.values())))
-    return form.model if isinstance(form, TableForm) else None
+def _complaints(
+    root: type[BaseModel], error: ValidationError, data: Mapping[str, Any]
+) -> Iterator[Complaint]:
+    for item in error.errors(include_url=False):
+        kind, context = item["type"], item.get("ctx", {})
+        if kind == "value_error" and item["loc"] == ("design",):
+            continue  # `design_mistakes` has the key
+        missing = kind == "missing"
+        keys = _real_path(item["loc"], data, missing=missing)
+        key = ".".join(keys) or "scene"
+        if missing:
+            field = _fields(root, keys[:-1], data)[keys[-1]]
+            yield Complaint(key, "", f"required; {field.description}")
+        elif kind == "extra_forbidden":
+            known = list(_fields(root, keys[:-1], data))
+            hint = f"unknown key; {nearest_question(keys[-1], known)}known here: {listed(known)}"
+            yield Complaint(key, value_text(item["input"]), hint)
+        elif kind == "union_tag_invalid":
+            tag = str(context["tag"])
+            known = [name.strip("' ") for name in context["expected_tags"].split(",")]
+            text = f"{nearest_question(tag, known)}one of {listed(known)}"
+            yield Complaint(f"{key}.kind", value_text(tag), text)
+        elif kind == "union_tag_not_found":
+            yield Complaint(f"{key}.kind", "", "required; 'tactile' or 'matrix'")
+        else:
+            text = item["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
+            text = TEXTS[kind].format(**context) if kind in TEXTS else text
+            yield Complaint(key, value_text(item["input"]), text + share(item["input"], kind))
 
 
-IMPOSSIBLE = (  # key, unit, type, least and largest value; no board has others of this type
-    ("capacitance", "F", (int, float), 0.0, 1.0, "'10pF' is 10 picofarad; a number is in F"),
-    ("gain", "ohm", str, 1.0, math.inf, "'m' is milli, 'M' is mega: '6.25Mohm'"),
-)
-"""A capacitance of 10 without a unit is a slip, ``"10F"`` may be meant; so may a gain of 1e-3, but
-not one with the prefix m. What may be meant is asked about (`questions`)."""
-
-
-def impossible(data: Mapping[str, Any]) -> Iterator[Complaint]:
-    """Yield the values of a design that are a slip beyond doubt."""
-    design = _table(data.get("design"))
-    for key, unit, kind, least, most, instead in IMPOSSIBLE:
-        if not isinstance(design.get(key), kind):
+def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:
+    """Return the keys of a location, without the tags of unions that pydantic adds."""
+    keys: list[str] = []
+    tag: object = None  # of the table of the previous key
+    for place, part in enumerate(location):
+        if part == tag:
+            tag = None
             continue
-        try:
-            value = parse(design[key], unit)
-        except (TypeError, ValueError):
-            continue  # the key's own check has it
-        if 0.0 < value < least or value > most:
-            text = f"{show(value, unit)} is what no board has; is the prefix right? {instead}"
-            yield Complaint(f"design.{key}", value_text(design[key]), text)
+        inside = isinstance(data, Mapping) and part in data
+        if inside or (missing and place == len(location) - 1):
+            keys.append(str(part))
+        if inside:
+            data = data[part]
+            tag = data.get("kind") if isinstance(data, Mapping) else None
+    return keys
 
 
-def no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:
-    """Yield the channel of the rise time if the problem, as far as it is stated, has fewer."""
-    problem, check = data.get("problem"), _table(data.get("checks")).get("rise_time")
-    channel, most = _table(check).get("channel"), _table(problem).get("channels", 7)
-    if _table(problem).get("kind") != "tactile":
-        rows = _table(problem).get("matrix")
-        most = (
-            len(rows[0]) if isinstance(rows, list) and rows and isinstance(rows[0], list) else None
-        )
-    if isinstance(channel, int) and isinstance(most, int) and 0 < most < channel:
-        text = f"the problem has {most} channels; expected 1 to {most}"
-        yield Complaint("checks.rise_time.channel", value_text(channel), text)
+def _fields(root: type[BaseModel], path: Sequence[str], data: Any) -> dict[str, FieldInfo]:
+    """Return the fields of the table at `path`; the kinds in `data` select the models."""
+    model = root
+    for key in path:
+        data = data[key] if isinstance(data, Mapping) else {}
+        kind = data.get("kind") if isinstance(data, Mapping) else None
+        model = _pick(_by_alias(model)[key].annotation, kind) or model
+    return _by_alias(model)
 
 
-def _table(value: object) -> Mapping[str, Any]:
-    return value if isinstance(value, Mapping) else {}
+def _by_alias(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
+def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
+    """Return the model in an annotation, in a union that of `kind`; None without a model."""
+    options = [
+        option
+        for option in getattr(annotation, "__args__", (annotation,))
+        if isinstance(option, type) and issubclass(option, BaseModel)
+    ]
+    kinds: dict[object, type[BaseModel]] = {
+        get_args(option.model_fields["kind"].annotation)[0]: option
+        for option in options
+        if "kind" in option.model_fields
+    }
+    return kinds.get(kind, options[0] if options else None)

@@ -8,15 +8,20 @@ A plug-in's object in the groups ``taction.checks`` and ``taction.topologies`` m
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from taction.netlist_gen import topologies
-from taction.netlist_gen.scene.model import MistakesError, Model
+from taction.netlist_gen.scene.field_values import plain_validator
 from taction.spice_models.amplifier import KINDS, AmplifierKind
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import load_presets
 from taction.system.errors import listed, nearest_question
 from taction.system.plugins import OpenTable, names
+
+if TYPE_CHECKING:
+    from pydantic_core import CoreSchema
+
+    from taction.netlist_gen.scene.fields import Model
 
 M = TypeVar("M", bound="Model")
 
@@ -49,8 +54,10 @@ class OneOf:
             raise ValueError(f"{nearest_question(value, accepted)}one of {listed(accepted)}")
         raise ValueError(f"expected a name, one of {listed(accepted)}")
 
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the names."""
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        return plain_validator(self.check)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
         return {"enum": list(self.names), "type": "string"}
 
 
@@ -69,6 +76,8 @@ def with_tables(base: type[M], group: str, module: str) -> type[M]:
     A table that the scene leaves out has its defaults in a topology, and is None in the checks: a
     check without its table is not made. `module` is where pickle finds the class, as `PluggedBase`.
     """
+    from taction.netlist_gen.scene.fields import Model
+
     offered: OpenTable[type[Model] | None] = OpenTable(group, {}, Model, "keys", optional=True)
     fields: dict[str, Any] = {}
     for name, keys in offered.items():
@@ -80,16 +89,19 @@ def with_tables(base: type[M], group: str, module: str) -> type[M]:
 
 def plugged(base: type[M], module: str, fields: dict[str, Any]) -> type[M]:
     """Return the subclass of `base` with more fields that pickle finds in `module`."""
-    defaults = {name: default for name, (_, default) in fields.items()}
-    annotations = {name: kind for name, (kind, _) in fields.items()}
-    inside = {"__module__": module, "__doc__": base.__doc__, "__annotations__": annotations}
-    made: type[M] = type(base.__name__, (base,), defaults | inside)
+    from pydantic import create_model
+
+    made: type[M] = create_model(
+        base.__name__, __base__=base, __module__=module, __doc__=base.__doc__, **fields
+    )
     made.__qualname__ = f"Plugged{base.__name__}"
     return made
 
 
 def _default(keys: type[Model]) -> Model | None:
+    from pydantic import ValidationError
+
     try:
         return keys()
-    except MistakesError:  # it has a key that the scene must give
+    except ValidationError:  # it has a key that the scene must give
         return None

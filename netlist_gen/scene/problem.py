@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from taction.netlist_gen.scene.field_values import Number, ShortText
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    StrictBool,
+    ValidationInfo,
+    field_validator,
+)
+from pydantic_core import CoreSchema, core_schema
+
 from taction.netlist_gen.scene.fields import (
     Count,
     FileName,
@@ -16,7 +24,6 @@ from taction.netlist_gen.scene.fields import (
     Positive,
     Real,
     Seed,
-    field,
 )
 
 if TYPE_CHECKING:
@@ -93,8 +100,13 @@ class _NameOrArray:
             return copy
         raise ValueError(EXPECTED)
 
-    def schema(self) -> dict[str, Any]:
-        """Return the JSON Schema of the values."""
+    def __get_pydantic_core_schema__(self, source: object, handler: object) -> CoreSchema:
+        written = core_schema.plain_serializer_function_ser_schema(
+            lambda value: value if isinstance(value, str) else value.tolist(), when_used="json"
+        )
+        return core_schema.no_info_plain_validator_function(self.check, serialization=written)
+
+    def __get_pydantic_json_schema__(self, schema: object, handler: object) -> dict[str, Any]:
         numbers = {"type": "array", "items": {"type": "number"}, "minItems": 1}
         rows = {"type": "array", "items": numbers, "minItems": 1}
         return {"anyOf": [{"type": "string", "minLength": 1}, numbers, rows]}
@@ -126,17 +138,17 @@ class CylinderLoad(Model):
     """Stress under a cylinder, eq (18): ``p/(pi a²) sqrt(a² - y²)`` as printed."""
 
     kind: Literal["cylinder"] = "cylinder"
-    force: NonNegative = field(3.0, description="p, force per unit length")
-    half_width: Positive = field(1.0, description="a, half width of the contact")
-    centre: Real = field(0.0, description="y of the contact's middle")
-    normalised: bool = field(False, description="true: Hertz, 2p/(pi a²), integrates to p")
+    force: NonNegative = Field(3.0, description="p, force per unit length")
+    half_width: Positive = Field(1.0, description="a, half width of the contact")
+    centre: Real = Field(0.0, description="y of the contact's middle")
+    normalised: StrictBool = Field(False, description="true: Hertz, 2p/(pi a²), integrates to p")
 
 
 class CsvLoad(Model):
     """Stress profile from a CSV file beside the scene: columns y and stress."""
 
     kind: Literal["csv"]
-    file: FileName = field(description="CSV with two columns, y and stress; y increasing")
+    file: FileName = Field(description="CSV with two columns, y and stress; y increasing")
 
 
 class Noise(Model):
@@ -146,21 +158,29 @@ class Noise(Model):
     seed: Seed = 1
 
 
+def _cylinder_by_default(value: object) -> object:
+    """Add the default kind to a load without a kind."""
+    return {"kind": "cylinder", **value} if isinstance(value, dict) else value
+
+
+AnyLoad = Annotated[CylinderLoad | CsvLoad, Field(discriminator="kind")]
+
+
 class TactileProblem(Model):
     """Strain under an elastic layer, eqs (1) to (4), with the corrected kernels."""
 
     kind: Literal["tactile"]
-    channels: Count = field(7, description="N, points where stress is reconstructed")
-    sensors: Count | None = field(None, description="M, where it differs from N")
-    span: Positive = field(6.0, description="y_max - y_min, in the unit of depth")
-    depth: Positive = field(1.0, description="x")
-    modulus: Positive = field(1.0, description="E")
-    poisson: Annotated[float, Number(ge=-1.0, le=0.5)] = field(0.5, description="nu")
+    channels: Count = Field(7, description="N, points where stress is reconstructed")
+    sensors: Count | None = Field(None, description="M, where it differs from N")
+    span: Positive = Field(6.0, description="y_max - y_min, in the unit of depth")
+    depth: Positive = Field(1.0, description="x")
+    modulus: Positive = Field(1.0, description="E")
+    poisson: Annotated[Real, Field(ge=-1.0, le=0.5)] = Field(0.5, description="nu")
     kernel: Literal["normal", "tangential"] = "normal"
-    quadrature: Literal["none", "rectangle"] = field(
+    quadrature: Literal["none", "rectangle"] = Field(
         "none", description="none: as eq (4) is printed; rectangle: times the spacing"
     )
-    load: CylinderLoad | CsvLoad = CylinderLoad()
+    load: Annotated[AnyLoad, BeforeValidator(_cylinder_by_default)] = CylinderLoad()
     noise: Noise = Noise()
 
 
@@ -168,22 +188,23 @@ class MatrixProblem(Model):
     """A matrix and a strain vector: names of files beside the scene, or arrays of numbers."""
 
     kind: Literal["matrix"]
-    matrix: ArrayOrFile = field(
+    matrix: ArrayOrFile = Field(
         description="M rows, N columns: [[1.0, 0.2], [0.2, 1.0]], or a file .csv or .npy"
     )
-    strain: ArrayOrFile = field(description="M values: [1.0, 0.5], or a file .csv or .npy")
-    stress: ArrayOrFile | None = field(None, description="N values, the truth, where it is known")
+    strain: ArrayOrFile = Field(description="M values: [1.0, 0.5], or a file .csv or .npy")
+    stress: ArrayOrFile | None = Field(None, description="N values, the truth, where it is known")
     noise: Noise = Noise()
 
+    @field_validator("matrix", "strain", "stress")
     @classmethod
-    def checked(cls, name: str, value: Any, before: Mapping[str, Any]) -> Any:
+    def _fits(cls, value: Any, info: ValidationInfo) -> Any:
         """Check arrays in memory; arrays in files are checked when they are read."""
-        if name not in ("matrix", "strain", "stress") or value is None or isinstance(value, str):
+        if value is None or isinstance(value, str):
             return value
-        matrix = before.get("matrix")
+        matrix = info.data.get("matrix")
         rows, columns = (None, None) if matrix is None or isinstance(matrix, str) else matrix.shape
         shapes = {"matrix": (None, None), "strain": (rows,), "stress": (columns,)}
-        return fitted(value, shapes[name])
+        return fitted(value, shapes[str(info.field_name)])
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, MatrixProblem) and self._content() == other._content()
@@ -200,11 +221,11 @@ class MatrixProblem(Model):
 class StatedProblem(Model):
     """The part of a scene that states its problem; file names are relative to `folder`."""
 
-    name: Annotated[str, ShortText(most=MOST_NAME, pattern=NAME_PATTERN)] = "scene"
-    problem: TactileProblem | MatrixProblem = field(
+    name: Annotated[str, Field(pattern=NAME_PATTERN, max_length=MOST_NAME)] = "scene"
+    problem: Annotated[TactileProblem | MatrixProblem, Field(discriminator="kind")] = Field(
         description="a table with kind = 'tactile' or 'matrix'"
     )
-    _file: Path = Path("scene.toml")
+    _file: Path = PrivateAttr(Path("scene.toml"))
 
     @property
     def file(self) -> Path:

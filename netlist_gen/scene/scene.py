@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+
+from pydantic import Field, PrivateAttr, model_validator
 
 from taction.netlist_gen.card import facts_card
 from taction.netlist_gen.scene.checks import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, OpAmpChoice
-from taction.netlist_gen.scene.field_values import Number
-from taction.netlist_gen.scene.fields import Model, Positive, Seconds, SecondsOrAuto, field
-from taction.netlist_gen.scene.mistakes import no_such_channel, placed, validated
+from taction.netlist_gen.scene.fields import (
+    Model,
+    Positive,
+    Real,
+    Seconds,
+    SecondsOrAuto,
+)
+from taction.netlist_gen.scene.key_mistakes import TWO_RESOLUTIONS
+from taction.netlist_gen.scene.mistakes import placed, validated
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
 from taction.netlist_gen.scene.problem import (
     MatrixProblem,
@@ -42,23 +49,23 @@ class AnalysisChoice(Model):
     engine: Annotated[str, ENGINES] = "auto"
     stop: SecondsOrAuto = "auto"
     initial: Literal["zero", "rest"] = "zero"
-    points_per_period: Annotated[float, Number(ge=8, le=10_000)] | None = field(
+    points_per_period: Annotated[Real, Field(ge=8, le=10_000)] | None = Field(
         None,
         description="even steps: time points in one period of the fastest ringing mode that"
         " matters; by default as many as 'error' needs",
     )
-    error: Annotated[Positive, Number(lt=1)] | Literal["auto"] = field(
+    error: Annotated[Positive, Field(lt=1)] | Literal["auto"] = Field(
         "auto",
         description="largest error of the transient, fraction of the step amplitude; auto: a"
         f" quarter of the tightest tolerance, band, {' or '.join(EXCURSIONS)} limit of the checks",
     )
     timeout: Seconds = 600.0
 
-    def contradiction(self) -> str:
-        """Return that an error and a number of points exclude each other."""
-        if self.error == "auto" or self.points_per_period is None:
-            return ""
-        return "'error' excludes 'points_per_period', which follows from it"
+    @model_validator(mode="after")
+    def _one_resolution(self) -> Self:
+        if self.error != "auto" and self.points_per_period is not None:
+            raise ValueError(TWO_RESOLUTIONS)
+        return self
 
 
 class Scene(StatedProblem):
@@ -69,16 +76,8 @@ class Scene(StatedProblem):
     checks: Checks = Checks()
     tolerances: Tolerances = Tolerances()
     regression: Regression = Regression()
-    _lambda_rule: str = ""
-    _questions: tuple[str, ...] = ()
-
-    @classmethod
-    def contradictions(cls, data: Mapping[str, Any]) -> Iterator[Complaint]:
-        """Yield the keys of the design that contradict each other, and a channel that is none."""
-        design = data.get("design")
-        for each in Design.contradictions(design) if isinstance(design, Mapping) else ():
-            yield replace(each, key=f"design.{each.key}")
-        yield from no_such_channel(data)
+    _lambda_rule: str = PrivateAttr("")
+    _questions: tuple[str, ...] = PrivateAttr(())
 
     def __repr__(self) -> str:
         design, file = self.design, str(self.file)

@@ -12,7 +12,7 @@ from benchmarks.package import closure, size
 
 def test_an_extra_adds_its_packages_to_the_core() -> None:
     core = closure("taction", frozenset())
-    assert {"taction", "numpy", "scipy", "ply"} <= core
+    assert {"taction", "numpy", "scipy", "pydantic-core", "ply"} <= core
     assert not {"plotly", "distributed", "pytest", "nicegui"} & core
     assert {"plotly", "narwhals", "markupsafe"} <= closure("taction", frozenset({"report"})) - core
 

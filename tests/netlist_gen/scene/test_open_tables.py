@@ -22,11 +22,12 @@ GROUPS = {
 }
 SOURCE = """
 from types import SimpleNamespace
+from pydantic import Field
 from taction.netlist_gen.scene.checks import UpperLimit
-from taction.netlist_gen.scene.fields import Count, Model, NonNegative, Ohms, Seconds, field
+from taction.netlist_gen.scene.fields import Count, Model, NonNegative, Ohms, Seconds
 
 class DroopCheck(UpperLimit):
-    max: NonNegative = field(description="fraction of the step amplitude")
+    max: NonNegative = Field(description="fraction of the step amplitude")
     after: Seconds = 1e-3
 
 class LadderKeys(Model):
@@ -96,7 +97,7 @@ def test_a_scene_with_plugins_can_be_sent_stored_written_and_varied(plugin: Plug
 
 def test_the_schema_has_what_plugins_add(plugin: Plugin) -> None:
     plugin("acme", GROUPS, SOURCE)
-    schema = scene_type().model_json_schema()
+    schema = scene_type().model_json_schema(by_alias=True)
     parts = schema["$defs"]
     assert "droop" in parts["Checks"]["properties"]
     assert "quiet" not in parts["Checks"]["properties"]

@@ -11,6 +11,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from taction.netlist_gen.board.part_warnings import broken_limits
 from taction.netlist_gen.board.synthesis import synthesise
@@ -124,5 +125,5 @@ OF_TABLES = {
 
 def test_a_scene_cannot_be_changed() -> None:
     scene = make_scene()
-    with pytest.raises(AttributeError, match="frozen"):
+    with pytest.raises(ValidationError, match="frozen"):
         scene.design.capacitance = 1.0  # type: ignore[misc]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
@@ -276,6 +277,6 @@ def test_the_verdict_counts_what_the_scene_asks_for() -> None:
     ],
 )
 def test_mistakes_in_the_surroundings_are_named(design: dict[str, Any], text: str) -> None:
-    with pytest.raises((InputError, ValueError)) as caught:
+    with pytest.raises((InputError, ValidationError)) as caught:
         make_scene(problem=PROBLEM, design={**DESIGN, **design})
     assert text in str(caught.value)

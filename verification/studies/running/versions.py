@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from taction import netlist_gen, spice_models, system, verification
-from taction.netlist_gen.scene.model import Model
 from taction.netlist_gen.scene.scene import Scene
 from taction.system import plugins
 from taction.system.errors import SimulationError, SimulatorNotFound, SimulatorTooOld
@@ -63,7 +63,7 @@ def _encode(value: object, parts: list[bytes]) -> None:
         _encode(tuple(sorted(value.items())), parts)
     elif isinstance(value, bytes):
         parts.append(b"y%d:" % len(value) + value)
-    elif isinstance(value, Model):
+    elif isinstance(value, BaseModel):
         _encode(value.model_dump(by_alias=True), parts)
     elif isinstance(value, enum.Enum):
         _encode(value.value, parts)

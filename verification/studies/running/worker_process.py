@@ -44,7 +44,7 @@ def _answer(pipe: Connection, request: bytes, ending: threading.Event) -> None:
         answer = (True, function(*args, **kw))
     except Exception as error:
         answer = (False, error)
-    if ending.is_set():  # a library caught the `SystemExit`
+    if ending.is_set():  # a library caught the `SystemExit`, as pydantic's serializers do
         sys.exit(STATUS)
     try:
         pipe.send(answer)
