@@ -139,8 +139,8 @@ def noise_cards(
 
     Examples
     --------
-    >>> from taction.netlist_gen.analysis import Band
-    >>> noise_cards(Noise((Band(1.0, 20, 20),)), "v_1")[2]
+    >>> from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand
+    >>> noise_cards(NoiseAnalysis((NoiseBand(1.0, 20, 20),)), "v_1")[2]
     '.noise v(v_1) Vnoise dec 20 1.0 10.0'
     """
     cards = [
