@@ -2,7 +2,8 @@
 
 A point of a study is the wall time that 120 further points add to a `sweep` by the state-space
 engine in one process; its baseline is `numpy.linalg.eig` of a random matrix of the board's size.
-Verdicts of this process are timed without imports. All other times are processor times.
+Verdicts of this process are timed without imports. The command `corners` is timed as a whole, by
+wall time. All other times are processor times.
 """
 
 from __future__ import annotations
@@ -32,11 +33,14 @@ from benchmarks.measuring import (
 )
 from benchmarks.sweeps import by_command
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.design.remedies import find_remedies
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.studies.tolerance.samples import evaluate, evaluate_together
+from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.verdict.verify import verify
 
 ROUNDS = {Extent.TINY: 1, Extent.QUICK: 3, Extent.FULL: 7}
@@ -44,6 +48,8 @@ POINTS = {Extent.TINY: 2, Extent.QUICK: 120, Extent.FULL: 120}
 STUDIED = {"paper-breadboard": "C=10pF:100pF", "eleven-channel": "C=20pF:200pF"}
 POINT = 3.0  # wanted: a point over an eigenvalue decomposition
 EXPONENTIAL = {"paper-exponential": 0.6, "paper-exponential-devices": 0.8}  # wanted, s
+BOARDS = {Extent.TINY: 2, Extent.QUICK: 16, Extent.FULL: 16}  # of a Monte Carlo study in one call
+BOARD, TOGETHER, CORNERS = 0.06, 0.5, 20.0  # wanted: s a board, share of a board alone, s
 CHAINS, CHAIN = (6, 9, 12), 1.0  # channels of first differences, and the wanted time, s
 LARGE = {200: 2.5, 500: 12.0}  # channels, and the wanted processor time, s
 MEMORY = 600.0  # MB, wanted of the largest board
@@ -82,6 +88,7 @@ def measure(extent: Extent) -> Result:
     names = list(STUDIED)[:1] if tiny else list(STUDIED)
     figures = [of_a_point(name, POINTS[extent], rounds) for name in names]
     figures += verdicts(CHAINS[:1] if tiny else CHAINS, {} if tiny else EXPONENTIAL, rounds)
+    figures += samples("paper-exponential", BOARDS[extent], rounds)
     figures.append(changes(FAILING[:1] if tiny else FAILING))
     figures.append(imports(rounds))
     load = Table(
@@ -89,6 +96,7 @@ def measure(extent: Extent) -> Result:
     )
     if tiny:
         return Result(figures, [load])
+    figures.append(corners("paper-exponential"))
     with tempfile.TemporaryDirectory() as place:
         large = large_boards(Path(place), rounds)
     return Result(figures + large.figures, [*large.tables, load])
@@ -142,6 +150,38 @@ def verdicts(
         rounds,
     )
     return [seconds(name, found[name], found[IMPORTS], jobs[name][1]) for name in jobs]
+
+
+def samples(name: str, count: int, rounds: int) -> list[Figure]:
+    """Time Monte Carlo boards in one call, and each in a call of its own."""
+    board = prepare(load_scene(SCENES / f"{name}.toml").with_engine("statespace"))
+    drawn = [(board, k, draw(board.scene.tolerances, board.varied, 1, k)) for k in range(count)]
+
+    def alone() -> None:
+        for each in drawn:
+            evaluate(*each)
+
+    found = in_turns(
+        {
+            "together": processor(lambda: evaluate_together(*drawn)),
+            "alone": processor(alone),
+            IMPORTS: lambda: python("import scipy.linalg, pydantic").processor,
+        },
+        rounds,
+    )
+    times = [spent / count for spent in found["together"]]
+    what, shares = f"a Monte Carlo board of {name}", ratios(found["together"], found["alone"])
+    return [
+        seconds(f"{what}, {count} in one call", times, found[IMPORTS], BOARD),
+        Figure(f"{what}, {count} in one call", "one board a call", shares, TOGETHER),
+    ]
+
+
+def corners(name: str) -> Figure:
+    """Time a whole `corners` command in two processes, wall time."""
+    words = ("corners", str(SCENES / f"{name}.toml"), "--engine", "statespace", "--jobs", "2")
+    spent, imports = taction(*words).wall, python("import scipy.linalg, pydantic").wall
+    return Figure(f"corners of {name}, wall time", IMPORTS, [spent / imports], CORNERS, spent, "s")
 
 
 def changes(failing: list[tuple[str, str]]) -> Figure:

@@ -5,8 +5,9 @@ The boards are linearised at their equilibria, so in this basis their equations 
     z' = poles z + drive n + constant,    v = seen z + direct n + ...
 
 with the remainders n of the amplifiers beyond their slopes at rest, and the systems of a step (see
-`steps`) are divisions. Boards whose modes are nearly defective keep their states, and the systems
-have inverse matrices. Every board may have a length of step and slopes of its own.
+`steps`) are divisions. Modes that are joined because they are nearly defective have small matrices
+in the place of poles; boards without any basis of modes keep their states, all of them joined.
+Every board may have a length of step and slopes of its own.
 """
 
 from __future__ import annotations
@@ -33,9 +34,60 @@ from taction.verification.engines.statespace.transients.steps import (
 DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solves keep
 
 
-def is_modal(modes: Modes) -> bool:
-    """Whether the modes are a basis in which steps lose no digits."""
-    return modes.defect < DEFECT and bool(modes.alone.all())
+def is_basis(modes: Modes) -> bool:
+    """Whether the modes, some of them joined, are a basis in which steps lose no digits."""
+    return modes.defect < DEFECT
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blocks:
+    """Matrices of R boards and k systems, diagonal but for some joined rows and columns.
+
+    Attributes
+    ----------
+    diagonal : ndarray (R, k, n)
+        0 where joined.
+    inner : ndarray (R, k, j, j)
+        The joined part.
+    joined : ndarray (j,)
+        Its places.
+    """
+
+    diagonal: Complexes
+    inner: Complexes
+    joined: Ints
+
+    @classmethod
+    def of(cls, matrices: Complexes, joined: Ints) -> Blocks:
+        """Return what matters of matrices (R, n, n)."""
+        diagonal = np.diagonal(matrices, axis1=1, axis2=2).copy()
+        diagonal[:, joined] = 0.0
+        inner = matrices[:, joined[:, None], joined]
+        return cls(diagonal[:, None].astype(np.complex128), inner[:, None], joined)
+
+    def part(self, rows: Ints) -> Blocks:
+        """Return those of some boards."""
+        return Blocks(self.diagonal[rows], self.inner[rows], self.joined)
+
+    def with_part(self, rows: Ints, other: Blocks) -> Blocks:
+        """Put those of some boards into their places, and return all."""
+        self.diagonal[rows], self.inner[rows] = other.diagonal, other.inner
+        return self
+
+    def times(self, rows: Complexes) -> Complexes:
+        """Return the products with vectors (R, k or 1, q, n), (R, k, q, n)."""
+        found = np.asarray(self.diagonal[:, :, None, :] * rows)
+        if self.joined.size:
+            found[..., self.joined] = rows[..., self.joined] @ self.inner.swapaxes(-1, -2)
+        return found
+
+    def inverse(self, shifts: Complexes) -> Blocks:
+        """Return the inverses of ``shift - matrix`` for shifts (R, k)."""
+        inner = np.zeros((*shifts.shape, *self.inner.shape[2:]), dtype=np.complex128)
+        if self.joined.size:
+            one = np.eye(self.joined.size)
+            inner[:] = np.linalg.inv(shifts[:, :, None, None] * one - self.inner)
+        return Blocks(1.0 / (shifts[:, :, None] - self.diagonal), inner, self.joined)
 
 
 class StateBoard:
@@ -118,8 +170,8 @@ class SmallStep:
 
     Attributes
     ----------
-    weight : ndarray (R, k, n), or (R, k, n, n) without modes
-        Of the right-hand sides of the systems, s.
+    weight : Blocks
+        Inverses of the systems, s.
     core, inverse, transfer : ndarray (R, k, m, m)
         Inputs of nu at the slopes at rest, what other slopes make of them, and their product.
     change : ndarray (R, m)
@@ -127,7 +179,7 @@ class SmallStep:
     """
 
     board: SmallBoards
-    weight: Complexes
+    weight: Blocks
     core: Complexes
     inverse: Complexes
     transfer: Complexes
@@ -135,12 +187,13 @@ class SmallStep:
 
     def part(self, rows: Ints) -> SmallStep:
         """See `Steps`."""
-        found = {name: values[rows] for name, values in vars(self).items() if name != "board"}
-        return replace(self, board=self.board.part(rows), **found)
+        arrays = {name: x[rows] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
+        weight, board = self.weight.part(rows), self.board.part(rows)
+        return replace(self, board=board, weight=weight, **arrays)
 
     def free(self, rate: Complexes) -> tuple[Floats, Complexes]:
         """See `Steps`."""
-        x = _weighted(self.weight, SIGMA[:, None, None] * rate[:, None, None, :])[:, :, 0]
+        x = self.weight.times(SIGMA[:, None, None] * rate[:, None, None, :])[:, :, 0]
         inputs = x @ self.board.seen_inputs
         return _stages((self.inverse @ inputs[..., None])[..., 0]), x
 
@@ -152,20 +205,13 @@ class SmallStep:
         """See `Steps`."""
         board = self.board
         nu = _systems(remainder + self.change[:, :, None] * inputs)
-        x = parts + _weighted(self.weight, (nu @ board.drive)[:, :, None])[:, :, 0]
+        x = parts + self.weight.times((nu @ board.drive)[:, :, None])[:, :, 0]
         half = 0.5 * (TABLE.right[-1] @ x)
         change = half + half[np.arange(len(half))[:, None], board.mates].conj()
         if not board.seen_others.shape[2]:
             return change, inputs
         others = _stages(x @ board.seen_others + nu @ board.direct_others)
         return change, np.concatenate([inputs, others], axis=1)
-
-
-def _weighted(weight: Complexes, rows: Complexes) -> Complexes:
-    """Return the solutions (R, k, q, n) of the systems for right-hand sides (R, k or 1, q, n)."""
-    if weight.ndim == 3:
-        return np.asarray(weight[:, :, None, :] * rows)
-    return np.asarray(rows @ weight.swapaxes(-1, -2))
 
 
 def _systems(stages: Floats) -> Complexes:
@@ -197,28 +243,29 @@ class SmallBoards:
     def __init__(self, boards: Sequence[StateBoard], modes: Sequence[Modes]) -> None:
         m, cores = boards[0].count, zip(*(board.core for board in boards), strict=True)
         matrix, drive, seen, direct = (np.stack(part) for part in cores)
+        count, n = matrix.shape[:2]
+        joined = np.arange(n)
         if modes:
             right, left = (
                 np.stack(x) for x in zip(*((m.right, m.left) for m in modes), strict=True)
             )
             scale = np.abs(right).max(axis=1)
             right, left = right / scale[:, None, :], scale[:, :, None] * left
-            self.matrix = np.stack([each.poles for each in modes])
-            self.mates = np.stack([each.mates for each in modes])
+            joined, mates = np.flatnonzero(~modes[0].alone), [each.mates for each in modes]
         else:
-            count, n = matrix.shape[:2]
             left = right = np.broadcast_to(np.eye(n, dtype=np.complex128), matrix.shape).copy()
-            self.matrix = matrix.astype(np.complex128)
-            self.mates = np.broadcast_to(np.arange(n), (count, n)).copy()
+            mates = [joined] * count
+        self.mates = np.stack(mates)
+        self.matrix = Blocks.of(left @ matrix @ right, joined)
         self.slopes = np.stack([each.slopes for each in boards])
         self.left, self.drive = left, (left @ drive).transpose(0, 2, 1)  # (R, m, n)
         self.constant = (left @ np.stack([each.constant for each in boards])[..., None])[..., 0]
         seen, direct = (seen @ right).transpose(0, 2, 1), direct.transpose(0, 2, 1)
         self.seen_inputs, self.seen_others = seen[:, :, :m], seen[:, :, m:]
         self.direct_inputs, self.direct_others = direct[:, :, :m], direct[:, :, m:]
-        count, k = len(boards), len(SIGMA)
+        k = len(SIGMA)
         self.length, self.at = np.zeros(count), np.full((count, m), np.nan)
-        self.weight = np.zeros((count, k, *self.matrix.shape[1:]), dtype=np.complex128)
+        self.weight = self.matrix.inverse(np.ones((count, k), dtype=np.complex128))
         self.core = np.zeros((count, k, m, m), dtype=np.complex128)
         self.inverse, self.transfer = np.zeros_like(self.core), np.zeros_like(self.core)
 
@@ -226,7 +273,8 @@ class SmallBoards:
         """See `Boards`."""
         found = copy(self)
         for name, values in vars(self).items():
-            setattr(found, name, values[rows])
+            kept = values.part(rows) if isinstance(values, Blocks) else values[rows]
+            setattr(found, name, kept)
         return found
 
     def state(self, states: Floats) -> Complexes:
@@ -236,7 +284,7 @@ class SmallBoards:
     def rate(self, state: Complexes, inputs: Floats, outputs: Floats) -> Complexes:
         """See `Boards`."""
         remainder = (outputs - self.slopes * inputs)[:, None, :]
-        moving = _weighted(self.matrix[:, None], state[:, None, None, :])[:, 0, 0]
+        moving = self.matrix.times(state[:, None, None, :])[:, 0, 0]
         return np.asarray(moving + self.constant + (remainder @ self.drive)[:, 0])
 
     def size(self, state: Complexes) -> Floats:
@@ -248,8 +296,9 @@ class SmallBoards:
         longer = length != self.length
         rows = np.flatnonzero(longer)
         if rows.size:
-            weight = self.weight[rows] = self._inverse(rows, length[rows])
-            driven = _weighted(weight, self.drive[rows, None])
+            weight = self.matrix.part(rows).inverse(TABLE.shifts / length[rows, None])
+            self.weight = self.weight.with_part(rows, weight)
+            driven = weight.times(self.drive[rows, None])
             core = driven @ self.seen_inputs[rows, None] + self.direct_inputs[rows, None]
             self.core[rows] = core.transpose(0, 1, 3, 2)
             self.length = length
@@ -262,13 +311,3 @@ class SmallBoards:
             self.at = slopes
         change = slopes - self.slopes
         return SmallStep(self, self.weight, self.core, self.inverse, self.transfer, change)
-
-    def _inverse(self, rows: Ints, length: Floats) -> Complexes:
-        """Return the inverses of the systems of some boards for steps of a length (R,), s."""
-        shifts = TABLE.shifts / length[:, None]
-        matrix = self.matrix[rows, None]
-        if matrix.ndim == 3:
-            return np.asarray(1.0 / (shifts[:, :, None] - matrix))
-        return np.asarray(
-            np.linalg.inv(shifts[:, :, None, None] * np.eye(matrix.shape[3]) - matrix)
-        )

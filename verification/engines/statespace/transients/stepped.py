@@ -32,7 +32,7 @@ from taction.verification.engines.statespace.transients.record_times import reco
 from taction.verification.engines.statespace.transients.small_steps import (
     SmallBoards,
     StateBoard,
-    is_modal,
+    is_basis,
 )
 from taction.verification.engines.statespace.transients.steps import Amplifiers, Boards
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
@@ -148,7 +148,8 @@ class Run:
         if isinstance(self.board, StructuredBoard):
             return (id(self),)
         devices, source = self.reported.amplifiers.kinds, tuple(self.reported.source.tolist())
-        return devices, source, len(self.state), len(self.start), self.modes is None
+        joined = None if self.modes is None else tuple(np.flatnonzero(~self.modes.alone).tolist())
+        return devices, source, len(self.state), len(self.start), joined
 
 
 def _equations(
@@ -165,7 +166,7 @@ def _equations(
     first = reported.amplifiers.slopes(inputs)[0, :, 0]
     least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
     space, modes = board.open_loop, board.state_space.modes
-    known = is_modal(modes) and space.states == board.state_space.states
+    known = is_basis(modes) and space.states == board.state_space.states
     return StateBoard(space, reported.others, slopes), least, modes if known else None
 
 

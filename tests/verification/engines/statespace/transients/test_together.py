@@ -20,7 +20,7 @@ from taction.verification.engines.statespace.transients.integrator import Integr
 from taction.verification.engines.statespace.transients.small_steps import (
     SmallBoards,
     StateBoard,
-    is_modal,
+    is_basis,
 )
 from taction.verification.engines.statespace.transients.stepped import (
     Task,
@@ -86,7 +86,7 @@ def test_steps_by_modes_are_those_by_matrices(monkeypatch: pytest.MonkeyPatch) -
     task = tasks()[2]
     modal = simulate(task.board, task.analysis, tolerance=1e-6)
     assert modal.cost.factorisations == 1
-    monkeypatch.setattr(stepped, "is_modal", lambda modes: False)
+    monkeypatch.setattr(stepped, "is_basis", lambda modes: False)
     solved = simulate(task.board, task.analysis, tolerance=1e-10)
     amplitude = np.abs(solved.values - solved.values[0]).max()
     assert np.abs(modal.values - solved.values).max() < 1e-6 * amplitude
@@ -101,7 +101,7 @@ def test_amplifiers_of_several_boards_against_their_closed_forms() -> None:
         slopes = np.array([rate - 1.0])
         boards.append(StateBoard(space, (), slopes))
         modes.append(decompose([np.array([[-1.0]])]))
-    assert all(map(is_modal, modes))
+    assert all(map(is_basis, modes))
 
     class Together(Functions):
         def __init__(self, rates: Any) -> None:
@@ -125,10 +125,23 @@ def test_amplifiers_of_several_boards_against_their_closed_forms() -> None:
         assert out.checked().at(t)[:, 0] == pytest.approx(wanted, abs=1e-8)
 
 
-def test_modes_that_are_nearly_one_are_no_basis_for_steps() -> None:
-    apart, joined = np.diag([-1.0, -2.0]), np.array([[-1.0, 1.0], [0.0, -1.0]])
-    assert is_modal(decompose([apart]))
-    assert not is_modal(decompose([joined]))
+def test_joined_modes_have_a_matrix_in_the_place_of_poles() -> None:
+    """``x' = A x`` with a Jordan block, beside a mode that is alone: ``(1 + t) exp(-t)``."""
+    A = np.array([[-1.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -30.0]])
+    modes = decompose([A])
+    assert is_basis(modes)
+    assert modes.alone.tolist() == [False, False, True]
+    space: Any = Space(A, np.zeros((0, 3)), np.zeros((3, 0)))
+    start, one = np.ones((1, 3)), np.ones(1)
+    for several in ([modes], []):  # without a basis all states are joined
+        small = SmallBoards([StateBoard(space, ("all",), np.zeros(0))], several)
+        reported = Everything(Functions(0, np.exp, np.exp), 3)
+        present = Present(small.state(start), start, np.zeros((1, 0)), 1e-8 * one, one, one, one)
+        present.limit = np.inf * one
+        (out,) = Integrator(small, reported, present).run(3.0 * one)
+        t = np.linspace(0.0, 3.0, 60)
+        wanted = [(1.0 + t) * np.exp(-t), np.exp(-t), np.exp(-30.0 * t)]
+        assert out.checked().at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)
 
 
 def test_each_mode_has_the_place_of_its_conjugate() -> None:
