@@ -119,8 +119,13 @@ def _precision(bits: int) -> Iterator[None]:
 
 
 def true_lambda(scene: Scene) -> arb:
-    """Return lambda: given, or ``1/(R s G0^2)``, with amplifiers ``2 Ve / (R s G0^2 U0)``."""
+    """Return lambda: given, or ``1/(R s G0^2)``, with amplifiers ``2 Ve / (R s G0^2 U0)``.
+
+    Boards that solve without regularisation have none.
+    """
     design = scene.design
+    if design.topology in ("inv", "pinv"):
+        return arb(0)
     if isinstance(design.lam, float):
         return arb(design.lam)
     R = DEFAULT_RESISTANCE if design.resistance is None else design.resistance

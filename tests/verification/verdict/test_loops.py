@@ -174,3 +174,12 @@ def test_inv_has_no_knob_with_a_margin() -> None:
 def test_keys_of_the_wrong_topology_are_refused_with_their_names() -> None:
     with pytest.raises(InputError, match=r"design\.lambda"):
         taction.verify(scene("pinv", **{"lambda": 0.1}))
+
+
+def test_the_onset_over_gf_is_confirmed_on_both_sides(ngspice: str) -> None:
+    """Transients of ngspice grow below the least gf and decay above it, at the poles' rates."""
+    found = taction.onset(scene("pinv"), over={"feedback_conductance": (1e-4, 1e-3, 13)})
+    last = max(found.findings, key=lambda each: each.crossing.value)
+    assert last.confirmation.confirmed is True
+    sides = last.confirmation.below, last.confirmation.above
+    assert [side.pole.real > 0.0 for side in sides] == [True, False]
