@@ -284,13 +284,14 @@ def stimulus_of(text: str) -> Stimulus:
     """
     match = _WAVE.search(text)
     plain = (text[: match.start()] + " " + text[match.end() :]) if match else text
-    words, dc, ac = plain.replace("=", " ").split(), 0.0, False
+    words, dc, ac = re.sub(r"[=(),]", " ", plain).split(), 0.0, False
     while words:
         word = words.pop(0)
         if word == "ac":
             ac = True
-            while words and words[0] not in ("dc", "distof1", "distof2"):
-                number(words.pop(0))
+            _numbers(words)
+        elif word in ("distof1", "distof2"):
+            _numbers(words)
         elif word == "dc":
             dc = number(words.pop(0)) if words else 0.0
         else:
@@ -299,6 +300,12 @@ def stimulus_of(text: str) -> Stimulus:
         return Stimulus(dc, dc, ac=ac)
     given = [number(word) for word in re.split(r"[\s,]+", match[2].strip()) if word]
     return _WAVES[match[1]](given, ac)
+
+
+def _numbers(words: list[str]) -> None:
+    """Take the numbers at the front of some words: magnitude and phase."""
+    while words and words[0] not in ("ac", "dc", "distof1", "distof2"):
+        number(words.pop(0))
 
 
 def _pulse(given: list[float], ac: bool) -> Stimulus:

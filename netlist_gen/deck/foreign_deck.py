@@ -19,7 +19,8 @@ from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bound
 KEPT = (".subckt", ".ends", ".model", ".param", ".func", ".global")
 FILES = (".include", ".inc", ".lib")
 _LEFT = """
-    .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .disto .four .fourier
+    .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .pss .sp .disto
+    .four .fourier
     .print .plot .probe .save .meas .measure .width .step .backanno .ic .nodeset
 """
 LEFT = tuple(_LEFT.split())

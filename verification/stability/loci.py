@@ -104,10 +104,11 @@ class PortResponse:
         return bool(modes.alone.all()) and modes.defect < WELL_CONDITIONED
 
     @cached_property
-    def _roots(self) -> Floats:
-        """Square roots of the capacitances or conductances, (K,)."""
+    def _roots(self) -> Floats | Complexes:
+        """Square roots of the capacitances or conductances, (K,); imaginary of negative ones."""
         values = [p.farads if isinstance(p, Capacitor) else 1.0 / p.ohms for p in self.parts]
-        return np.sqrt(values)
+        roots = np.emath.sqrt(np.array(values))
+        return np.asarray(roots)
 
     @cached_property
     def _columns(self) -> Floats:
@@ -210,7 +211,7 @@ class LawResponse(PortResponse):
             return False
 
     @cached_property
-    def _roots(self) -> Floats:
+    def _roots(self) -> Floats | Complexes:
         return np.ones(1)
 
     @cached_property

@@ -161,7 +161,9 @@ def test_ltspice_writes_utf_16_and_micro(folder: Path) -> None:
         ("5", 5.0, 5.0, 0.0), ("dc 2 ac 1 90", 2.0, 2.0, 0.0), ("ac 1", 0.0, 0.0, 0.0),
         ("pulse(1 2 3u)", 1.0, 2.0, 3e-6), ("dc 7 pwl(0 1 1n 1 2n 4)", 1.0, 4.0, 1e-9),
         ("sin(0.5 1 1k)", 0.5, 0.5, 0.0), ("exp(0 3 1u)", 0.0, 3.0, 1e-6), ("", 0.0, 0.0, 0.0),
-        ("pulse 0 1meg 0", 0.0, 1e6, 0.0),
+        ("pulse 0 1meg 0", 0.0, 1e6, 0.0), ("ac ( 1 0 )", 0.0, 0.0, 0.0),
+        ("ac=1 dc=3", 3.0, 3.0, 0.0),
+        ("dc 2 ac 1 distof1 0 distof2 0 1", 2.0, 2.0, 0.0),
     ],
 )  # fmt: skip
 def test_what_a_source_does(text: str, before: float, after: float, at: float) -> None:

@@ -321,3 +321,11 @@ def test_the_response_of_a_gain_is_that_of_the_equations(name: str, read: Read) 
             if ports.reactive:
                 exact = 1j * omega[:, None, None] * exact
             assert np.allclose(ports.at(omega), exact, rtol=1e-6, atol=1e-9)
+
+
+def test_the_sensitivity_to_a_negative_capacitance(read: Read) -> None:
+    """C1 - 0.4 nF in parallel: the pole -1 / (R C) moves by C2 / C of itself."""
+    found = checked(read(deck("negative", "R1 in out 1k", "C1 out 0 1n", "C2 out 0 -0.4n")))
+    rates = {row.name: row.real for row in found.parts}
+    assert rates["C1"] == pytest.approx(1.0 / 0.6e-6 / 0.6, rel=1e-6)
+    assert rates["C2"] == pytest.approx(-0.4 / 0.6e-6 / 0.6, rel=1e-6)

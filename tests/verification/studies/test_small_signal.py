@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.analysis import Band, SmallSignal
+from taction.netlist_gen.analysis import NoiseBand, SmallSignal
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.foreign_deck import read_deck
 from taction.system.errors import InputError
@@ -20,7 +20,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.foreign_board import read_board
 
 pytestmark = pytest.mark.usefixtures("ngspice")
-BAND = Band(1e2, 7, 1)
+BAND = NoiseBand(1e2, 7, 1)
 VT = 1.3806488e-23 * 300.15 / 1.602176565e-19  # as ngspice has it at 27 degrees C
 BIPOLAR = """differential pair with a mirror
 .model qn npn(is=1e-14 bf=200 vaf=100 cje=1p cjc=1p tf=300p rb=100)
