@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo check test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress stress nightly fuzz torture boards docs notebooks man schemas lint format bench lock build clean
+.PHONY: help setup ready demo check test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress reproduce stress nightly fuzz torture boards docs notebooks man schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -64,6 +64,9 @@ test-simulators: ready ## all shipped scenes with ngspice 39 (of Debian 12) and 
 
 regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update accepts what changed
 	.venv/bin/taction regress scenes/ --baseline scenes/baseline.json $(ARGS)
+
+reproduce: ready ## every claim of the paper, whole: about 50 s of processor time
+	.venv/bin/taction reproduce $(ARGS)
 
 stress: ready ## the stiff and extreme cases as a table; ARGS="--page docs/stress.md" writes the page
 	.venv/bin/taction self stress --jobs $(JOBS) $(ARGS)

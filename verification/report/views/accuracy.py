@@ -115,7 +115,7 @@ def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
 def _sheet(study: WorkPrecisionStudy) -> Sheet:
     problems = [name for name in PROBLEMS if name in study.problems]
     charts = [draw(study, name) for name in problems for draw in (_work, _steps)]
-    title = f"{study.scene.name}: {study.extent.text}"
+    title = f"{study.scene.name}: {_summary(study)}"
     return Sheet.of(title, charts, 2, (6.0, 4.6), (0.0, 0.4))
 
 

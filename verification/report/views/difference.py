@@ -39,6 +39,7 @@ from taction.verification.report.texts import (
 from taction.verification.studies.difference import KeyDifference, VerdictDifference
 from taction.verification.verdict.compare import Difference
 
+NAMED = 3  # keys in the first line
 POINTS = 20_000  # of all curves of one board
 LABELLED = 12  # outputs above which curves have no names beside them
 BEYOND: dict[bool | None, tuple[str, Outcome]] = {
@@ -55,7 +56,7 @@ def view(difference: VerdictDifference) -> Page:
         title=f"{difference.first} and {difference.second}",
         command="taction diff",
         outcome=EXITS[difference.exit_status],
-        summary=_summary(difference),
+        summary=_edited(difference) + _summary(difference),
         lines=(f"A: {difference.first}", f"B: {difference.second}", *difference.notes),
         sections=(
             Section("Keys", (_keys(difference),), media=BOTH),
@@ -64,6 +65,21 @@ def view(difference: VerdictDifference) -> Page:
         ),
         sheet=lambda: _sheet(difference),
     )
+
+
+def _edited(difference: VerdictDifference) -> str:
+    """Return the keys or parts that differ, with both values, and the outcomes if these differ."""
+    keys = difference.keys or ()
+    texts = [
+        f"{each.key} {_text(each.first, each.unit or '', 6)} → "
+        f"{_text(each.second, each.unit or '', 6)}"
+        for each in keys[:NAMED]
+        if not each.content
+    ]
+    texts += [f"{len(keys) - NAMED} more"] if len(keys) > NAMED else []
+    outcomes = (each for each in difference.readings if each.name == "outcome")
+    texts += [f"{each.first} → {each.second}" for each in outcomes if each.first != each.second]
+    return f"{', '.join(texts)}; " if texts else ""
 
 
 def _summary(difference: VerdictDifference) -> str:

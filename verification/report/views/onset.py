@@ -37,7 +37,7 @@ from taction.verification.report.texts import number_cell, outcome_cell, quantit
 from taction.verification.report.views.origin import origin_section
 from taction.verification.report.views.stability import damping_lines, mode_marks
 from taction.verification.stability.edges import Edge
-from taction.verification.studies.onset.onset import Onset
+from taction.verification.studies.onset.onset import NOT_ASKED, Onset
 from taction.verification.studies.onset.transient_trial import Side
 
 STATES: dict[bool | None, tuple[str, Outcome]] = {
@@ -74,8 +74,8 @@ def view(onset: Onset) -> Page:
         summary=f"Stable for {name}: {stable}.",
         lines=(f"{name} from {examined}{default}, poles at {len(samples)} values.",),
         sections=(
-            Section("Crossings", tuple(_crossings(onset)), media=BOTH),
             Section("Poles", lambda: _poles(onset)),
+            Section("Crossings", tuple(_crossings(onset)), media=BOTH),
             origin_section(onset.scene),
         ),
         sheet=lambda: _sheet(onset, stable),
@@ -107,7 +107,11 @@ def _crossings(onset: Onset) -> Iterator[Block]:
             f"{unstable(each.crossing.below)} → {unstable(each.crossing.above)}"
         ),
         "side": lambda each: direction(each.crossing),
-        "transients": lambda each: outcome_cell(*STATES[each.confirmation.confirmed]),
+        "transients": lambda each: (
+            "not run"
+            if each.confirmation.reason == NOT_ASKED
+            else outcome_cell(*STATES[each.confirmation.confirmed])
+        ),
         "rate below": lambda each: _rate(each.confirmation.below),
         "rate above": lambda each: _rate(each.confirmation.above),
         "remark": lambda each: each.confirmation.reason,
@@ -211,6 +215,8 @@ def _on_values(onset: Onset) -> Iterator[Mark]:
     for each in onset.findings:
         state = each.confirmation.confirmed
         word, outcome = STATES[state]
+        if each.confirmation.reason == NOT_ASKED:
+            word = "transients not run"
         name = "" if word in known else f"crossing, {word}"
         known.add(word)
         yield Limit(each.crossing.value, "x", name, outcome, LINES[state], 1.2)

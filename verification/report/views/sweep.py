@@ -324,7 +324,7 @@ class Plane:
         passing, total = int((last == "pass").sum()), int((last != "").sum())
         verb = "passes" if passing == 1 else "pass"
         message = f"{passing} of {total} points {verb}{self.where}"
-        return Chart("Outcome", self.x, self.y, tuple(marks), message, summary, (), "beside", 440)
+        return Chart("Outcome", self.x, self.y, tuple(marks), message, summary, (), "below", 440)
 
     def _other(self, names: Names) -> Iterator[Curve]:
         """Yield the outcomes of the first engine as marks on the cells."""

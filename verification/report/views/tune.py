@@ -31,6 +31,7 @@ from taction.verification.report.views.verdict_screen import on_screen
 from taction.verification.stability.margin import first_knob
 from taction.verification.verdict.verify import Verdict
 
+LINE = 0.08  # of the height of the picture: two texts at the same place lie over each other
 LEAST_REACH, EDGE = 1e-3, 0.12  # of the step, and of the width: around the points of the picture
 
 
@@ -120,7 +121,7 @@ def _tradeoff(tuning: Tuning) -> Chart:
         )
 
     frontier = sorted(tuning.frontier, key=lambda each: each.overshoot)
-    near = _neighbours(frontier, tuning.after)
+    near = _neighbours(frontier, tuning)
     curve = Curve(
         *_places(*frontier),
         "no design tried is better than these",
@@ -180,12 +181,20 @@ def _places(*candidates: Trial) -> tuple[np.ndarray, np.ndarray]:
     return x, y
 
 
-def _neighbours(frontier: list[Trial], chosen: Trial) -> list[Trial]:
-    """Return the designs of the frontier beside the chosen one."""
-    if chosen not in frontier:
+def _neighbours(frontier: list[Trial], tuning: Tuning) -> list[Trial]:
+    """Return the designs of the frontier beside the chosen one whose text has room on the chart."""
+    if tuning.after not in frontier:
         return []
-    place = frontier.index(chosen)
-    return [frontier[k] for k in (place - 1, place + 1) if 0 <= k < len(frontier)]
+    place = frontier.index(tuning.after)
+    beside = [frontier[k] for k in (place - 1, place + 1) if 0 <= k < len(frontier)]
+    times = [math.log(each.settling_time) for each in frontier]
+    room = LINE * (max(times) - min(times))
+
+    def apart(one: Trial, other: Trial) -> bool:
+        known = math.isfinite(other.settling_time)
+        return not known or abs(math.log(one.settling_time / other.settling_time)) > room
+
+    return [one for one in beside if all(apart(one, p) for p in (tuning.before, tuning.after))]
 
 
 def _gain(tuning: Tuning) -> str:

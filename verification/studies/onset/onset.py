@@ -37,6 +37,7 @@ from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles
 from taction.verification.studies.onset.transient_trial import TransientTest, confirm
 
+NOT_ASKED = "transients were not requested"
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 TIMEOUT = 600.0  # of one transient, s
@@ -289,7 +290,7 @@ def confirmations(
 
     Without a `timeout`, s, no transient is wanted.
     """
-    confirmation, simulator = TransientTest(None, "transients were not requested"), None
+    confirmation, simulator = TransientTest(None, NOT_ASKED), None
     if timeout is not None and scanned.edges:
         try:
             simulator = find_simulator()

@@ -24,6 +24,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SimulationError
 from taction.system.progress import Progress
+from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
@@ -151,9 +152,9 @@ class Extent:
         """The studied part in words."""
         stop, periods = self.transient.stop, self.transient.stop / self.period
         if stop >= self.whole:
-            return f"the whole transient, {stop:.4g} s, {periods:.3g} periods"
+            return f"the whole transient, {show(stop, 's')}, {periods:.3g} periods"
         return (
-            f"the first {stop:.4g} s of {self.whole:.4g} s ({periods:.3g} of"
+            f"the first {show(stop, 's')} of {show(self.whole, 's')} ({periods:.3g} of"
             f" {self.whole / self.period:.4g} periods), all that the budget affords"
         )
 
