@@ -112,14 +112,14 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
 
     Neither may an output be an input, or another output.
     """
+    for output in command.outputs:
+        if output.check is not None and given[output.name] is not None:
+            load(output.check)(given[output.name])
     for name in BOARDS:
         if str(given.get(name)).endswith(".toml"):
             from taction.netlist_gen.scene.loading import load_scene
 
             load_scene(given[name])
-    for output in command.outputs:
-        if output.check is not None and given[output.name] is not None:
-            load(output.check)(given[output.name])
     asked = {p: given[p.name] for p in command.every if p.writes and given[p.name]}
     if asked:
         from taction.verification.report.output_checks import check_folder, check_separate

@@ -61,7 +61,9 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
             Cell(name),
             *(number_cell(value, units[path], 5) for path, value in trial.values.items()),
             number_cell(trial.settling_time, "s"),
-            number_cell(trial.overshoot, "step", 3),
+            number_cell(trial.overshoot, "step", 3)
+            if math.isfinite(trial.overshoot)
+            else Cell("–"),
         )
         for name, trial in (("before", tuning.before), ("after", tuning.after))
     )
