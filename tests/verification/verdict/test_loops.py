@@ -182,4 +182,5 @@ def test_the_onset_over_gf_is_confirmed_on_both_sides(ngspice: str) -> None:
     last = max(found.findings, key=lambda each: each.crossing.value)
     assert last.confirmation.confirmed is True
     sides = last.confirmation.below, last.confirmation.above
-    assert [side.pole.real > 0.0 for side in sides] == [True, False]
+    assert [side.rate > 0.0 for side in sides] == [True, False]
+    assert [side.agrees for side in sides] == [True, True]
