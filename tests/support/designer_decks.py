@@ -202,4 +202,50 @@ OSCILLATORS = {
             f"E{k} {'out' if k == 3 else f'o{k}'} 0 0 n{k} {{gain}}" for k in (1, 2, 3)),
         source="I1 0 n2 PULSE(0 1u)\n"),
 }  # fmt: skip
-DECKS = FILTERS | STAGES | OSCILLATORS
+CLOSED_FORMS = {
+    "howland-ideal": deck(
+        "current source of 1 / R2 into a load, with an op-amp of gain 1e6", "R1 in p 10k",
+        "R2 p o 10k", "R3 0 n 10k", "R4 n o 10k", "E1 o 0 p n 1e6", "RL p out 1", "CL out 0 1n",
+        "Rl2 out 0 2k"),
+    "howland-unbalanced": deck(
+        "one resistor is 5 % too large", "R1 in p 10k", "R2 p o 10.5k", "R3 0 n 10k", "R4 n o 10k",
+        "E1 o 0 p n 1e6", "RL p out 1", "CL out 0 1n", "Rl2 out 0 2k"),
+    "howland-capacitor": deck(
+        "compensated", "R1 in p 100k", "R2 p out 100k", "R3 0 n 100k", "R4 n out 100k",
+        "C4 n out 10p", "RL p 0 10k", "CL p 0 1n", "X1 p n out fast"),
+    "instrumentation-two": deck(
+        "two op-amps", "R1 0 a 90k", "R2 a o1 10k", "X1 0 a o1 fast", "R3 o1 b 10k",
+        "R4 b out 90k", "Rg a b 20k", "X2 in b out fast"),
+    "instrumentation-filtered": deck(
+        "with an input filter and a guarded difference stage", "Rf1 in p1 1k", "Rf2 0 p2 1k",
+        "Cd p1 p2 10n", "Cc1 p1 0 1n", "Cc2 p2 0 1n", "X1 p1 f1 o1 opamp", "X2 p2 f2 o2 opamp",
+        "Rg f1 f2 499", "R1 o1 f1 24.9k", "R2 o2 f2 24.9k", "R3 o1 n 10k", "R4 n out 10k",
+        "R5 o2 p 10k", "R6 p 0 10k", "X3 p n out opamp"),
+    "gyrator-two-sources": deck(
+        "L = C / (g1 g2) = 10 mH beside 1 nF", "Rs in out 10k", "C1 out 0 1n", "G1 0 b out 0 1m",
+        "C2 b 0 10n", "G2 out 0 b 0 1m"),
+    "gyrator-follower": deck(
+        "a simulated coil with a series resistance", "Rs in out 1k", "C1 out 0 10n", "Rl out f 100",
+        "Cg out g 100n", "Rg g 0 100k", "X1 g f f opamp gbw=100meg"),
+    "transimpedance-closed": deck(
+        "1 pole in the op-amp, Cd + Cf at its input", ".param a0=1e5 w=6.283185307179586e7",
+        "Cd n 0 40p", "Rf n out 100k", "Cf n out 0.4p", "G1 0 x 0 n 1m", "Rx x 0 {a0*1k}",
+        "Cx x 0 {1m/w}", "E1 out 0 x 0 1", source="Ipd n 0 DC 0 PULSE(0 1u 1u)\n"),
+    "transimpedance-tee": deck(
+        "a T in the place of a large resistor", "Cd n 0 20p", "R1 n t 1meg", "R2 t out 10k",
+        "R3 t 0 1.1k", "Cf n out 0.2p", "X1 0 n out fast",
+        source="Ipd n 0 DC 0 PULSE(0 0.1u 1u)\n"),
+    "integrator-deboo": deck(
+        "non-inverting", "R1 in p 10k", "R2 p out 10k", "C1 p 0 10n", "R3 n 0 10k", "R4 n out 9.9k",
+        "X1 p n out opamp"),
+    "notch-bainter": deck(
+        "three op-amps", "R1 in a 10k", "R2 a hp 10k", "X1 0 a hp opamp", "R3 hp b 20k",
+        "C1 b lp 1n", "X2 0 b lp opamp", "R5 lp c 20k", "C2 c in2 1n", "Ein in2 0 hp 0 1",
+        "R6 out a 40k", "R4 c 0 100k", "X3 c out out opamp"),
+    "allpass-delay": deck(
+        "two first-order sections", "R1 in n1 10k", "R2 n1 m 10k", "R3 in p1 10k", "C1 p1 0 1n",
+        "X1 p1 n1 m opamp", "R4 m n2 10k", "R5 n2 out 10k", "R6 m p2 22k", "C2 p2 0 1n",
+        "X2 p2 n2 out opamp"),
+}  # fmt: skip
+"""Sources, amplifiers and simulated coils; `test_foreign_board` has the closed forms of some."""
+DECKS = FILTERS | STAGES | OSCILLATORS | CLOSED_FORMS

@@ -329,3 +329,30 @@ def test_the_sensitivity_to_a_negative_capacitance(read: Read) -> None:
     rates = {row.name: row.real for row in found.parts}
     assert rates["C1"] == pytest.approx(1.0 / 0.6e-6 / 0.6, rel=1e-6)
     assert rates["C2"] == pytest.approx(-0.4 / 0.6e-6 / 0.6, rel=1e-6)
+
+
+def test_a_howland_source_has_an_infinite_resistance_where_it_is_balanced(read: Read) -> None:
+    """Then only the load has a pole; else the source adds 1 / R1 - R4 / (R3 R2) to it."""
+    load = 2e3 * 1e-9
+    balanced, off = (poles(read(DECKS[n]).circuit) for n in ("howland-ideal", "howland-unbalanced"))
+    assert balanced.rightmost.real == pytest.approx(-1.0 / load, rel=1e-3)
+    added = 1.0 / 10e3 - 1.0 / 10.5e3
+    source = 1.0 / added + 1.0
+    assert off.rightmost.real == pytest.approx(-(1.0 / 2e3 + 1.0 / source) / 1e-9, rel=1e-3)
+
+
+def test_a_gyrator_is_a_coil(read: Read) -> None:
+    """L = C2 / (g1 g2): s^2 C1 L + s L / Rs + 1 = 0."""
+    found = poles(read(DECKS["gyrator-two-sources"]).circuit)
+    L, C, R = 10e-9 / 1e-6, 1e-9, 1e4
+    exact = np.roots([C * L, L / R, 1.0])
+    assert abs(found.rightmost - exact[exact.imag > 0.0][0]) < 1e-9 * abs(found.rightmost)
+
+
+def test_a_transimpedance_stage_in_closed_form(read: Read) -> None:
+    """A(s) = w / (s + w / A0): (1 + s Rf (Cd + Cf)) (s + w / A0) + w (1 + s Rf Cf) = 0."""
+    found = poles(read(DECKS["transimpedance-closed"]).circuit)
+    w, A, Rf, Cd, Cf = 6.283185307179586e7, 1e5, 1e5, 40e-12, 0.4e-12
+    total = Rf * (Cd + Cf)
+    exact = np.roots([total, 1.0 + total * w / A + w * Rf * Cf, w / A + w])
+    assert abs(found.rightmost - exact[exact.imag > 0.0][0]) < 1e-9 * abs(found.rightmost)
