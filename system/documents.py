@@ -59,7 +59,6 @@ Rate = Annotated[float | None, "1/s"]
 Hertz = Annotated[float | None, "Hz"]
 Ohms = Annotated[float | None, "ohm"]
 Farads = Annotated[float | None, "F"]
-Amperes = Annotated[float | None, "A"]
 Siemens = Annotated[float | None, "S"]
 Number = float | None
 """A number without a unit; null: unknown, or infinite."""
