@@ -1,11 +1,12 @@
 """Crossings and peaks of exact transients, by bounds and root finding on the solutions themselves.
 
 The grid of instants is logarithmic in time (`PER_OCTAVE`) where a ringing persists: with a point in
-every period it could have any number of points. Between two points a bound holds: the modes that
-the interval resolves, and the envelopes of all others. The time after the last point is an
-interval like any other, bounded by what is left of all modes. A search divides only the interval
-that may hold the crossing or the peak, until it resolves the ringing, and then refines the instant
-on the continuous solution. So no instant is left out, and the memory is bounded.
+every period it could have any number of points. Between two points a bound holds: the cubic through
+values and slopes, and what each mode may add to it, by its fourth derivative or its envelope. The
+time after the last point is an interval like any other, bounded by what is left of all modes. A
+search divides only the interval that may hold the crossing or the peak, until it resolves the
+ringing, and then refines the instant on the continuous solution. So no instant is left out, and the
+memory is bounded.
 
 The grids of many boards are one after the other in the same arrays, so that a search is one array
 operation over all boards, channels and levels.
@@ -28,9 +29,11 @@ from taction.verification.engines.statespace.transients.exact import Exact
 from taction.verification.readings.crossings import Crossings
 
 FINENESS = 0.25  # step times |p| of the fastest mode of a resolved interval: 25 points a period
-PER_OCTAVE = 128  # over ln 2: the step is at most this part of the time
+PER_OCTAVE = 32  # over ln 2: the step is at most this part of the time
 PIECES = 64  # largest number of pieces of a refined interval
+FEW = 4  # most pieces where a bound alone may exclude them: it falls by the fourth power
 MOST = 2_000_000  # points times channels of a board: no refinement above it
+SEEN = 2.0  # width times |p| up to which a chord bounds a mode better than its envelope
 SLACK = 0.1  # of the height of the tangents above the ends; a cubic's top errs by 0.0013 of it
 BISECTIONS, ITERATIONS = 9, 60  # of a first root, by a cubic, and of a root
 CONVERGED = 1e-8  # of an interval: last step of a root
@@ -118,8 +121,11 @@ class Course:
         return np.concatenate([*parts, [shortest]]) if t == 0.0 else np.concatenate(parts)
 
     def later(self, begin: float) -> Floats:
-        """Return instants after the last of a grid, `begin`, s."""
-        return _octaves(begin, max(LONGER * begin, float(self._lost[0][-1])))
+        """Return instants after the last of a grid, `begin`, s, until all modes are noise."""
+        slowest = float(self.solution.flow.rates[0])
+        left = float(self.remainder(begin).max(initial=0.0))
+        end = begin + math.log(max(left / self.noise, 1.0)) / -slowest
+        return _octaves(begin, LONGER * max(begin, end))
 
     def evaluate(self, times: Floats) -> tuple[Floats, Floats, Floats]:
         """Return errors, slopes and bounds at `times`, (Q, N) each."""
@@ -131,13 +137,27 @@ class Course:
         """Return a bound (N,) on what the modes have left after `time`, V."""
         return np.asarray(np.exp(self.solution.flow.rates * time) @ self.weight)
 
-    def envelopes(self, begin: Floats, end: Floats) -> Floats:
-        """Bound ``e`` and ``-e`` in intervals (Q,) by the modes that these resolve and envelopes.
+    def room(self, begin: Floats, width: Floats) -> tuple[Floats, Bools]:
+        """Bound what lies between the channels and the cubics through values and slopes, V, (Q, N).
 
-        The envelopes are those of all other modes. Returns the bounds, V, (Q, 2, N).
+        The intervals (Q,) have a `width` each, s. Of a mode slower than the width the fourth
+        derivative counts, of a faster one its envelope and the cubic through it. The second result
+        tells where such a mode is above `detail`, so that `envelopes` are the better bounds.
+        """
+        flow = self.solution.flow
+        angle, size = flow.speeds * width[:, None], np.exp(flow.rates * begin[:, None])
+        most = 2.0 + 0.3 * angle
+        slow, fast = size * np.minimum(angle**4 / 384.0, most), np.where(angle > SEEN, size, 0.0)
+        rings = (fast @ self.weight.max(axis=1, initial=0.0)) > self.detail
+        return np.asarray(slow @ self.weight), np.asarray(rings)
+
+    def envelopes(self, begin: Floats, end: Floats) -> Floats:
+        """Bound ``e`` and ``-e`` in intervals (Q,) by chords of slow modes and envelopes of others.
+
+        Returns the bounds, V, (Q, 2, N).
         """
         flow, width = self.solution.flow, (end - begin)[:, None]
-        seen = flow.speeds * width <= FINENESS
+        seen = flow.speeds * width <= SEEN
         size, share = np.exp(flow.rates * begin[:, None]), flow.share * self.signs
         still = [
             (shape * seen).real @ share.real - (shape * seen).imag @ share.imag
@@ -272,11 +292,21 @@ class ExactGrid:
                 sign * here, sign * after, sign * rise, sign * fall, width
             )
         coarse = places[~self.resolved[places]]
-        begin, end = self.time[coarse], self.time[coarse + 1]
         for k, some in self.each(self.board[coarse]):
-            self.caps[coarse[some]] = self.courses[k].envelopes(begin[some], end[some])
+            self.caps[coarse[some]] = self._coarse(self.courses[k], coarse[some])
 
-    def refine(self, places: Ints) -> Bools:
+    def _coarse(self, course: Course, k: Ints) -> Floats:
+        """Return upper bounds of ``e`` and of ``-e`` in intervals of one board, (Q, 2, N)."""
+        begin, end = self.time[k], self.time[k + 1]
+        room, rings = course.room(begin, end - begin)
+        ends = self.errors[k], self.errors[k + 1], self.slopes[k], self.slopes[k + 1]
+        sides = [[sign * part for part in ends] for sign in (1.0, -1.0)]
+        caps = np.stack([_cubic_tops(side, end - begin) + room for side in sides], axis=1)
+        if rings.any():
+            caps[rings] = np.minimum(caps[rings], course.envelopes(begin[rings], end[rings]))
+        return caps
+
+    def refine(self, places: Ints, most: int = PIECES) -> Bools:
         """Divide the intervals at `places`; return which boards have new points.
 
         The last interval of a board is divided where all modes are within the noise. A board has
@@ -288,7 +318,7 @@ class ExactGrid:
         inner, ends = places[~last], places[last].tolist()
         width = self.time[inner + 1] - self.time[inner]
         pieces = np.ceil(self._rate(inner) * width / FINENESS)
-        pieces = np.clip(pieces, 2, PIECES).astype(np.int64)
+        pieces = np.clip(pieces, 2, most).astype(np.int64)
         number = pieces - 1
         which = np.repeat(np.arange(len(inner)), number)
         nth = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number) + 1
@@ -388,6 +418,22 @@ def _cubic_root(here: Floats, after: Floats, first: Floats, last: Floats) -> Flo
     return 0.5 * (low + high)
 
 
+def _cubic_tops(ends: Sequence[Floats], width: Floats) -> Floats:
+    """Return the largest values (Q, N) of cubics through values and slopes at interval ends."""
+    here, after, rise, fall = ends
+    return np.maximum(_summit(here, after, rise, fall, width[:, None]), np.maximum(here, after))
+
+
+def _summit(here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats) -> Floats:
+    """Return the values at the local maxima of cubics, or at an end where there is none."""
+    first, last, delta = rise * width, fall * width, after - here
+    square, cube = 3.0 * delta - 2.0 * first - last, first + last - 2.0 * delta
+    root = np.sqrt(np.maximum(square**2 - 3.0 * cube * first, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = np.fmin(np.fmax(first / (root - square), 0.0), 1.0)
+    return np.asarray(here + at * (first + at * (square + at * cube)))
+
+
 def _tops(here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats) -> Floats:
     """Return upper bounds (Q, N) of a signal in intervals, from values and slopes at their ends.
 
@@ -397,20 +443,18 @@ def _tops(here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats
     top = np.maximum(here, after)
     row, column = np.nonzero((rise > 0.0) & (fall < 0.0))
     if row.size:
-        y, span = here[row, column], width[row]
-        first, last = rise[row, column] * span, fall[row, column] * span
-        delta = after[row, column] - y
-        square, cube = 3.0 * delta - 2.0 * first - last, first + last - 2.0 * delta
-        root = np.sqrt(np.maximum(square**2 - 3.0 * cube * first, 0.0))
-        at = np.clip(first / (root - square), 0.0, 1.0)
-        peak = y + at * (first + at * (square + at * cube))
-        meet = y + first * np.clip((delta - last) / (first - last), 0.0, 1.0)
-        ends = top[row, column]
-        top[row, column] = np.maximum(peak, ends) + SLACK * np.maximum(meet - ends, 0.0)
+        y, z, up, down = (end[row, column] for end in (here, after, rise, fall))
+        span = width[row]
+        first, last = up * span, down * span
+        meet = y + first * np.clip((z - y - last) / (first - last), 0.0, 1.0)
+        high = top[row, column]
+        peak = np.maximum(_summit(y, z, up, down, span), high)
+        top[row, column] = peak + SLACK * np.maximum(meet - high, 0.0)
     return top
 
 
 ROUNDS = 200  # largest number of rounds of one search
+AHEAD = 4  # so many doublings of the intervals that one round of a search divides
 TOGETHER = 512  # peaks of a board whose intervals one round of a search divides
 
 
@@ -479,7 +523,7 @@ class ExactSignal:
             coarse = coarse[np.lexsort((-above[coarse], board[coarse]))]
             owner = board[coarse]
             widest = coarse[np.arange(len(owner)) - np.searchsorted(owner, owner) < TOGETHER]
-            open_boards = grid.refine(place[widest]) if widest.size else open_boards & False
+            open_boards = grid.refine(place[widest], FEW) if widest.size else open_boards & False
             if not open_boards.any():
                 break
         reach = grid.reach[:, None]
@@ -539,7 +583,7 @@ class _TimeSearch:
         grid = self.grid
         above, below, doubt, moved = np.full((4, len(self.row)), np.nan)
         left = np.argsort(self.board, kind="stable")
-        for _ in range(ROUNDS):
+        for turn in range(ROUNDS):
             left, k = self._candidates(left)
             if not left.size:
                 break
@@ -553,7 +597,8 @@ class _TimeSearch:
                 ends = tail & (off > self.level[left])
                 above[left[ends]], coarse, done = begin[ends], coarse & ~ends, done | ends
             if coarse.any():
-                stuck = coarse & ~grid.refine(k[coarse])[self.board[left]]
+                divided = grid.refine(self._around(k[coarse], turn))
+                stuck = coarse & ~divided[self.board[left]]
                 doubt[left[stuck]] = np.inf
                 above[left[stuck]] = begin[stuck] if self.last else np.nan
                 done |= stuck
@@ -564,6 +609,15 @@ class _TimeSearch:
         above[between] = grid.roots(self.row[between], level, low, high, 0)
         shortest = EPS * grid.time[grid.first + 1][self.board]
         return Crossings(above, np.fmax(doubt, np.fmax(np.spacing(np.abs(above)), shortest)))
+
+    def _around(self, k: Ints, turn: int) -> Ints:
+        """Return the intervals k, after the first turns with the coarse ones that follow them."""
+        grid, steps = self.grid, np.arange(1 << min(turn, AHEAD))
+        around = np.clip(np.unique(k)[:, None] + (-steps if self.last else steps), 0, None)
+        around = np.minimum(around, len(grid.time) - 1)
+        wanted = (grid.board[around] == grid.board[around[:, :1]]) & ~grid.resolved[around]
+        wanted[:, 1:] &= ~grid.tail[around[:, 1:]]
+        return np.asarray(around[wanted])
 
     def _candidates(self, left: Ints) -> tuple[Ints, Ints]:
         """Return the searches of `left` that have an interval above their level, and the interval.
