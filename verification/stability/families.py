@@ -7,8 +7,8 @@ every edge from one board (`loci`). Otherwise poles at samples of the number fin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -215,3 +215,35 @@ def unrounded(scene: Scene, key: str) -> dict[str, Value]:
     """Return the keys of a scene with which no series rounds the parts of a knob."""
     knobs = topology_of(scene).knobs(scene)
     return {knob.series: "exact" for knob in knobs if knob.key == key and knob.series}
+
+
+def all_but_a_knob(circuit: Circuit, knob: Knob) -> Hashable:
+    """Return what decides a linear board's poles, with the sizes of a knob's parts over its value.
+
+    Boards with equal keys differ in nothing but the value of the knob.
+    """
+    names, own = circuit.named(knob.role), circuit.value(knob.name)
+    matrices = [
+        (m.ohms.tobytes(), m.negative.tobytes(), m.by_column, m.plus, m.minus, m.sinks)
+        for m in circuit.matrices
+    ]
+    return (
+        knob.name,
+        tuple(circuit.models.items()),
+        circuit.opamps,
+        tuple(matrices),
+        tuple(
+            replace(part, ohms=part.ohms / own) if part.card in names else part
+            for part in circuit.resistors
+        ),
+        tuple(
+            replace(part, farads=part.farads / own) if part.card in names else part
+            for part in circuit.capacitors
+        ),
+        tuple(
+            replace(part, value=part.value / own) if part.card in names else part
+            for part in circuit.branches
+        ),
+        tuple(source.node for source in circuit.voltages),
+        circuit.supply,
+    )

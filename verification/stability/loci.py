@@ -24,7 +24,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Capacitor, Resistor
-from taction.system.array_types import Bools, Complexes, Floats
+from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import driven
@@ -134,11 +134,15 @@ class PortResponse:
         return complex((left @ self._rows * weights) @ (self._columns.T @ right))
 
     @cached_property
-    def _modal(self) -> tuple[Complexes, Complexes, Floats]:
-        """Voltages of the modes (K, n), currents into the modes (n, K), and the direct part."""
+    def _modal(self) -> tuple[Complexes, Floats, Floats]:
+        """Poles (m,), one of each pair; their shares, real and imaginary; and the direct part."""
         B, C, D = self._driven
         modes, columns = self.board.state_space.modes, self._columns.T
-        return columns @ C @ modes.right, modes.left @ B, columns @ D
+        upper = np.flatnonzero(modes.poles.imag >= 0.0)
+        right, left = columns @ C @ modes.right[:, upper], modes.left[upper] @ B
+        shares = (right.T[:, :, None] * left[:, None, :]).reshape(len(upper), -1)
+        shares[modes.poles[upper].imag == 0.0] *= 0.5
+        return modes.poles[upper], np.concatenate([shares.real, -shares.imag]), columns @ D
 
     @cached_property
     def _driven(self) -> tuple[Floats, Floats, Floats]:
@@ -146,9 +150,12 @@ class PortResponse:
         return _driven_by(self.board, self._rows)
 
     def _from_modes(self, omega: Floats) -> Complexes:
-        right, left, direct = self._modal
-        gain = 1.0 / (1j * omega[:, None] - self.poles)
-        return np.asarray((right * gain[:, None, :]) @ left + direct)
+        poles, shares, direct = self._modal
+        own, other = (1.0 / (1j * omega[:, None] - p) for p in (poles, poles.conj()))
+        # ``R / (s - p) + R* / (s - p*)`` of a pair in real matrices.
+        gain = np.concatenate([own + other, -1j * (own - other)], axis=1)
+        found = gain.real @ shares + 1j * (gain.imag @ shares)
+        return np.asarray(found.reshape(-1, *direct.shape) + direct)
 
     def _from_solves(self, omega: Floats) -> Complexes:
         structure, rows = self.board.structure, self._rows.astype(np.complex128)
@@ -382,36 +389,49 @@ class _Trace:
 
         What seems to cross may also be two loci that were taken for one: such a step is undecided.
         """
-        complete = states.crosses.any(axis=1) & ~states.undecided.any(axis=1)
-        for i in np.flatnonzero(complete).tolist():
-            loci = np.flatnonzero(states.crosses[i]).tolist()
-            found = [self._cross(float(a[i]), float(b[i]), z[:, i], k) for k in loci]
-            states.undecided[i, loci] = [crossing is None for crossing in found]
-            if None not in found:
-                self._keep(found)
+        complete = np.asarray(states.crosses.any(axis=1) & ~states.undecided.any(axis=1))
+        step, locus = np.nonzero(states.crosses & complete[:, None])
+        if not step.size:
+            return
+        found, frequency, known = self._cross(a[step], b[step], z[:, step], locus)
+        states.undecided[step[~known], locus[~known]] = True
+        q = np.arange(len(step))
+        falls = z[2, step, locus].imag < z[0, step, locus].imag
+        for i in q[~states.undecided[step].any(axis=1)].tolist():
+            share, change = math.exp(found[i].real), -2 if falls[i] else 2
+            self._keep([(share, float(frequency[i]) / (2.0 * math.pi), change)])
 
-    def _cross(self, a: float, b: float, z: Complexes, k: int) -> Crossing | None:
-        """Find where locus k crosses the real axis between two frequencies (Illinois method).
+    def _cross(
+        self, a: Floats, b: Floats, z: Complexes, k: Ints
+    ) -> tuple[Complexes, Floats, Bools]:
+        """Find where loci k (Q,) cross the real axis between two frequencies (Illinois method).
 
-        `z` (3, K) are all loci at both ends and in the middle; None if no locus is there.
+        `z` (3, Q, K) are all loci at both ends and in the middle. Returns the loci at the crossing,
+        its angular frequency, and whether the locus is there.
         """
-        start, width, kept = a, b - a, 0
-        low, high, m = z[0, k].imag, z[2, k].imag, a
+        start, end, kept, every = a, b, np.zeros(len(a)), np.arange(len(a))
+        a, b, (low, high) = a.copy(), b.copy(), z[[0, 2]][:, every, k].imag
+        rise, bend = z[2] - z[0], z[0] - 2.0 * z[1] + z[2]
+        height = np.abs(high - low)
+        m, found, active = _first_guess(a, b, z[:, every, k].imag), z[0, every, k], every
         for _ in range(ITERATIONS):
-            last, m = m, (a * high - b * low) / (high - low)
-            t = (m - start) / width
-            expected = z[0] + t * (z[2] - z[0]) - 2.0 * t * (1.0 - t) * (z[0] - 2.0 * z[1] + z[2])
-            found = complex(_follow(expected[None], self.loci(np.array([m])))[0, k])
-            if found.imag == 0.0 or abs(m - last) <= PRECISE * b:
+            t = ((m - start) / (end - start))[active, None]
+            expected = z[0, active] + t * rise[active] - 2.0 * t * (1.0 - t) * bend[active]
+            here = _follow(expected, self.loci(m[active]))[np.arange(len(active)), k[active]]
+            found[active] = here
+            above, y = (here.imag > 0.0) == (high[active] > 0.0), here.imag
+            up, down = active[above], active[~above]
+            b[up], high[up], a[down], low[down] = m[up], y[above], m[down], y[~above]
+            low[up] *= np.where(kept[up] > 0, 0.5, 1.0)
+            high[down] *= np.where(kept[down] < 0, 0.5, 1.0)
+            kept[up], kept[down] = 1, -1
+            following = (a * high - b * low) / (high - low)
+            moved = np.abs(following - m) > PRECISE * b
+            active = active[(y != 0.0) & moved[active]]
+            if not active.size:
                 break
-            if (found.imag > 0.0) == (high > 0.0):
-                b, high, low, kept = m, found.imag, (0.5 * low if kept > 0 else low), 1
-            else:
-                a, low, high, kept = m, found.imag, (0.5 * high if kept < 0 else high), -1
-        if abs(found.imag) > ON_AXIS * abs(z[2, k].imag - z[0, k].imag):
-            return None
-        change = -2 if z[2, k].imag < z[0, k].imag else 2
-        return math.exp(found.real), m / (2.0 * math.pi), change
+            m[active] = following[active]
+        return found, m, np.abs(found.imag) <= ON_AXIS * height
 
     def _real_poles(self, ahead: Complexes) -> None:
         """Find the shares with a pole at zero; `ahead` are the loci at the lowest frequency."""
@@ -450,15 +470,27 @@ def _one_side(z: Complexes) -> Bools:
     return np.asarray(np.abs(np.sign(z.imag).sum(axis=0)) == len(z))
 
 
+def _first_guess(a: Floats, b: Floats, y: Floats) -> Floats:
+    """Return where parabolas through y (3, Q) at both ends and in the middle are zero."""
+    c, d = -3.0 * y[0] + 4.0 * y[1] - y[2], 2.0 * (y[0] - 2.0 * y[1] + y[2])
+    root = np.sqrt(np.maximum(c**2 - 4.0 * d * y[0], 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = -2.0 * y[0] / (c + np.copysign(root, c))
+    inside = (t > 0.0) & (t < 1.0)
+    return np.asarray(a + (b - a) * np.where(inside, t, y[0] / (y[0] - y[2])))
+
+
 def _follow(z: Complexes, others: Complexes) -> Complexes:
     """Sort the loci `others` (P, K) as `z`: the closest two belong together, and so on."""
     apart = others[:, None, :] - z[:, :, None]
     apart.imag -= 2.0 * math.pi * np.round(apart.imag / (2.0 * math.pi))
-    distance, step = np.abs(apart), np.arange(len(z))
-    sorted_ = np.empty_like(z)
-    for _ in range(z.shape[1]):
-        i, j = np.divmod(distance.reshape(len(z), -1).argmin(axis=1), z.shape[1])
-        sorted_[step, i] = z[step, i] + apart[step, i, j]
-        distance[step, i, :] = np.inf
-        distance[step, :, j] = np.inf
-    return sorted_
+    distance, count = np.abs(apart), z.shape[1]
+    nearest = distance.argmin(axis=2)
+    doubtful = np.flatnonzero((np.sort(nearest, axis=1) != np.arange(count)).any(axis=1))
+    for step in doubtful.tolist():  # two loci have the same nearest one
+        left = distance[step]
+        for _ in range(count):
+            i, j = divmod(int(left.argmin()), count)
+            nearest[step, i] = j
+            left[i], left[:, j] = np.inf, np.inf
+    return np.asarray(z + np.take_along_axis(apart, nearest[:, :, None], axis=2)[:, :, 0])

@@ -6,19 +6,22 @@ sides confirm it, and a winding number that needs no poles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Hashable
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.families import Family
+from taction.verification.stability.families import Family, all_but_a_knob
 from taction.verification.stability.poles import Poles, coarse_poles, poles
 
 REACH = 100.0  # the largest factor
 CLOSE, DECADES = 1e-6, 4  # relative distance of the poles that confirm an edge, and farther
 SAME = 1e-12  # relative distance of edges that count as one
+FARTHER = 10.0  # beyond the range of one board: for the next boards of a study
+ALIKE = 1e-9  # relative distance of values at which the same poles confirm an edge
 AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 30
 
 
@@ -53,15 +56,55 @@ def margins(board: LinearBoard, found: Poles) -> dict[str, Margin]:
     }
 
 
+@dataclass(slots=True)
+class KnownEdges:
+    """The edges of boards that differ in one knob, and the values at which poles confirm them."""
+
+    edges: Edges | None = None
+    confirmed: list[float] = field(default_factory=list)
+    farther: float = 1.0  # than the board at hand needs: for other boards
+
+    def of(self, family: Family, low: float, high: float, own: Poles) -> Edges:
+        """Return edges at least from `low` to `high`, found at the first call."""
+        known = self.edges
+        if known is None or not known.low <= low <= high <= known.high:
+            known = self.edges = family.edges(low / self.farther, high * self.farther, own)
+        return known
+
+    def is_confirmed(self, value: float) -> bool:
+        """Whether poles of a board at this value have confirmed the edges."""
+        return any(abs(value - other) <= ALIKE * other for other in self.confirmed)
+
+
+class Families:
+    """What is known of the edges of linear boards, for a study that asks for many margins.
+
+    Boards that differ only in the knob of the margin have the same edges.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[Hashable, KnownEdges] = {}
+
+    def known(self, circuit: Circuit, knob: Knob) -> KnownEdges:
+        """Return what is known of boards like this one; filled by `find_margin`."""
+        if not circuit.is_linear:
+            return KnownEdges()
+        key = all_but_a_knob(circuit, knob)
+        return self._known.setdefault(key, KnownEdges(farther=FARTHER))
+
+
 def stability_margin(
-    circuit: Circuit | LinearBoard, reach: float = REACH, found: Poles | None = None
+    circuit: Circuit | LinearBoard,
+    reach: float = REACH,
+    found: Poles | None = None,
+    families: Families | None = None,
 ) -> Margin:
     """Return the margin that a scene limits: of the first knob with a margin; see `find_margin`."""
     board = LinearBoard.of(circuit)
     name = first_knob(board.circuit)
     if not name:
         return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
-    return find_margin(board, name, reach, found)
+    return find_margin(board, name, reach, found, families)
 
 
 def first_knob(circuit: Circuit) -> str:
@@ -102,7 +145,11 @@ def stable_values(
 
 
 def find_margin(
-    circuit: Circuit | LinearBoard, name: str, reach: float = REACH, found: Poles | None = None
+    circuit: Circuit | LinearBoard,
+    name: str,
+    reach: float = REACH,
+    found: Poles | None = None,
+    families: Families | None = None,
 ) -> Margin:
     """Find the factor by which a knob can move until a pole crosses the imaginary axis.
 
@@ -116,6 +163,8 @@ def find_margin(
         The largest factor of interest.
     found : Poles, optional
         Poles of the board, if they have been computed before.
+    families : Families, optional
+        What margins of other boards have shown; this one adds to it.
 
     Raises
     ------
@@ -131,7 +180,8 @@ def find_margin(
     if own.known_stable:
         knob = board.circuit.knob(name)
         unit = board.circuit.facts[name].unit
-        return _Way(Family.of(board, knob), knob, unit, reach).margin(own)
+        known = KnownEdges() if families is None else families.known(board.circuit, knob)
+        return _Way(Family.of(board, knob), knob, unit, reach, known).margin(own)
     if own.certain:
         return Margin(0.0, 0.0, "the board is unstable")
     text = "the board itself may be stable or unstable"
@@ -146,6 +196,7 @@ class _Way:
     knob: Knob
     unit: str
     reach: float
+    known: KnownEdges
 
     @property
     def upwards(self) -> bool:
@@ -165,12 +216,12 @@ class _Way:
         end = self.reach * (1.0 + 2.0 * CLOSE)  # an edge at `reach` is found with certainty
         low, high = sorted((self.family.own, self.value(end)))
         try:
-            edges = self.family.edges(low, high, own)
+            edges = self.known.of(self.family, low, high, own)
         except EngineError as error:
             return Margin(1.0, 0.0, "no margin is known", str(error))
-        factors = [self.factor(edge.value) for edge in edges.edges]
+        factors = [self.factor(e.value) for e in edges.edges if low <= e.value <= high]
         factor = min(factors, default=self.reach)
-        near = sorted(self.factor(value) for value in edges.near)
+        near = sorted(self.factor(value) for value in edges.near if low <= value <= high)
         doubts = [self._doubt(by, edges) for by in near if by < factor]
         if not factors:
             doubts.append(self._doubt(factor, edges))
@@ -198,6 +249,8 @@ class _Way:
     def _doubt(self, by: float, edges: Edges) -> str:
         """Return why poles and winding number at a factor do not agree; empty if they do."""
         where, value = f"at the factor {by:.6g}", self.value(by)
+        if self.known.is_confirmed(value):
+            return ""
         try:
             found = coarse_poles(self.family.board(value))
             wound = self.family.count(value, edges)
@@ -207,6 +260,7 @@ class _Way:
             return f"{where} a pole is on the imaginary axis to within rounding"
         counted = found.unstable_count
         if counted == wound or (not found.complete and bool(counted) == bool(wound)):
+            self.known.confirmed.append(value)
             return ""
         return f"{where} {counted} poles are unstable and the winding number is {wound}"
 

@@ -9,6 +9,7 @@ import enum
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,7 +79,7 @@ class CheckKind:
     keys: type[Model] | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """The input of the checks.
 
@@ -188,7 +189,7 @@ class Evidence:
         """Bound on the error of `static`."""
         return self._share(self.steady.error) + self.reference_error
 
-    @property
+    @cached_property
     def resting(self) -> tuple[float, float, str]:
         """Largest distance from the reference at rest, its error, and which boards have it.
 

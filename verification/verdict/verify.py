@@ -32,7 +32,7 @@ from taction.verification.reference.ideal_answer import (
     energy_rise,
     ideal_answer,
 )
-from taction.verification.stability.margin import REACH, Margin, stability_margin
+from taction.verification.stability.margin import REACH, Families, Margin, stability_margin
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
@@ -278,9 +278,10 @@ def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, V
                 with suppress(Exception):
                     yield place, _verdict(_begin(one.request, one.clock, one.design, pending))
     begun: dict[int, tuple[_Begun, ExactResponse]] = {}
+    families = Families()
     for place, one in exact.items():
         with suppress(Exception):
-            begins = _begin(one.request, one.clock, one.design)
+            begins = replace(_begin(one.request, one.clock, one.design), families=families)
             response = exact_response(one.design, begins.ideal)
             if response is None or not response.is_stable:
                 yield place, _verdict(begins)
@@ -309,6 +310,7 @@ class _Begun:
     pending: Pending
     effort: Effort
     clock: Clock
+    families: Families | None = None
 
 
 def _design(request: Request, clock: Clock) -> PlannedBoard:
@@ -334,7 +336,7 @@ def _evidence(begun: _Begun, known: Measurements | None) -> tuple[Evidence, Reco
     """Wait for the simulation and measure its record, or take the measurements that are known."""
     design, ideal = begun.design, begun.ideal
     steady = SteadyState.of(design.board, design.scales)
-    margin = _margin(design, begun.effort)
+    margin = _margin(design, begun.effort, begun.families)
     parts, noise = design.loads(), OutputNoise.of(design)
     spread = _spread(design) if design.poles.known_stable else None
     recording = record_and_measure(design, ideal, begun.pending, begun.clock, known)
@@ -369,13 +371,15 @@ def _spread(design: PlannedBoard) -> InputSpread | None:
     return InputSpread.of(design.board, wanted.temperature_coefficient * kelvin / MOST)
 
 
-def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
+def _margin(
+    design: PlannedBoard, effort: Effort, families: Families | None = None
+) -> Margin | None:
     """Return the stability margin, if the scene asks for one."""
     required = design.scene.checks.stability.margin
     if required <= 1.0:
         return None
     reach = max(required, REACH) if effort.full_margin else required
-    return stability_margin(design.board, reach, design.poles)
+    return stability_margin(design.board, reach, design.poles, families)
 
 
 def _judged(

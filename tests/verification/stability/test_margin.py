@@ -20,6 +20,7 @@ from taction.verification.stability import families as module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import (
     REACH,
+    Families,
     find_margin,
     stability_margin,
     stable_values,
@@ -50,6 +51,30 @@ def test_c_may_shrink_to_its_crossing() -> None:
     assert margin.uncertainty == pytest.approx(1e-6 * margin.factor)
     assert margin.text == "C can shrink by the factor 2.419, to 4.134 pF"
     assert margin.doubt == ""
+
+
+def test_boards_that_differ_in_c_alone_share_their_edges(monkeypatch: pytest.MonkeyPatch) -> None:
+    searched = []
+    search = module.Family.edges
+
+    def counting(family: module.Family, *args: object) -> Edges:
+        searched.append(family.own)
+        return search(family, *args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(module.Family, "edges", counting)
+    families = Families()
+    for farads in (10e-12, 15e-12, 8e-12, 25e-12):
+        each = board("design.capacitance", farads)
+        shared = stability_margin(each, families=families)
+        assert shared.factor == pytest.approx(farads / 4.1337463e-12, rel=1e-7)
+        alone = stability_margin(each)
+        assert shared.factor == pytest.approx(alone.factor, rel=1e-10)
+        assert (shared.text, shared.doubt) == (alone.text, alone.doubt)
+    assert searched == [10e-12, 10e-12, 15e-12, 8e-12, 25e-12]  # once for all, and each alone
+    other = board("design.gain", "1Mohm")
+    factor = stability_margin(other, families=families).factor
+    assert factor == pytest.approx(stability_margin(other).factor, rel=1e-10)
+    assert factor != pytest.approx(10e-12 / 4.1337463e-12, rel=1e-3)
 
 
 def test_the_gain_may_grow_to_its_crossing() -> None:
