@@ -1,7 +1,8 @@
 """What a verdict costs: in a study, of hard boards, of large boards, and of a search for changes.
 
 A point of a study is the wall time that 120 further points add to a `sweep` by the state-space
-engine in one process; its baseline is `numpy.linalg.eig` of a random matrix of the board's size.
+engine in one process; its baseline is `numpy.linalg.eig` of a random matrix of the board's size. A
+warm point is the processor time of one of a batch of 15, as a worker of the sweep computes them.
 Verdicts of this process are timed without imports. The command `corners` is timed as a whole, by
 wall time. All other times are processor times.
 """
@@ -35,17 +36,26 @@ from benchmarks.sweeps import by_command
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.quantities import parse
 from taction.verification.design.remedies import find_remedies
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.studies.running.versions import own_versions
+from taction.verification.studies.sweep.point import PointJob, compute
 from taction.verification.studies.tolerance.samples import evaluate, evaluate_together
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.verdict.verify import verify
 
 ROUNDS = {Extent.TINY: 1, Extent.QUICK: 3, Extent.FULL: 7}
 POINTS = {Extent.TINY: 2, Extent.QUICK: 120, Extent.FULL: 120}
-STUDIED = {"paper-breadboard": "C=10pF:100pF", "eleven-channel": "C=20pF:200pF"}
+STUDIED = {
+    "paper-breadboard": "C=10pF:100pF",
+    "eleven-channel": "C=20pF:200pF",
+    "tuned-breadboard": "C=20pF:200pF",
+}
+BATCH = 15  # points in a call of a worker
 POINT = 3.0  # wanted: a point over an eigenvalue decomposition
 EXPONENTIAL = {"paper-exponential": 0.6, "paper-exponential-devices": 0.8}  # wanted, s
 BOARDS = {Extent.TINY: 2, Extent.QUICK: 16, Extent.FULL: 16}  # of a Monte Carlo study in one call
@@ -87,6 +97,7 @@ def measure(extent: Extent) -> Result:
     tiny, rounds = extent is Extent.TINY, ROUNDS[extent]
     names = list(STUDIED)[:1] if tiny else list(STUDIED)
     figures = [of_a_point(name, POINTS[extent], rounds) for name in names]
+    figures += [of_a_warm_point(name, 2 if tiny else BATCH, rounds) for name in names]
     figures += verdicts(CHAINS[:1] if tiny else CHAINS, {} if tiny else EXPONENTIAL, rounds)
     figures += samples("paper-exponential", BOARDS[extent], rounds)
     figures.append(changes(FAILING[:1] if tiny else FAILING))
@@ -120,6 +131,31 @@ def of_a_point(name: str, points: int, rounds: int) -> Figure:
     found = in_turns(jobs, rounds, warm=False)
     what = f"a point of {points} of a sweep by state space, {name}"
     over = f"eig of a random matrix of {size}"
+    return Figure(what, over, ratios(found["point"], found["eig"]), POINT)
+
+
+def of_a_warm_point(name: str, points: int, rounds: int) -> Figure:
+    """Compare a point as a worker computes it with an eigenvalue decomposition."""
+    base, versions = (
+        load_scene(SCENES / f"{name}.toml").with_engine("statespace"),
+        own_versions(False),
+    )
+    low, high = STUDIED[name].removeprefix("C=").split(":")
+    values = np.geomspace(parse(low, "F"), parse(high, "F"), points).tolist()
+    scenes = [with_values(base, {"design.capacitance": value}) for value in values]
+    batch = [PointJob(scene, make_problem(scene), False, versions) for scene in scenes]
+    size = LinearBoard(synthesise(base)).state_space.n
+    matrix = np.random.default_rng(1).standard_normal((size, size))
+    point, decompose = processor(partial(compute, *batch)), processor(lambda: np.linalg.eig(matrix))
+    jobs = {
+        "point": lambda: point() / points,
+        "eig": lambda: statistics.median(decompose() for _ in range(20)),
+    }
+    found = in_turns(jobs, rounds)
+    what, over = (
+        f"a warm point of a sweep by state space, {name}",
+        f"eig of a random matrix of {size}",
+    )
     return Figure(what, over, ratios(found["point"], found["eig"]), POINT)
 
 

@@ -96,11 +96,12 @@ class Outline:
 
     def at(self, times: Floats) -> Floats:
         """Return the outputs at `times` (P,), V, (P, N)."""
-        upper = self.poles.imag >= 0.0
-        poles, share = self.poles[upper], self.share[upper]
-        share = share * np.where(poles.imag > 0.0, 2.0, 1.0)[:, None]
-        growth = np.exp(np.multiply.outer(times, poles))
-        return np.asarray(self.final + growth.real @ share.real - growth.imag @ share.imag)
+        real, upper = self.poles.imag == 0.0, self.poles.imag > 0.0
+        still = np.exp(np.outer(times, self.poles.real[real])) @ self.share.real[real]
+        poles, share = self.poles[upper], 2.0 * self.share[upper]
+        size, angle = np.exp(np.outer(times, poles.real)), np.outer(times, poles.imag)
+        turning = (size * np.cos(angle)) @ share.real - (size * np.sin(angle)) @ share.imag
+        return np.asarray(self.final + still + turning)
 
 
 def can_estimate(scene: Scene, failed: Iterable[str]) -> bool:

@@ -131,8 +131,8 @@ def measure_responses(responses: Sequence[ExactResponse]) -> list[Measurements]:
     Notes
     -----
     The cost is that of `exact_solution`, of the solutions at about 25 points per ringing period, at
-    most `exact_grid.PER_OCTAVE` for each e-fold of the time, and of about six evaluations for every
-    crossing. A search is one array operation over all boards with equally many channels.
+    most `exact_signal.PER_OCTAVE` for each e-fold of the time, and of about six evaluations for
+    every crossing. A search is one array operation over all boards with equally many channels.
     """
     groups: dict[int, list[int]] = {}
     for place, response in enumerate(responses):
