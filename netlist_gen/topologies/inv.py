@@ -49,7 +49,7 @@ class Inverse(Loop):
         for n, stage in stages.items():
             board.parts.stage(f"v_{n}", stage.other, stage.first, f"v_{n}")
             strain = float(board.strain[n - 1])
-            place_strain(board.parts, board.scene, n, stage.first, strain)
+            place_strain(board.parts, board.scene, board.facts, n, stage.first, strain)
         self.array(board, Role.FORWARD, {n: f"v_{n}" for n in board.channels}, stages)
 
 

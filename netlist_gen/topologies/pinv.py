@@ -48,7 +48,8 @@ class PseudoInverse(Loop):
         columns = {n: board.inputs(f"b_{n}", f"bm_{n}", board.T[:, n - 1]) for n in board.channels}
         for k, stage in rows.items():
             board.first_stage(f"c_{k}", stage, f"w_{k}")
-            place_strain(board.parts, board.scene, k, stage.first, float(board.strain[k - 1]))
+            strain = float(board.strain[k - 1])
+            place_strain(board.parts, board.scene, board.facts, k, stage.first, strain)
         for n, stage in columns.items():
             board.parts.stage(f"v_{n}", stage.first, stage.other, f"v_{n}")
         self.more_rows(board, columns)

@@ -155,6 +155,9 @@ SYNTHESIS = (
     of_facts("U0 off by 1 %", {"U0": 1.01}, SKEW, STEADY, SAME),
     of_facts("Ve off by 1 %", {"Ve": 1.01}, SKEW, SAME),
     of_facts("G0 off by 1 %", {"G0": 1.01}, MATRIX, STEADY),
+    of_facts("G0 off by 1 %; inv", {"G0": 1.01}, "inverse", STEADY),
+    of_facts("G0 off by 1 %; pinv", {"G0": 1.01}, "least-squares", STEADY),
+    of_facts("U0 off by 1 %; ridge", {"U0": 1.01}, "ridge", STEADY),
 )
 CIRCUIT = (
     of_board("R in kohm", scaled("resistors", "r_", ohms=1e-3), MATRIX, STEADY),

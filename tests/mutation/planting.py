@@ -17,6 +17,7 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.netlist_gen.topologies.frame.topology import Topology
 from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import TIMES
@@ -220,18 +221,20 @@ def in_the_problem_of_the_board(change: Callable[[InverseProblem], InverseProble
 
 def in_the_facts(changes: Mapping[str, float]) -> Plant:
     """The synthesis gets other numbers of the design: factors of facts by name."""
-    stated = Topology.facts
-
-    def facts(topology: Topology, scene: Scene) -> dict[str, Fact]:
-        right = stated(topology, scene)
-        wrong = {
-            name: replace(right[name], value=factor * right[name].value)
-            for name, factor in changes.items()
-        }
-        return {**right, **wrong}
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        patch.setattr(Topology, "facts", facts)
+        kind = type(topology_of(scene))
+        stated = kind.facts
+
+        def facts(topology: Topology, scene: Scene) -> dict[str, Fact]:
+            right = stated(topology, scene)
+            wrong = {
+                name: replace(right[name], value=factor * right[name].value)
+                for name, factor in changes.items()
+            }
+            return {**right, **wrong}
+
+        patch.setattr(kind, "facts", facts)
         return verify(scene)
 
     return plant

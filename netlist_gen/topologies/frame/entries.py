@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import (
     GROUND,
     CurrentSource,
+    Fact,
     NoiseCurrent,
     Omission,
     Role,
@@ -61,13 +62,15 @@ def pruning_omission(matrix: Floats, fraction: float) -> Omission | None:
     return Omission(f"{2 * count} pruned matrix resistors", why)
 
 
-def place_strain(parts: Parts, scene: Scene, k: int, sink: str, strain: float) -> None:
+def place_strain(
+    parts: Parts, scene: Scene, facts: Mapping[str, Fact], k: int, sink: str, strain: float
+) -> None:
     """Place the source of the strain of sensor `k`, in volts with a resistor 1/G0, and its noise.
 
     Without strain the resistor ends at ground, so that the noise gain is that of the others.
     """
     design, name = scene.design, f"eps_{k}"
-    conductance, unit = design.unit_conductance, design.unit_voltage
+    conductance, unit = facts["G0"].value, facts["U0"].value
     if design.strain_input == "voltage":
         node = f"e_{k}" if strain else GROUND
         parts.resistor(Role.STRAIN_RESISTOR, f"e_{k}", (node, sink), 1.0 / conductance)

@@ -174,7 +174,7 @@ class Planes(Topology):
             parts.resistor(
                 Role.CONSTRAINT_RESISTOR, f"s_{k}", (f"w_{k}", f"c_{k}"), design.gain, "gain"
             )
-            place_strain(parts, board.scene, k, f"c_{k}", float(strain[k - 1]))
+            place_strain(parts, board.scene, board.facts, k, f"c_{k}", float(strain[k - 1]))
             if needs_inverter[k - 1]:
                 parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")
 
