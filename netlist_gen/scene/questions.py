@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 
 from taction.netlist_gen.scene.axes import Axis, with_value
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS
 
@@ -31,6 +30,8 @@ def questions(scene: Scene) -> tuple[str, ...]:
 
 def _no_effect(scene: Scene) -> Iterator[str]:
     """Yield the keys of the design that the topology does not read."""
+    from taction.netlist_gen.topologies.frame.table import topology_of  # it loads numpy
+
     design, topology = scene.design, topology_of(scene)
     for key in sorted(topology.unused & design.model_fields_set):
         yield f"design.{key} has no effect with topology = {topology.name!r}"
