@@ -27,7 +27,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.small_steps import StateBoard
-from taction.verification.engines.statespace.transients.stepped import TOLERANCE, Run
+from taction.verification.engines.statespace.transients.stepped import TOLERANCE, SteppedRun
 from taction.verification.verdict import simulation
 from taction.verification.verdict.recording import Accuracy
 from taction.verification.verdict.verify import verify
@@ -174,7 +174,7 @@ def by_scipy(scene: Scene) -> float:
     """Return the error of `true_solution` beside SciPy's Radau method, in `ERROR` volts."""
     board = Board.of(scene)
     transient, nodes = board.plan.transient, board.linear.reported(None)
-    run = Run.of(board.linear, nodes, transient, TOLERANCE, transient.stop)
+    run = SteppedRun.of(board.linear, nodes, transient, TOLERANCE, transient.stop)
     assert isinstance(run.board, StateBoard)
     rate, jacobian, watch = run.board.equations(run.reported.amplifiers)
     times = np.linspace(0.0, transient.stop, INSTANTS)

@@ -16,7 +16,7 @@ from typing import Any
 import click
 
 import taction
-from taction.cli.terminal import Stages
+from taction.cli.terminal import StageLine
 from taction.system import results
 
 ENGINES = ("auto", "ngspice", "statespace")
@@ -32,7 +32,7 @@ def load(target: Target) -> Callable[..., Any]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Parameter:
+class CommandParameter:
     """An argument (without flags) or an option of a command.
 
     Attributes
@@ -76,20 +76,20 @@ class Parameter:
         return self.flags[0] if self.flags else "FILE"
 
 
-def option(name: str, *flags: str, **attributes: Any) -> Parameter:
-    """Return an option; `of`, `reads` and `writes` are those of `Parameter`."""
+def option(name: str, *flags: str, **attributes: Any) -> CommandParameter:
+    """Return an option; `of`, `reads` and `writes` are those of `CommandParameter`."""
     own = {key: attributes.pop(key) for key in ("of", "reads", "writes") if key in attributes}
-    return Parameter(name, flags or (f"--{name.replace('_', '-')}",), attributes, **own)
+    return CommandParameter(name, flags or (f"--{name.replace('_', '-')}",), attributes, **own)
 
 
-def argument(name: str, **attributes: Any) -> Parameter:
+def argument(name: str, **attributes: Any) -> CommandParameter:
     """Return an argument, a file or a folder that is read if `reads` is not False."""
     own = {"reads": attributes.pop("reads", True), "writes": attributes.pop("writes", False)}
-    return Parameter(name, (), {"type": click.Path(), **attributes}, **own)
+    return CommandParameter(name, (), {"type": click.Path(), **attributes}, **own)
 
 
 @dataclass(frozen=True, slots=True)
-class Output:
+class OutputOption:
     """A file that shows the result.
 
     Attributes
@@ -113,20 +113,20 @@ class Output:
     verb: str = "wrote"
 
     @property
-    def parameter(self) -> Parameter:
+    def parameter(self) -> CommandParameter:
         """The option."""
         attributes = {"type": click.Path(dir_okay=False), "metavar": "FILE", "help": self.help}
-        return Parameter(self.name, (f"--{self.name}",), attributes, writes=True)
+        return CommandParameter(self.name, (f"--{self.name}",), attributes, writes=True)
 
 
-def picture(content: str) -> Output:
+def picture(content: str) -> OutputOption:
     """Return the option ``--plot`` of a result with a picture."""
     text = f"Draw {content} into FILE (PNG, SVG or PDF)."
     check = "system.picture:check_plot_file"
-    return Output("plot", text, lambda found, path: found.plot(path), check, "drew")
+    return OutputOption("plot", text, lambda found, path: found.plot(path), check, "drew")
 
 
-REPORT = Output(
+REPORT = OutputOption(
     "report",
     "Write a report with pictures into FILE (HTML, one file that needs no network).",
     lambda found, path: found.report(path),
@@ -134,7 +134,7 @@ REPORT = Output(
 )
 
 
-def text_file(name: str, text: str, make: Target) -> Output:
+def text_file(name: str, text: str, make: Target) -> OutputOption:
     """Return the option ``--NAME``; `make` takes the result and returns the file's text."""
 
     def write(result: Any, path: str) -> None:
@@ -142,7 +142,7 @@ def text_file(name: str, text: str, make: Target) -> Output:
 
         write_atomically(path, load(make)(result))
 
-    return Output(name, text, write)
+    return OutputOption(name, text, write)
 
 
 @dataclass(slots=True)
@@ -203,8 +203,8 @@ class Job:
     document: Target = lambda found: found
     view: Target = lambda found: found.page()
     text: Target | None = None
-    outputs: tuple[Output, ...] = ()
-    work: Callable[[Call, Stages], Any] | None = None
+    outputs: tuple[OutputOption, ...] = ()
+    work: Callable[[Call, StageLine], Any] | None = None
     schema: str | None = ""
     before: Callable[[Call], None] | None = None
     after: Callable[[Any, Call], object] | None = None
@@ -229,13 +229,13 @@ class Command(Job):
         The commands below it.
     """
 
-    parameters: tuple[Parameter, ...] = ()
+    parameters: tuple[CommandParameter, ...] = ()
     ends: str = ""
     other: Callable[[Mapping[str, Any]], Job | None] | None = None
     commands: Mapping[str, Command] = field(default_factory=dict)
 
     @property
-    def every(self) -> tuple[Parameter, ...]:
+    def every(self) -> tuple[CommandParameter, ...]:
         """Its parameters with those of the outputs."""
         return (*self.parameters, *(output.parameter for output in self.outputs))
 
@@ -304,10 +304,10 @@ ANY_PART = option("any_part", is_flag=True)
 OUTPUT = option("output", "-o", "--output", type=click.Path(dir_okay=False), writes=True)
 
 
-def folder(name: str, *flags: str, **attributes: Any) -> Parameter:
+def folder(name: str, *flags: str, **attributes: Any) -> CommandParameter:
     """Return an option that names a folder to write."""
     kind = {"metavar": "FOLDER", "type": click.Path(file_okay=False)}
-    return Parameter(name, flags, kind | attributes, writes=True)
+    return CommandParameter(name, flags, kind | attributes, writes=True)
 
 
 def own_file(found: Any, call: Call) -> list[str]:

@@ -11,7 +11,16 @@ from typing import Any
 import click
 
 import taction
-from taction.cli.command import Call, Command, Job, Output, Parameter, beginning, load, signature
+from taction.cli.command import (
+    Call,
+    Command,
+    CommandParameter,
+    Job,
+    OutputOption,
+    beginning,
+    load,
+    signature,
+)
 from taction.cli.ending import of_stdout
 from taction.cli.terminal import STATUS, console, display, print_json, say
 from taction.system.after_result import attempt
@@ -140,7 +149,7 @@ def _names(value: Any) -> Iterator[str]:
     yield from value if isinstance(value, tuple) else [value] if value else []
 
 
-def _is_folder(parameter: Parameter) -> bool:
+def _is_folder(parameter: CommandParameter) -> bool:
     kind = parameter.attributes.get("type")
     return isinstance(kind, click.Path) and not kind.file_okay
 
@@ -167,7 +176,7 @@ def _write(job: Job, result: Any, given: Mapping[str, Any]) -> bool:
         if path is None:
             continue
 
-        def write(output: Output = output, path: str = path) -> None:
+        def write(output: OutputOption = output, path: str = path) -> None:
             load(output.write)(result, path)
             click.echo(f"{output.verb} {visible(path)}", err=True)
 

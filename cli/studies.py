@@ -20,7 +20,7 @@ from taction.cli.command import (
     Command,
     EngineChoice,
     Job,
-    Output,
+    OutputOption,
     argument,
     folder,
     option,
@@ -255,7 +255,7 @@ SWEEP = Command(
     function="sweep",
     document="verification.report.documents.catalogue:sweep_pieces",
     outputs=(
-        Output(
+        OutputOption(
             "export",
             "Write a table (.csv, .parquet) or grid (.nc).",
             _sweep_table,

@@ -100,7 +100,7 @@ class SparseLines:
             self._say(text)
 
 
-class Stages:
+class StageLine:
     """Shows the stages of a function on stderr; `bar` is None where stderr is no terminal.
 
     A `Notice` is always a line of its own, and is said once.
@@ -130,10 +130,10 @@ class Stages:
 
 
 @contextmanager
-def display() -> Iterator[Stages]:
+def display() -> Iterator[StageLine]:
     """Show the stages of a function on stderr: as a bar, or without a terminal as a few lines."""
     if not sys.stderr.isatty():
-        yield Stages(SparseLines(say).stage)
+        yield StageLine(SparseLines(say).stage)
         return
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
     from rich.table import Column
@@ -150,4 +150,4 @@ def display() -> Iterator[Stages]:
             done, total = map(int, counted.groups()) if counted else (0, None)
             shown.update(task, completed=done, total=total, description=stage)
 
-        yield Stages(show, shown)
+        yield StageLine(show, shown)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import taction
 from taction.cli.command import Call, load
 from taction.cli.running import is_of_stdout
-from taction.cli.terminal import Stages, put, say
+from taction.cli.terminal import StageLine, put, say
 from taction.system.after_result import attempt
 from taction.system.errors import Interrupted
 
@@ -34,7 +34,7 @@ class Verified:
         return str(self.verdict.outcome.value)
 
 
-def verify_scene(call: Call, progress: Stages) -> Verified:
+def verify_scene(call: Call, progress: StageLine) -> Verified:
     """Verify the scene, print the verdict, and search for changes if it fails."""
     options = call.options
     verdict = taction.verify(
@@ -66,7 +66,7 @@ def verify_scene(call: Call, progress: Stages) -> Verified:
 def _searched(
     found: Verified,
     options: dict[str, Any],
-    progress: Stages,
+    progress: StageLine,
     tell: Callable[[str], None],
 ) -> Verified:
     """Return the verdict with the changes that mend it."""

@@ -4,9 +4,10 @@ A field of a result carries its unit as a text in its annotation: ``Annotated[fl
 the type follow the plain data of a document (`plain`), the way back (`read`), the JSON Schema
 (`schema`) and the unit of every name (`units`). Numbers that are not finite are null.
 
-What else an annotation may carry: `Key`, another name in the document; `INLINE`, the parts of the
-field stand beside it in the document; `HIDDEN`, the field is not part of it; `OPTIONAL`, it is part
-of it only where it is not None. The class variable ``SHOWN`` names properties that are part of it.
+What else an annotation may carry: `DocumentKey`, another name in the document; `INLINE`, the parts
+of the field stand beside it in the document; `HIDDEN`, the field is not part of it; `OPTIONAL`, it
+is part of it only where it is not None. The class variable ``SHOWN`` names properties that are part
+of it.
 
 A class whose document has another order, or parts of its parts, states it in the class variable
 ``DOCUMENT``: a tuple of texts ``"key? [unit] = attribute.of.an.attribute # note"``; all but the
@@ -65,7 +66,7 @@ Number = float | None
 
 
 @dataclasses.dataclass(frozen=True)
-class Key:
+class DocumentKey:
     """The name of a field in the document, where it is not that of the attribute."""
 
     name: str
@@ -93,7 +94,7 @@ OPTIONAL = object()
 
 
 @dataclasses.dataclass(frozen=True)
-class Part:
+class DocumentPart:
     """One field of a document."""
 
     attribute: str
@@ -118,7 +119,7 @@ class Part:
 
 
 @cache
-def parts_of(kind: Any) -> tuple[Part, ...]:
+def parts_of(kind: Any) -> tuple[DocumentPart, ...]:
     """Return what is in the document of a dataclass: ``DOCUMENT``, or its fields and ``SHOWN``."""
     if hasattr(kind, "DOCUMENT"):
         return tuple(_stated(kind, entry) for entry in kind.DOCUMENT)
@@ -139,7 +140,7 @@ ENTRY = re.compile(
 """An entry of ``DOCUMENT``."""
 
 
-def _stated(kind: Any, entry: str) -> Part:
+def _stated(kind: Any, entry: str) -> DocumentPart:
     found = ENTRY.fullmatch(entry)
     if found is None:
         raise ValueError(f"{kind.__name__}.DOCUMENT: {entry!r} is no entry")
@@ -240,12 +241,12 @@ def _at(value: Any, path: str) -> Any:
     return value
 
 
-def _part(name: str, inner: Any, notes: tuple[Any, ...]) -> Part:
-    key = next((note.name for note in notes if isinstance(note, Key)), name)
+def _part(name: str, inner: Any, notes: tuple[Any, ...]) -> DocumentPart:
+    key = next((note.name for note in notes if isinstance(note, DocumentKey)), name)
     text = next((note.text for note in notes if isinstance(note, Note)), "")
     unit = next((note for note in notes if isinstance(note, str)), "")
     inline = next((note for note in notes if isinstance(note, Inline)), None)
-    return Part(name, key, inner, unit, text, inline, OPTIONAL not in notes)
+    return DocumentPart(name, key, inner, unit, text, inline, OPTIONAL not in notes)
 
 
 def _unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:

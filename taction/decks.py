@@ -151,13 +151,13 @@ def _with_reference(
 ) -> tuple[Wanted, tuple[str, ...]]:
     """Return what is asked with the optimum of a problem, and what is to be said of its files."""
     from taction.system.errors import Complaint, InputError
-    from taction.verification.studies.board_reference import Reference
+    from taction.verification.studies.board_reference import BoardReference
 
     if matrix is None or strain is None:
         missing = "--matrix" if matrix is None else "--strain"
         raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
     nodes = [out.node for out in board.circuit.outputs]
-    wanted, notes = Reference(matrix, strain, *settings).expected(nodes)
+    wanted, notes = BoardReference(matrix, strain, *settings).expected(nodes)
     return replace(asked, expected=(*asked.expected, *wanted)), notes
 
 

@@ -52,7 +52,7 @@ Over = str | Iterable[str] | Mapping[str, str | Iterable[Value]]
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class SweepAxis:
     """The values of one key."""
 
     key: Key
@@ -67,7 +67,7 @@ class Axis:
 
 def parse_axes(
     scene: Scene, over: Over, *, points: int = POINTS, around: float | None = None
-) -> list[list[Axis]]:
+) -> list[list[SweepAxis]]:
     """Return the axes of a study: each item spans the grid and is a list of zipped axes.
 
     `over` is text or a mapping (see the head of this file); `points` and `around` are those of
@@ -124,7 +124,7 @@ def _as_text(name: str, values: str | Iterable[Value]) -> str:
 
 def parse_axis(
     scene: Scene, text: str, *, points: int = POINTS, around: float | None = None
-) -> Axis:
+) -> SweepAxis:
     """Return the axis ``KEY=VALUES`` (see the head of this file); its values are tried on `scene`.
 
     Parameters
@@ -152,7 +152,7 @@ def parse_axis(
     tried = values if scale == "list" else (values[0], values[-1])
     for value in tried:
         with_value(scene, key.path, value)
-    return Axis(key, name, values, scale)
+    return SweepAxis(key, name, values, scale)
 
 
 def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, ...], Scale]:
@@ -203,7 +203,7 @@ def _count(text: str, part: str) -> int:
     return count
 
 
-def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int) -> Axis:
+def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int) -> SweepAxis:
     value = own_value(scene, key)
     if value is None or not (math.isfinite(value) and value > 0.0):
         text = f"no range follows from the scene's value {value!r}; give {name}=LOW:HIGH"
@@ -211,7 +211,9 @@ def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int)
     import numpy as np
 
     values = np.geomspace(value / around, value * around, points).tolist()
-    return Axis(key, name, tuple(v for v in values if _accepts(scene, key, v)), "log", default=True)
+    return SweepAxis(
+        key, name, tuple(v for v in values if _accepts(scene, key, v)), "log", default=True
+    )
 
 
 def _accepts(scene: Scene, key: Key, value: float) -> bool:
@@ -222,7 +224,7 @@ def _accepts(scene: Scene, key: Key, value: float) -> bool:
     return True
 
 
-def points(groups: Sequence[Sequence[Axis]]) -> Iterator[dict[str, Value]]:
+def points(groups: Sequence[Sequence[SweepAxis]]) -> Iterator[dict[str, Value]]:
     """Yield every point of the grid as ``{path: value}``; the last group changes fastest."""
     steps = [
         [
@@ -297,7 +299,7 @@ def fixed_values(scene: Scene, fixed: Fixed) -> dict[str, Value]:
         raise InputError("--fix", *error.complaints) from None
 
 
-def check_axes(groups: Sequence[Sequence[Axis]], fixed: Mapping[str, Value]) -> None:
+def check_axes(groups: Sequence[Sequence[SweepAxis]], fixed: Mapping[str, Value]) -> None:
     """Refuse an axis that changes a fixed key, or that replaces it.
 
     Raises

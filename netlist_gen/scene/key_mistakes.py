@@ -85,7 +85,7 @@ def key_mistakes(data: Mapping[str, Any]) -> list[Complaint]:
     >>> key_mistakes(data)[0].key
     'design.capacitence'
     """
-    look = Look()
+    look = KeyMistakes()
     try:
         look.table(json.loads(KEYS.read_text("utf-8")), data, "")
         if look.found and any(names(group) for group in TABLES_OF_OTHERS):
@@ -97,7 +97,7 @@ def key_mistakes(data: Mapping[str, Any]) -> list[Complaint]:
 
 
 @dataclass(slots=True)
-class Look:
+class KeyMistakes:
     """The mistakes that were found so far; each entry of the table of keys is a dict."""
 
     found: list[Complaint] = field(default_factory=list)

@@ -14,7 +14,7 @@ from taction.system.errors import Complaint, InputError
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ProblemTable:
     """Numbers of a file as the scene needs them.
 
     `changed` says in words what differs from the file, which is then written anew; else empty.
@@ -25,7 +25,7 @@ class Table:
     changed: str
 
 
-def problem_tables(matrix: Path, strain: Path) -> tuple[Table, Table]:
+def problem_tables(matrix: Path, strain: Path) -> tuple[ProblemTable, ProblemTable]:
     """Read a matrix (M, N), transposed where only that fits, and a strain (M,).
 
     Raises
@@ -51,7 +51,7 @@ def problem_tables(matrix: Path, strain: Path) -> tuple[Table, Table]:
         T = np.ascontiguousarray(T.T)
         changes.append(f"transposed, to {shape_text(T)}: the strain has {len(eps)} values")
     heads = "the first row is a header" if other else ""
-    return Table(matrix, T, ", ".join(changes)), Table(strain, eps, heads)
+    return ProblemTable(matrix, T, ", ".join(changes)), ProblemTable(strain, eps, heads)
 
 
 def shape_text(T: Floats) -> str:

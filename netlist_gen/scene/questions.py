@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from taction.netlist_gen.scene.axes import Axis, with_value
+from taction.netlist_gen.scene.axes import SweepAxis, with_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS
@@ -77,7 +77,7 @@ def value_questions(scene: Scene) -> Iterator[str]:
             )
 
 
-def axis_questions(scene: Scene, groups: Iterable[Iterable[Axis]]) -> Iterator[str]:
+def axis_questions(scene: Scene, groups: Iterable[Iterable[SweepAxis]]) -> Iterator[str]:
     """Yield what may be a slip in the axes of a study: falling ranges, values that no board has.
 
     Examples

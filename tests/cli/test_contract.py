@@ -12,7 +12,7 @@ import pytest
 import taction
 from taction.cli import main as program
 from taction.cli import running
-from taction.cli.command import Command, Job, Parameter, load, sentences, signature
+from taction.cli.command import Command, CommandParameter, Job, load, sentences, signature
 from taction.system.errors import Complaint
 from tests.support.command_lines import LINES
 from tests.support.running import document
@@ -82,7 +82,7 @@ def test_a_command_calls_the_function_of_its_name(name: str) -> None:
     assert function in taction.__all__
 
 
-def stated(name: str, parameter: Parameter) -> inspect.Parameter | None:
+def stated(name: str, parameter: CommandParameter) -> inspect.Parameter | None:
     return signature(parameter.of or entry(name).function).get(parameter.name)
 
 

@@ -134,6 +134,17 @@ def test_no_module_imports_itself_in_a_circle() -> None:
     assert [module for module in modules() if module in reached(module)] == []
 
 
+def test_the_name_of_a_class_stands_for_one_class() -> None:
+    places: dict[str, list[str]] = {}
+    for folder in (*FOLDERS, "taction"):
+        for path in (ROOT / folder).glob("*.py" if folder == "taction" else "**/*.py"):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.ClassDef):
+                    places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+    assert len(places) > 500
+
+
 def test_no_import_names_a_folder_without_taction() -> None:
     """A module that is imported by two names exists twice, with two sets of classes."""
     wrong = [

@@ -15,8 +15,8 @@ import pytest
 from taction.system.documents import (
     HIDDEN,
     INLINE,
+    DocumentKey,
     Inline,
-    Key,
     Note,
     Seconds,
     plain,
@@ -57,7 +57,7 @@ class Outer:
 
     SHOWN: ClassVar[tuple[str, ...]] = ("twice",)
 
-    lam: Annotated[float, Key("lambda"), Note("never 0")]
+    lam: Annotated[float, DocumentKey("lambda"), Note("never 0")]
     colour: Colour
     inner: tuple[Inner, ...]
     beside: Annotated[Beside, INLINE]

@@ -22,7 +22,7 @@ import numpy as np
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import Axis, Point, with_values
+from taction.netlist_gen.scene.axes import Point, SweepAxis, with_values
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
@@ -191,7 +191,7 @@ def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
     axes = []
     for path in kept:
         values = tuple(row.get(path, own[path]) for row in rows)
-        axes.append(Axis(find_key(base, path), NAMES[path], values, "list"))
+        axes.append(SweepAxis(find_key(base, path), NAMES[path], values, "list"))
     return Plan(at_small_signal(base), [axes], ("statespace",))
 
 

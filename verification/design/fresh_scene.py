@@ -24,7 +24,7 @@ from taction.netlist_gen.board.part_warnings import (
     AcceptedParts,
 )
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.problem_tables import Table, problem_tables, shape_text
+from taction.netlist_gen.scene.problem_tables import ProblemTable, problem_tables, shape_text
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.entries import pruned
@@ -317,7 +317,9 @@ def fresh_scene(
     return FreshScene(scaling, text, files, rule, tuple(notes))
 
 
-def _placed(tables: Mapping[str, Table], output: Path) -> tuple[dict[str, str], dict[Path, str]]:
+def _placed(
+    tables: Mapping[str, ProblemTable], output: Path
+) -> tuple[dict[str, str], dict[Path, str]]:
     """Return the names of the tables by key, and the texts of files that are written anew."""
     names, files = {}, {}
     for key, table in tables.items():

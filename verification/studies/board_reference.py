@@ -17,7 +17,7 @@ from taction.verification.studies.wanted_checks import Expected, share_of
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class BoardReference:
     """The problem that a deck is to solve, as files and texts.
 
     Attributes

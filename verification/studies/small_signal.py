@@ -38,7 +38,7 @@ _VALUE = re.compile(r"(\w+)\s*=\s*([^\s()]+)")
 
 
 @dataclass(frozen=True, slots=True)
-class _Device:
+class _SmallSignalDevice:
     """A card: its name, the nodes of its terminals, and what follows them."""
 
     name: str
@@ -87,14 +87,14 @@ def linearised(cards: Iterable[str], simulator: Simulator) -> tuple[tuple[str, .
 Models = dict[str, tuple[str, Mapping[str, str]]]  # cards and values, by name
 
 
-def _sorted(cards: Iterable[str]) -> tuple[Models, list[_Device], list[str]]:
+def _sorted(cards: Iterable[str]) -> tuple[Models, list[_SmallSignalDevice], list[str]]:
     """Return models, devices, and all other cards."""
     every, models = list(cards), Models()
     for card in every:
         if match := _MODEL.match(card):
             values = dict(_VALUE.findall(match[3] or match[4] or ""))
             models[match[1]] = card, values
-    devices, others = list[_Device](), list[str]()
+    devices, others = list[_SmallSignalDevice](), list[str]()
     for card in every:
         if card[0] in TERMINALS:
             devices.append(_device(card, models))
@@ -105,16 +105,18 @@ def _sorted(cards: Iterable[str]) -> tuple[Models, list[_Device], list[str]]:
     return models, devices, others
 
 
-def _device(card: str, models: Models) -> _Device:
+def _device(card: str, models: Models) -> _SmallSignalDevice:
     name, *words = card.split()
     place = next((k for k, word in enumerate(words) if word in models), None)
     least = TERMINALS[name[0]]
     if place is None or not least <= place <= least + (name[0] == "q"):
         raise CardError(f"{shown(name)}: the deck has no .model of it; {ACCEPTED}: {card!r}")
-    return _Device(name, tuple(words[:place]), " ".join(words[place:]))
+    return _SmallSignalDevice(name, tuple(words[:place]), " ".join(words[place:]))
 
 
-def _with_resistors(devices: Sequence[_Device], models: Models) -> tuple[list[_Device], list[str]]:
+def _with_resistors(
+    devices: Sequence[_SmallSignalDevice], models: Models
+) -> tuple[list[_SmallSignalDevice], list[str]]:
     """Return devices between inner nodes, and the resistors that lead there.
 
     The models in `models` lose these resistances. Devices with an area or other parameters keep
@@ -122,7 +124,7 @@ def _with_resistors(devices: Sequence[_Device], models: Models) -> tuple[list[_D
     """
     plain = [device for device in devices if " " not in device.rest]
     kept = {device.rest.split()[0] for device in devices if " " in device.rest}
-    moved, resistors, used = list[_Device](), list[str](), set[str]()
+    moved, resistors, used = list[_SmallSignalDevice](), list[str](), set[str]()
     for device in devices:
         if device not in plain or device.rest in kept or "irb" in models[device.rest][1]:
             moved.append(device)
@@ -145,7 +147,7 @@ def _with_resistors(devices: Sequence[_Device], models: Models) -> tuple[list[_D
 
 
 def _operating_point(
-    cards: Sequence[str], devices: Sequence[_Device], simulator: Simulator
+    cards: Sequence[str], devices: Sequence[_SmallSignalDevice], simulator: Simulator
 ) -> dict[str, float]:
     """Return the voltages of the terminals at rest, V, by node."""
     nodes = list(dict.fromkeys(n for device in devices for n in device.nodes if n != "0"))
@@ -177,10 +179,10 @@ def _deck(
 
 def _measured(
     models: Sequence[str],
-    devices: Sequence[_Device],
+    devices: Sequence[_SmallSignalDevice],
     volts: Mapping[str, float],
     simulator: Simulator,
-) -> Iterator[tuple[_Device, Floats, Complexes]]:
+) -> Iterator[tuple[_SmallSignalDevice, Floats, Complexes]]:
     """Yield each device with its currents, A, (n,), and admittances, S, (P, n, n).
 
     A copy of it stands on the bench for each terminal that is driven.
@@ -212,7 +214,7 @@ def _measured(
 
 
 def _cards(
-    device: _Device, rest: Floats, currents: Floats, response: Complexes
+    device: _SmallSignalDevice, rest: Floats, currents: Floats, response: Complexes
 ) -> tuple[list[str], float]:
     """Return the linear cards of a device, and the frequency up to which they hold, Hz.
 

@@ -10,7 +10,7 @@ from importlib import import_module, metadata
 from typing import Annotated, Any
 
 from taction.system import documents
-from taction.system.documents import Key, Note
+from taction.system.documents import DocumentKey, Note
 from taction.system.errors import SimulationError
 from taction.verification.engines.ngspice.executable import find_simulator
 
@@ -23,7 +23,7 @@ class Head:
     """What made a document: `units` has the unit of every field of the document that has one."""
 
     version: str
-    name: Annotated[str, Key("schema"), Note("name and version of the schema")]
+    name: Annotated[str, DocumentKey("schema"), Note("name and version of the schema")]
     simulator: Annotated[str | None, Note("ngspice of this machine; null where there is none")]
     solver: Annotated[str | None, Note("its matrix solver")]
     units: dict[str, str]

@@ -12,7 +12,7 @@ from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
 from taction.system.documents import (
     OPTIONAL,
-    Key,
+    DocumentKey,
     Note,
     Number,
     Volts,
@@ -55,7 +55,7 @@ class MeasuredFigure:
 
     unit: str
     stated: Number
-    state_space: Annotated[Number, Key("state space"), OPTIONAL] = None
+    state_space: Annotated[Number, DocumentKey("state space"), OPTIONAL] = None
     ngspice: Annotated[Number, OPTIONAL] = None
 
 
@@ -119,7 +119,7 @@ class ImportDocument:
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ParameterHelp:
     """An argument or an option of a command."""
 
     name: str
@@ -138,19 +138,19 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class CommandHelp:
     """A command."""
 
     name: str
     usage: str
     help: str
-    arguments: list[Parameter]
-    options: list[Parameter]
+    arguments: list[ParameterHelp]
+    options: list[ParameterHelp]
     schemas: list[str]
 
 
 @dataclass(frozen=True, slots=True)
-class SceneFile:
+class SceneFileEntry:
     """How a scene is written; `symbols` are short names of keys for ``--over``."""
 
     format: str
@@ -184,10 +184,10 @@ class HelpDocument:
 
     program: str
     usage: str
-    commands: list[Command]
+    commands: list[CommandHelp]
     exit_statuses: dict[str, str]
     environment: dict[str, str]
-    scene_file: SceneFile
+    scene_file: SceneFileEntry
     examples: list[Example]
     fields: dict[str, FieldUse]
     schemas: dict[str, Mapping[str, Any]]

@@ -296,7 +296,7 @@ def stress_chart(view: RestView) -> Chart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class SliderLook:
     """Everything that is known so far of one set of values.
 
     Attributes
@@ -320,7 +320,7 @@ class Look:
     verdict: Judgement | None = None
     other: Judgement | None = None
 
-    def with_poles(self, window: str) -> tuple[Look, Part]:
+    def with_poles(self, window: str) -> tuple[SliderLook, Part]:
         """Add the poles and, of a small linear board, the curves."""
         found = view_poles(self.rest)
         look = replace(self, poles=found)
@@ -352,7 +352,7 @@ class Look:
         return {} if has_first and not self.limits else self.outputs_part(window)
 
 
-def look_at(start: Start, settings: Settings, window: str) -> Look:
+def look_at(start: Start, settings: Settings, window: str) -> SliderLook:
     """Return what is fast: the board at rest and, of a small linear board, poles and curves.
 
     Raises
@@ -362,7 +362,7 @@ def look_at(start: Start, settings: Settings, window: str) -> Look:
     """
     scene = settings.scene(start)
     rest = view_rest(scene, settings.problem(start, scene))
-    look, part = Look(settings, scene, rest), rest_part(rest)
+    look, part = SliderLook(settings, scene, rest), rest_part(rest)
     if not rest.is_large:  # the poles of a large board take longer than a movement of the hand
         look, more = look.with_poles(window)
         part |= more

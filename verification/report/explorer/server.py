@@ -22,7 +22,7 @@ from taction.system.errors import Complaint, InputError
 from taction.verification.design.explorer_settings import Start
 from taction.verification.report.explorer.guard import HOST, Guard
 from taction.verification.report.explorer.parts import Part, start_part
-from taction.verification.report.explorer.session import Job, Session
+from taction.verification.report.explorer.session import ExplorerJob, Session
 from taction.verification.report.renderers.page import FILES as PAGE_FILES
 
 PACKAGES = {"nicegui": "NiceGUI", "plotly": "Plotly"}
@@ -99,11 +99,11 @@ def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], No
     import uvicorn
     from nicegui import app, ui
 
-    jobs: list[Job] = []
+    jobs: list[ExplorerJob] = []
     waiting: list[asyncio.Task[None]] = []
 
     async def begin() -> None:
-        jobs.extend((Job(), Job()))
+        jobs.extend((ExplorerJob(), ExplorerJob()))
         waiting.append(asyncio.create_task(open_to_all()))
 
     async def open_to_all() -> None:
@@ -156,7 +156,7 @@ async def _listening(port: int) -> None:
             return
 
 
-def _open_page(start: Start, jobs: list[Job]) -> None:
+def _open_page(start: Start, jobs: list[ExplorerJob]) -> None:
     """Build the page of one browser tab."""
     from nicegui import ui
 

@@ -20,8 +20,8 @@ from taction.verification.design.explorer_settings import STEPS, Settings, Start
 from taction.verification.design.outcomes_along import others, outcome_of, spots
 from taction.verification.report.explorer.parts import (
     KEPT,
-    Look,
     Part,
+    SliderLook,
     along_part,
     boundary_part,
     look_at,
@@ -35,7 +35,7 @@ from taction.verification.verdict.record import ERROR
 
 T = TypeVar("T")
 Send = Callable[[Part], None]
-Stage = Callable[[Look], tuple[Look, Part]]
+Stage = Callable[[SliderLook], tuple[SliderLook, Part]]
 REST = 0.12  # s without new values, after which the hand rests
 WINDOWS = ("rise", "whole")
 KEPT_KEYS = ("stress", "facts", "boundary", "along")  # which many moves leave as they are
@@ -53,7 +53,7 @@ class Move:
     reset: bool = False
 
 
-class Job:
+class ExplorerJob:
     """Calls in one process; a call that is ended raises `WorkerDiedError`."""
 
     def __init__(self) -> None:
@@ -108,18 +108,18 @@ class Session:
         The scene.
     send : callable
         Takes a part of the page to the browser; called in the event loop.
-    judging, simulating : Job
+    judging, simulating : ExplorerJob
         Processes for the verdict and for ngspice.
     """
 
     start: Start
     send: Send
-    judging: Job
-    simulating: Job
+    judging: ExplorerJob
+    simulating: ExplorerJob
     settings: Settings = field(default_factory=Settings)
     window: str = "rise"
     _number: int = 0  # of the newest values
-    _look: Look | None = None  # at the newest values
+    _look: SliderLook | None = None  # at the newest values
     _boundary: tuple[object, Edges | EngineError] | None = None  # and the values that it holds for
     _along: dict[str, tuple[Settings, dict[int, tuple[str, str]]]] = field(default_factory=dict)
     _sent: Part = field(default_factory=dict)  # the last of `KEPT_KEYS` that the page has
@@ -184,7 +184,7 @@ class Session:
         self._tasks.add(task)  # the loop alone would let it be collected
         task.add_done_callback(self._tasks.discard)
 
-    async def _follow(self, look: Look, number: int) -> None:
+    async def _follow(self, look: SliderLook, number: int) -> None:
         """Find what is slower than a hand, in turn, once the hand rests and as long as it does."""
         await asyncio.sleep(REST)
         stages: tuple[Stage, ...] = (self._with_limits,)
@@ -248,16 +248,16 @@ class Session:
         self._tell(**part)
         return True
 
-    def _with_poles(self, look: Look) -> tuple[Look, Part]:
+    def _with_poles(self, look: SliderLook) -> tuple[SliderLook, Part]:
         return look.with_poles(self.window)
 
-    def _with_limits(self, look: Look) -> tuple[Look, Part]:
+    def _with_limits(self, look: SliderLook) -> tuple[SliderLook, Part]:
         if look.poles is None:
             return look, {}
         limits = view_limits(look.rest, look.poles)
         return replace(look, limits=limits), {"limits": [readable(text) for text in limits]}
 
-    def _with_boundary(self, look: Look) -> tuple[Look, Part]:
+    def _with_boundary(self, look: SliderLook) -> tuple[SliderLook, Part]:
         """Find the stable values of the first knob, which do not depend on its own value."""
         if look.poles is None:
             return look, {}

@@ -165,11 +165,11 @@ def _axes(plan: Plan) -> Iterator[tuple[str, str]]:
         yield each.name, f"{counted(len(each), 'value')}, {ends}"
 
 
-def _place(where: axes.Axis, value: Any) -> str:
+def _place(where: axes.SweepAxis, value: Any) -> str:
     return quantity(value, where.key.unit) if isinstance(value, float) else str(value)
 
 
-def _axis(where: axes.Axis) -> tuple[Axis, Floats]:
+def _axis(where: axes.SweepAxis) -> tuple[Axis, Floats]:
     """Return an axis of a chart and the places of its values; words stand one after the other."""
     if where.key.kind == "choice" or where.scale == "list":
         names = tuple(_place(where, value) for value in where.values)
@@ -527,7 +527,7 @@ def _why(record: dict[str, Any]) -> str:
     return readable(f"{spaced(name) if name.isidentifier() else name}{colon}{rest}")
 
 
-def _value(value: Any, where: axes.Axis) -> Cell:
+def _value(value: Any, where: axes.SweepAxis) -> Cell:
     if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
         return Cell(quantity(float(value), where.key.unit), float(value))
     return Cell(str(value))

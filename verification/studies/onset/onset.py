@@ -16,11 +16,11 @@ from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import Axis, Over, parse_axes, with_values
+from taction.netlist_gen.scene.axes import Over, SweepAxis, parse_axes, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.documents import Key, Number
+from taction.system.documents import DocumentKey, Number
 from taction.system.errors import (
     Complaint,
     EngineError,
@@ -95,8 +95,8 @@ class Count:
 class Scanned:
     """The values whose poles were computed."""
 
-    low: Annotated[Number, Key("from")]
-    high: Annotated[Number, Key("to")]
+    low: Annotated[Number, DocumentKey("from")]
+    high: Annotated[Number, DocumentKey("to")]
     points: int
     scale: str
     default: bool
@@ -128,7 +128,7 @@ class Onset(Result):
     )
 
     scene: Scene
-    axis: Axis
+    axis: SweepAxis
     scan: Scan
     findings: tuple[CheckedEdge, ...]
     counts: tuple[Count, ...]
@@ -173,7 +173,7 @@ class Onset(Result):
         return "inconclusive" if self.disagreement else "pass"
 
 
-def parse_onset_axis(scene: Scene, over: Over) -> Axis:
+def parse_onset_axis(scene: Scene, over: Over) -> SweepAxis:
     """Read ``--over`` of an onset: a key alone means the scene's value / 30 to its value * 30.
 
     Raises
@@ -195,13 +195,13 @@ def parse_onset_axis(scene: Scene, over: Over) -> Axis:
     return axis
 
 
-def planned(scene: str | Path | Scene, over: Over) -> tuple[Scene, Axis]:
+def planned(scene: str | Path | Scene, over: Over) -> tuple[Scene, SweepAxis]:
     """Return a scene with lambda as a number, and the axis of its onset; errors as its readers'."""
     read = read_scene(scene)
     return read, parse_onset_axis(read, over)
 
 
-def board_over(scene: Scene, axis: Axis) -> Callable[[float], Circuit]:
+def board_over(scene: Scene, axis: SweepAxis) -> Callable[[float], Circuit]:
     """Return the board of `scene` as a function of the value on `axis`.
 
     No series rounds a knob (see `unrounded`): a rounded C would cross only between preferred
@@ -220,7 +220,7 @@ def board_over(scene: Scene, axis: Axis) -> Callable[[float], Circuit]:
 
 def onset(
     scene: Scene,
-    axis: Axis,
+    axis: SweepAxis,
     *,
     transients: bool = True,
     progress: Progress = lambda stage: None,
@@ -231,7 +231,7 @@ def onset(
     ----------
     scene : Scene
         The board and its load; exponential boards are linearised at the equilibrium of each value.
-    axis : Axis
+    axis : SweepAxis
         From `parse_onset_axis`.
     transients : bool
         Whether to confirm crossings with ngspice.

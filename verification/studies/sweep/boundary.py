@@ -12,7 +12,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import Axis, Point, with_values
+from taction.netlist_gen.scene.axes import Point, SweepAxis, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.system.array_types import Floats
@@ -89,12 +89,12 @@ def solve_boundary(plan: Plan, *, seconds: float = SECONDS) -> Boundary:
     return Boundary(tuple(points), segments)
 
 
-def by_value(axis: Axis) -> bool:
+def by_value(axis: SweepAxis) -> bool:
     """Whether numbers lie between the values of an axis: it is a range, not a list."""
     return axis.key.kind == "real" and axis.scale != "list"
 
 
-def place_of(axis: Axis, number: int) -> float:
+def place_of(axis: SweepAxis, number: int) -> float:
     """Return a value of a range, or the place in a list."""
     return float(axis.values[number]) if by_value(axis) else float(number)
 
@@ -122,7 +122,7 @@ class _GridLines:
             return []
         return [edge.value for edge in found.edges if edge.changes_stability]
 
-    def _edges(self, group: Sequence[Axis], fixed: Point) -> Edges:
+    def _edges(self, group: Sequence[SweepAxis], fixed: Point) -> Edges:
         axis, values = group[0], [float(value) for value in group[0].values]
 
         def at(value: float) -> Point:
@@ -162,7 +162,7 @@ def _denser(values: list[float], *, logarithmic: bool) -> list[float]:
     return found
 
 
-def _together(group: Sequence[Axis], value: float) -> Point:
+def _together(group: Sequence[SweepAxis], value: float) -> Point:
     """Return the values of axes that change together, interpolated at a value of the first axis."""
     first = np.array([float(x) for x in group[0].values])
     order = np.argsort(first)
@@ -174,7 +174,10 @@ def _together(group: Sequence[Axis], value: float) -> Point:
 
 
 def _joined(
-    across: Axis, down: Axis, rows: dict[int, list[float]], columns: dict[int, list[float]]
+    across: SweepAxis,
+    down: SweepAxis,
+    rows: dict[int, list[float]],
+    columns: dict[int, list[float]],
 ) -> Iterator[Segment]:
     """Join the crossings on the four sides of every cell, the nearest ones with each other."""
     x, y = (_scaled(axis) for axis in (across, down))
@@ -186,12 +189,12 @@ def _joined(
             yield from _shortest(sides, lambda a, b: math.hypot(x(a[0], b[0]), y(a[1], b[1])))
 
 
-def _within(found: list[float], axis: Axis, k: int) -> list[float]:
+def _within(found: list[float], axis: SweepAxis, k: int) -> list[float]:
     ends = sorted((float(axis.values[k]), float(axis.values[k + 1])))
     return [value for value in found if ends[0] <= value <= ends[1]]
 
 
-def _scaled(axis: Axis) -> Callable[[float, float], float]:
+def _scaled(axis: SweepAxis) -> Callable[[float, float], float]:
     """Return the distance of two values, in parts of the axis."""
     values: Floats = np.array([float(value) for value in axis.values])
     if axis.scale == "lin" or values.min() <= 0.0:

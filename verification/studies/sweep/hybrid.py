@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.scene.axes import Axis
+from taction.netlist_gen.scene.axes import SweepAxis
 from taction.system.array_types import Bools
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
@@ -158,7 +158,7 @@ def next_to_the_boundary(stable: np.ndarray[Any, Any], plan: Plan) -> Bools:
     return marked
 
 
-def has_order(group: Iterable[Axis]) -> bool:
+def has_order(group: Iterable[SweepAxis]) -> bool:
     """Whether neighbouring values of axes that change together are close to each other."""
     return all(axis.key.kind != "choice" for axis in group)
 

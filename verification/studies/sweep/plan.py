@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from taction.netlist_gen.scene.axes import (
-    Axis,
     Fixed,
     Over,
+    SweepAxis,
     check_axes,
     fixed_values,
     parse_axes,
@@ -45,7 +45,7 @@ class Plan:
     """
 
     scene: Scene
-    groups: Sequence[Sequence[Axis]]  # they span the grid; the axes of a group change together
+    groups: Sequence[Sequence[SweepAxis]]  # they span the grid; the axes of a group change together
     engines: tuple[str, ...]  # "ngspice", "statespace" or both
     keep_waveforms: bool = False  # store the outputs over time
     hybrid: bool = (
@@ -60,7 +60,7 @@ class Plan:
             raise InputError("--over", Complaint("points", repr(self.total), text))
 
     @property
-    def axes(self) -> tuple[Axis, ...]:
+    def axes(self) -> tuple[SweepAxis, ...]:
         """All axes, in the order of the grid."""
         return tuple(axis for group in self.groups for axis in group)
 

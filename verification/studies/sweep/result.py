@@ -14,7 +14,7 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 
-from taction.netlist_gen.scene.axes import Axis
+from taction.netlist_gen.scene.axes import SweepAxis
 from taction.netlist_gen.scene.keys import Value
 from taction.system.atomic_files import replacing
 from taction.system.documents import INLINE, Note, Number
@@ -188,7 +188,7 @@ class GridAxis:
         *("scale = axis.scale", "group", "values = axis.values"),
     )
 
-    axis: Axis
+    axis: SweepAxis
     group: int
 
 

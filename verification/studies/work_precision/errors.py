@@ -163,7 +163,7 @@ def board_lsoda(task: MethodTask, time: Floats) -> Floats:
     from scipy.integrate import solve_ivp
 
     board = LinearBoard(task.circuit)
-    run = stepped.Run.of(board, board.reported(None), task.transient, TIGHT, float(time[-1]))
+    run = stepped.SteppedRun.of(board, board.reported(None), task.transient, TIGHT, float(time[-1]))
     if not isinstance(run.board, StateBoard):
         raise EngineError("the board is too large for LSODA")
     rate, jacobian, watch = run.board.equations(run.reported.amplifiers)
@@ -220,7 +220,7 @@ COMPARED = 500  # instants of the second reference where no run needs it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reference:
+class ReferenceRun:
     """A reference solution."""
 
     name: str
@@ -313,9 +313,9 @@ def _measure(
 
 def _references(
     task: MethodTask, problem: str, entries: Sequence[SettingRuns], worker: Worker, end: float
-) -> tuple[list[Reference], list[str]]:
+) -> tuple[list[ReferenceRun], list[str]]:
     """Compute up to `NEEDED` references; return them and the omissions."""
-    references: list[Reference] = []
+    references: list[ReferenceRun] = []
     omissions = []
     for method in REFERENCES[problem]:
         if len(references) == NEEDED or method.refuses(task.circuit):
@@ -324,13 +324,13 @@ def _references(
         try:
             limit = SHARE * (end - clock.perf_counter())
             u = worker.call(limit, method.compute, task, time)
-            references.append(Reference(method.name, method.solver, time, u))
+            references.append(ReferenceRun(method.name, method.solver, time, u))
         except (TimeoutError, *FAILURES) as error:
             omissions.append(f"reference of the {problem}, {method.name}: {error}")
     return references, omissions
 
 
-def _instants(entries: Sequence[SettingRuns], references: Sequence[Reference]) -> Floats:
+def _instants(entries: Sequence[SettingRuns], references: Sequence[ReferenceRun]) -> Floats:
     """Return all instants, or for the second reference those of runs by the first one's solver."""
     solver = references[0].solver if references else ""
     runs = [e.run.time for e in entries if e.run and (not solver or e.method.solver == solver)]
@@ -340,7 +340,7 @@ def _instants(entries: Sequence[SettingRuns], references: Sequence[Reference]) -
     return np.unique(np.concatenate(runs)) if runs else time[:: max(len(time) // COMPARED, 1)]
 
 
-def _floor(references: Sequence[Reference], scale: ErrorScale) -> Errors:
+def _floor(references: Sequence[ReferenceRun], scale: ErrorScale) -> Errors:
     """Return the difference of the first reference to the second one, None without a second."""
     floor: Errors = dict.fromkeys(NORMS)
     if len(references) > 1:

@@ -21,7 +21,7 @@ from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
-from taction.verification.engines.statespace.equations.mirror_symmetry import Dense, Halves
+from taction.verification.engines.statespace.equations.mirror_symmetry import DenseMatrix, Halves
 
 LARGE = 600  # unknowns above which structured solves replace dense ones
 
@@ -160,10 +160,10 @@ class Descriptor:
         return self.size > LARGE
 
     @functools.cached_property
-    def dense(self) -> Dense:
+    def dense(self) -> DenseMatrix:
         """M and K as full matrices, without the amplifiers' slopes; shape (size, size) each."""
         M, K = self.mass.dense(self.size), self._dense_stiffness()
-        return Dense.of(M, K, self.determined, self.mirror)
+        return DenseMatrix.of(M, K, self.determined, self.mirror)
 
     def _dense_stiffness(self) -> Floats:
         flat, values = [self.local.rows * self.size + self.local.columns], [self.local.values]

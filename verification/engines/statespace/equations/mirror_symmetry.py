@@ -172,7 +172,7 @@ class Halves:
 
 
 @dataclass(frozen=True, eq=False)
-class Dense:
+class DenseMatrix:
     """M and K of a board, read-only, and their halves if the board is its own mirror image."""
 
     mass: Floats
@@ -180,7 +180,7 @@ class Dense:
     halves: Halves | None
 
     @classmethod
-    def of(cls, M: Floats, K: Floats, determined: Bools, mirror: Halves | None) -> Dense:
+    def of(cls, M: Floats, K: Floats, determined: Bools, mirror: Halves | None) -> DenseMatrix:
         """Make M and K read-only; keep the proposed `mirror` if all matrices commute with it."""
         M.flags.writeable = K.flags.writeable = False
         if mirror is not None:
@@ -197,7 +197,7 @@ class Dense:
         split = self.halves.split
         return tuple(zip(split(self.mass), split(self.stiffness), strict=True))
 
-    def with_stiffness(self, K: Floats) -> Dense:
+    def with_stiffness(self, K: Floats) -> DenseMatrix:
         """Return the board with another K; without halves if K is not symmetric."""
         halves = self.halves if self.halves is None or self.halves.commute_with(K) else None
-        return Dense(self.mass, K, halves)
+        return DenseMatrix(self.mass, K, halves)

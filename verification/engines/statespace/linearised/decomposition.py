@@ -141,7 +141,7 @@ def is_narrow(centre: complex, inner: Complexes) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MatrixPart:
     """Some modes with their columns and rows; of pairs, the first ones, then the second ones."""
 
     kept: Complexes
@@ -163,14 +163,16 @@ def join(block: Block, acting: Complexes, linked: Bools) -> Block:
     for each in block.joined:
         linked[each.places] = True
     whole = unmodal(acting, real, count)
-    reals: list[Part] = []
-    pairs: list[Part] = []
+    reals: list[MatrixPart] = []
+    pairs: list[MatrixPart] = []
     alone = np.ones(count, dtype=np.bool_)
 
     def add(at: Ints, found: Complexes, *, on_axis: bool) -> None:
         centre, inner = _centred(found)
         places = at if on_axis else np.concatenate([at, at + shift])
-        part = Part(np.full(len(at), centre), block.right[:, places], block.left[places], inner)
+        part = MatrixPart(
+            np.full(len(at), centre), block.right[:, places], block.left[places], inner
+        )
         (reals if on_axis else pairs).append(part)
         alone[at[at < count]] = False
 
@@ -191,20 +193,22 @@ def join(block: Block, acting: Complexes, linked: Bools) -> Block:
         else:
             kept, turned, number = _real_columns(*np.linalg.eig(whole[np.ix_(full, full)]))
             right, left = block.right[:, full] @ turned, _inverse(turned) @ block.left[full]
-            reals.append(Part(kept[:number], right[:, :number], left[:number]))
-            pairs.append(Part(kept[number:], right[:, number:], left[number:]))
+            reals.append(MatrixPart(kept[:number], right[:, :number], left[:number]))
+            pairs.append(MatrixPart(kept[number:], right[:, number:], left[number:]))
             alone[group], changed = False, True
     if not changed:
         return block
     single = np.flatnonzero(alone)
     first, ringing = single[single < real], single[single >= real]
     both_places = np.concatenate([ringing, ringing + shift])
-    reals.insert(0, Part(block.kept[first], block.right[:, first], block.left[first]))
-    pairs.insert(0, Part(block.kept[ringing], block.right[:, both_places], block.left[both_places]))
+    reals.insert(0, MatrixPart(block.kept[first], block.right[:, first], block.left[first]))
+    pairs.insert(
+        0, MatrixPart(block.kept[ringing], block.right[:, both_places], block.left[both_places])
+    )
     return assembled(reals, pairs, block.size)
 
 
-def assembled(reals: list[Part], pairs: list[Part], size: Floats) -> Block:
+def assembled(reals: list[MatrixPart], pairs: list[MatrixPart], size: Floats) -> Block:
     """Return the block of some parts."""
     firsts = [(part, slice(None, len(part.kept))) for part in pairs]
     seconds = [(part, slice(len(part.kept), None)) for part in pairs]
@@ -300,8 +304,8 @@ def _joined_within(
     owner = label[np.abs(_diagonal_poles(T)[:, None] - poles).argmin(axis=1)]
     kept, columns, real = _real_columns(poles[label == 0], rights[:, label == 0])
     rows = np.zeros(columns.shape[::-1])  # found at the end
-    reals = [Part(kept[:real], columns[:, :real], rows[:real])]
-    pairs = [Part(kept[real:], columns[:, real:], rows[real:])]
+    reals = [MatrixPart(kept[:real], columns[:, :real], rows[:real])]
+    pairs = [MatrixPart(kept[real:], columns[:, real:], rows[real:])]
     for number, group in enumerate(groups, 1):
         if np.count_nonzero(owner == number) != len(group):
             return None
@@ -322,7 +326,7 @@ def _joined_within(
         centre, inner = _centred(acting)
         if m != len(group) or not is_narrow(centre, inner):
             return None
-        part = Part(np.full(m, centre), basis, np.zeros(basis.shape[::-1]), inner)
+        part = MatrixPart(np.full(m, centre), basis, np.zeros(basis.shape[::-1]), inner)
         (reals if on_axis else pairs).append(part)
     return assembled(reals, pairs, size)
 

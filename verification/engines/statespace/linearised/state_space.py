@@ -18,7 +18,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.mirror_symmetry import (
-    Dense,
+    DenseMatrix,
     Halves,
     evened,
 )
@@ -151,7 +151,7 @@ def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     return _state_space(descriptor, board, b)
 
 
-def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> Dense:
+def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseMatrix:
     """Return M and K, with the slopes of the amplifiers at a point if there is one."""
     if point is None:
         return descriptor.dense
@@ -189,7 +189,7 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
     return _state_space(descriptor, descriptor.dense, b)
 
 
-def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
+def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace:
     """Eliminate unknowns without charge, and count the states again where rounding has a say.
 
     A topology's board is known to have the states that its design gives it.
@@ -220,7 +220,7 @@ def _state_space(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
     return found
 
 
-def _eliminated(descriptor: Descriptor, board: Dense, b: Floats) -> StateSpace:
+def _eliminated(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace:
     """Eliminate unknowns without charge, in each half of a board that is its own mirror image."""
     names, determined, halves = descriptor.names, descriptor.determined, board.halves
     free = descriptor.has_branches

@@ -182,7 +182,7 @@ class Present:
 
 
 @dataclass(slots=True, eq=False)
-class Stages:
+class StageValues:
     """What the iterations found in a step: inputs and remainders of all stages, (R, m, s).
 
     `parts` are for `Steps.end`; `contraction` and `found` (R,) say how the iterations ended.
@@ -195,7 +195,7 @@ class Stages:
     found: Bools
 
 
-class Integrator:
+class RadauIntegrator:
     """One integration of several boards from t = 0.
 
     Parameters
@@ -394,7 +394,7 @@ class Integrator:
         self.present.slopes = np.where(rows[:, None], slopes, self.present.slopes)
         self.present.noise[rows] = np.nan
 
-    def _iterate(self, step: Steps) -> Stages:
+    def _iterate(self, step: Steps) -> StageValues:
         """Find the inputs of all stages."""
         now, m, count = self.present, self.amplifiers.count, len(self.present.place)
         inputs_now = now.now[:, :m, None]
@@ -402,7 +402,7 @@ class Integrator:
         free, parts = step.free(self.board.rate(now.state, inputs_now[:, :, 0], outputs[:, :, 0]))
         zero, every = np.zeros((count, m, STAGES)), np.ones(count, dtype=np.bool_)
         # At the start of the step there are no remainders: the first iteration gives `free`.
-        found = Stages(free, zero, parts, np.zeros(count), every)
+        found = StageValues(free, zero, parts, np.zeros(count), every)
         if not m:
             return found
         all_volts, slopes = self.reported.volts(inputs_now), now.slopes[:, :, None]

@@ -158,7 +158,7 @@ def _fastest(board: LinearBoard, deviation: Floats) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class PatternCurve:
     """Voltages of nodes (Q,) at instants (Q,), by a model; `finer` is the next one."""
 
     model: Patterns
@@ -210,7 +210,7 @@ def simulate(
     if models is None:
         return None
     places = _places(board, reported)
-    curve = Curve(*models, places, board.equilibrium.values[places])
+    curve = PatternCurve(*models, places, board.equilibrium.values[places])
     cost = Cost(clock.perf_counter() - began, len(times), len(found.rates) + 1)
     values = curve.rest + curve.model.at(times, places)
     left = curve.model.rounding(places) + float(board.rounding[places].max(initial=0.0))
@@ -228,7 +228,7 @@ def refined(first: Waveforms) -> Waveforms:
         The first run is not one of `simulate`.
     """
     began, curve = clock.perf_counter(), first.curve
-    if not isinstance(curve, Curve):
+    if not isinstance(curve, PatternCurve):
         raise EngineError("the first run is not one by patterns")
     finer = replace(curve, model=curve.finer)
     values = finer.rest + finer.model.at(first.time, finer.places)

@@ -25,8 +25,8 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.transients.integrator import (
     Dense,
-    Integrator,
     Present,
+    RadauIntegrator,
 )
 from taction.verification.engines.statespace.transients.record_times import record_times
 from taction.verification.engines.statespace.transients.small_steps import (
@@ -45,7 +45,7 @@ REPEATED = 1.0 / 16.0  # of the tolerance: what a second run leaves of its itera
 FIRST = 2.0**-16  # of the record: the first step tried
 
 
-class Reported:
+class ReportedOutputs:
     """Reported nodes: the output of an amplifier by its input, other nodes themselves.
 
     Several boards report the same nodes; `resting` are theirs, V, (R, nodes).
@@ -63,14 +63,14 @@ class Reported:
         self.linear[self.source[self.source >= 0]] = False
 
     @classmethod
-    def joined(cls, several: Sequence[Reported]) -> Reported:
+    def joined(cls, several: Sequence[ReportedOutputs]) -> ReportedOutputs:
         """Return those of several boards together."""
         found = copy(several[0])
         found.amplifiers = Amplifiers.joined([each.amplifiers for each in several])
         found.resting = np.concatenate([each.resting for each in several])
         return found
 
-    def part(self, rows: Ints) -> Reported:
+    def part(self, rows: Ints) -> ReportedOutputs:
         """Return the same of some boards."""
         found = copy(self)
         found.amplifiers, found.resting = self.amplifiers.part(rows), self.resting[rows]
@@ -103,12 +103,12 @@ class Reported:
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class SteppedRun:
     """One integration of a board, with what another one of it needs."""
 
     board: StateBoard | StructuredBoard
     modes: Modes | None  # of a board at its slopes at rest, where they are a basis for the steps
-    reported: Reported
+    reported: ReportedOutputs
     state: Floats
     start: Floats
     slopes: Floats
@@ -120,9 +120,9 @@ class Run:
 
     @classmethod
     def of(cls, board: LinearBoard, nodes: tuple[str, ...], analysis: Transient, tolerance: float,
-           stop: float) -> Run:  # fmt: skip
+           stop: float) -> SteppedRun:  # fmt: skip
         """Prepare the integration of `board` up to `stop`, s."""
-        reported = Reported(board, nodes)
+        reported = ReportedOutputs(board, nodes)
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
         equations, slopes, modes = _equations(board, reported, unknowns)
         state = equations.state(unknowns)
@@ -153,7 +153,7 @@ class Run:
 
 
 def _equations(
-    board: LinearBoard, reported: Reported, unknowns: Floats
+    board: LinearBoard, reported: ReportedOutputs, unknowns: Floats
 ) -> tuple[StateBoard | StructuredBoard, Floats, Modes | None]:
     """Return the equations, the slopes of the first steps, and the modes to work in.
 
@@ -171,7 +171,7 @@ def _equations(
 
 
 def integrate(
-    runs: Sequence[Run], levels: Sequence[Sequence[int]] | None = None, share: float = 1.0
+    runs: Sequence[SteppedRun], levels: Sequence[Sequence[int]] | None = None, share: float = 1.0
 ) -> list[Dense]:
     """Integrate boards, those of one kind together, up to their stops or by steps of `levels`.
 
@@ -191,7 +191,7 @@ def integrate(
     return [found[place] for place in range(len(runs))]
 
 
-def _integrator(runs: Sequence[Run], share: float) -> Integrator:
+def _integrator(runs: Sequence[SteppedRun], share: float) -> RadauIntegrator:
     """Return an integrator at the start of boards of one kind."""
     state = np.stack([run.state for run in runs])
     boards: Boards
@@ -208,14 +208,14 @@ def _integrator(runs: Sequence[Run], share: float) -> Integrator:
         np.stack([run.slopes for run in runs]),
         *np.array([(share * run.tolerance, run.unit, run.base, run.limit) for run in runs]).T,
     )
-    return Integrator(boards, Reported.joined([run.reported for run in runs]), present)
+    return RadauIntegrator(boards, ReportedOutputs.joined([run.reported for run in runs]), present)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class SteppedCurve:
     """Voltages of nodes (Q,) at instants (Q,), from the polynomials of the steps."""
 
-    run: Run
+    run: SteppedRun
     dense: Dense
     halves: list[Dense] = field(
         default_factory=list
@@ -282,12 +282,12 @@ class Task:
         """The end of the record, s."""
         return self.analysis.stop if self.times is None else float(self.times[-1])
 
-    def run(self) -> Run:
+    def run(self) -> SteppedRun:
         """Prepare the integration."""
         nodes = self.board.reported(self.nodes)
-        return Run.of(self.board, nodes, self.analysis, self.tolerance, self.stop)
+        return SteppedRun.of(self.board, nodes, self.analysis, self.tolerance, self.stop)
 
-    def record(self, run: Run, dense: Dense, seconds: float) -> Waveforms:
+    def record(self, run: SteppedRun, dense: Dense, seconds: float) -> Waveforms:
         """Return the record of an integration; errors as `simulate`."""
         ended, times = min(dense.checked().ends[-1], self.stop), self.times
         diverges = f"the board diverges: it passes {run.limit:.3g} V at {show(ended, 's')}"
@@ -310,7 +310,7 @@ def simulate_together(
     """
     began = clock.perf_counter()
     found: dict[int, Waveforms | EngineError] = {}
-    runs: dict[int, Run] = {}
+    runs: dict[int, SteppedRun] = {}
     for place, task in enumerate(tasks):
         try:
             runs[place] = task.run()
@@ -325,14 +325,14 @@ def simulate_together(
             found[place] = error
     if halves:
         curves = [x.curve for x in found.values() if isinstance(x, Waveforms)]
-        _halve([curve for curve in curves if isinstance(curve, Curve)])
+        _halve([curve for curve in curves if isinstance(curve, SteppedCurve)])
     return [found[place] for place in range(len(tasks))]
 
 
 def _record(
-    run: Run, dense: Dense, instants: Floats, seconds: float, flags: tuple[str, ...]
+    run: SteppedRun, dense: Dense, instants: Floats, seconds: float, flags: tuple[str, ...]
 ) -> Waveforms:
-    curve = Curve(run, dense)
+    curve = SteppedCurve(run, dense)
     values = curve.at(instants)
     if not np.all(np.isfinite(values)):
         raise EngineError("an amplifier left the range of floats between two steps")
@@ -347,7 +347,7 @@ def _record(
     )  # fmt: skip
 
 
-def _halve(curves: Sequence[Curve]) -> None:
+def _halve(curves: Sequence[SteppedCurve]) -> None:
     """Integrate the runs of `curves` again with every step halved."""
     levels = [[level - 1 for level in x.dense.levels for _ in range(2)] for x in curves]
     outs = integrate([curve.run for curve in curves], levels, REPEATED)
@@ -368,7 +368,7 @@ def halved(first: Waveforms) -> Waveforms:
         The first run is not one of `simulate`, or half a step is not found.
     """
     began, curve = clock.perf_counter(), first.curve
-    if not isinstance(curve, Curve):
+    if not isinstance(curve, SteppedCurve):
         raise EngineError("the first run is not one of the integrator's")
     if not curve.halves:
         _halve([curve])

@@ -13,8 +13,8 @@ from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.transients.integrator import (
     Dense,
-    Integrator,
     Present,
+    RadauIntegrator,
 )
 from taction.verification.engines.statespace.transients.radau import tableau
 from taction.verification.engines.statespace.transients.steps import SIGMA, STAGES, TABLE
@@ -141,7 +141,7 @@ class OneBoard:
     ) -> None:
         columns = numbers[:, None]  # tolerance, unit, base, limit
         present = Present(z[None], z[None], slopes[None], *columns)
-        self.work = Integrator(board, reported, present)
+        self.work = RadauIntegrator(board, reported, present)
 
     def run(self, stop: float, max_steps: int = 1_000_000) -> Dense:
         return self.work.run(np.array([stop]), max_steps)[0].checked()

@@ -38,7 +38,7 @@ def test_a_board_of_patterns_has_the_exact_transient(seed: int) -> None:
     columns = np.arange(len(times)) % len(found.nodes)
     between = found.curve(times, columns)
     np.testing.assert_allclose(between, found.values[np.arange(len(times)), columns], atol=1e-12)
-    assert isinstance(found.curve, reduced_transient.Curve)
+    assert isinstance(found.curve, reduced_transient.PatternCurve)
     assert found.curve.model.lift.shape[1] < board.state_space.n
     with pytest.raises(EngineError, match="not one by patterns"):
         reduced_transient.refined(replace(found, curve=None))

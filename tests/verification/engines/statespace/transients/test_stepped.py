@@ -26,7 +26,7 @@ from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.small_steps import StateBoard
-from taction.verification.engines.statespace.transients.stepped import Run
+from taction.verification.engines.statespace.transients.stepped import SteppedRun
 from tests.support.boards import board, kernel, lone_amplifier, strain, two_pole
 
 
@@ -109,7 +109,7 @@ def test_a_small_step_is_the_linearised_boards() -> None:
 
 
 def test_the_jacobian_for_other_integrators_is_the_rates_derivative() -> None:
-    run = Run.of(LinearBoard(breadboard()), ("a0",), Transient(1e-4, 1e-6), 1e-6, 1e-4)
+    run = SteppedRun.of(LinearBoard(breadboard()), ("a0",), Transient(1e-4, 1e-6), 1e-6, 1e-4)
     assert isinstance(run.board, StateBoard)
     rate, jacobian, _ = run.board.equations(run.reported.amplifiers)
     n = len(run.state)

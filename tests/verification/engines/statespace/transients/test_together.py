@@ -16,7 +16,7 @@ from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import decompose
 from taction.verification.engines.statespace.transients import stepped
-from taction.verification.engines.statespace.transients.integrator import Integrator, Present
+from taction.verification.engines.statespace.transients.integrator import Present, RadauIntegrator
 from taction.verification.engines.statespace.transients.small_steps import (
     SmallBoards,
     StateBoard,
@@ -118,7 +118,7 @@ def test_amplifiers_of_several_boards_against_their_closed_forms() -> None:
     numbers = (1e-8 * ones, ones, np.array([1e-3, 1e-2, 1e-4]), np.inf * ones)
     slopes = (rates - 1.0)[:, None]
     present = Present(modal.state(start), start, slopes, *numbers)
-    outs = Integrator(modal, Reported(Together(rates)), present).run(np.array([1.0, 3.0, 2.0]))
+    outs = RadauIntegrator(modal, Reported(Together(rates)), present).run(np.array([1.0, 3.0, 2.0]))
     for out, stop in zip(outs, (1.0, 3.0, 2.0), strict=True):
         t = np.linspace(0.0, stop, 50)
         wanted = 1.0 / (2.0 * np.exp(t) - 1.0)  # of x' = -x - x^2
@@ -138,7 +138,7 @@ def test_joined_modes_have_a_matrix_in_the_place_of_poles() -> None:
         reported = Everything(Functions(0, np.exp, np.exp), 3)
         present = Present(small.state(start), start, np.zeros((1, 0)), 1e-8 * one, one, one, one)
         present.limit = np.inf * one
-        (out,) = Integrator(small, reported, present).run(3.0 * one)
+        (out,) = RadauIntegrator(small, reported, present).run(3.0 * one)
         t = np.linspace(0.0, 3.0, 60)
         wanted = [(1.0 + t) * np.exp(-t), np.exp(-t), np.exp(-30.0 * t)]
         assert out.checked().at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)
