@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -50,3 +50,21 @@ class Model(BaseModel):
     """A table of the scene: frozen, without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @classmethod
+    def model_json_schema(cls, *args: Any, **options: Any) -> dict[str, Any]:
+        """Return the schema with the limits of numbers by the names that JSON Schema knows."""
+        found: dict[str, Any] = _with_limits(super().model_json_schema(*args, **options))
+        return found
+
+
+# Behind a check of its own a limit keeps pydantic's name in the schema, which no editor knows.
+LIMITS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
+
+
+def _with_limits(schema: Any) -> Any:
+    if isinstance(schema, list):
+        return [_with_limits(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    return {LIMITS.get(name, name): _with_limits(value) for name, value in schema.items()}

@@ -52,6 +52,11 @@ def test_the_schema_accepts_every_shipped_scene(path: Path) -> None:
         ({"problem": {"kind": "tactile"}, "design": {"lam": 1}}, "$.design: additionalProperties"),
         ({"problem": {"kind": "tactile"}, "design": {"opamp": "x"}}, "$.design.opamp: anyOf"),
         ({"problem": {"kind": "tactile"}, "name": "a b"}, "$.name: pattern"),
+        ({"problem": {"kind": "tactile"}, "design": {"prune": -0.1}}, "$.design.prune: minimum"),
+        (
+            {"problem": {"kind": "tactile"}, "design": {"supply_tolerance": 1.0}},
+            "$.design.supply_tolerance: exclusiveMaximum",
+        ),
     ],
 )
 def test_the_schema_refuses(scene: dict[str, Any], where: str) -> None:
