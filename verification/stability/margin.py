@@ -7,7 +7,7 @@ sides confirm it, and a winding number that needs no poles.
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError
@@ -20,7 +20,6 @@ from taction.verification.stability.poles import Poles, coarse_poles, poles
 REACH = 100.0  # the largest factor
 CLOSE, DECADES = 1e-6, 4  # relative distance of the poles that confirm an edge, and farther
 SAME = 1e-12  # relative distance of edges that count as one
-FARTHER = 10.0  # beyond the range of one board: for the next boards of a study
 ALIKE = 1e-9  # relative distance of values at which the same poles confirm an edge
 AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 30
 
@@ -56,41 +55,21 @@ def margins(board: LinearBoard, found: Poles) -> dict[str, Margin]:
     }
 
 
-@dataclass(slots=True)
-class KnownEdges:
-    """The edges of boards that differ in one knob, and the values at which poles confirm them."""
-
-    edges: Edges | None = None
-    confirmed: list[float] = field(default_factory=list)
-    farther: float = 1.0  # than the board at hand needs: for other boards
-
-    def of(self, family: Family, low: float, high: float, own: Poles) -> Edges:
-        """Return edges at least from `low` to `high`, found at the first call."""
-        known = self.edges
-        if known is None or not known.low <= low <= high <= known.high:
-            known = self.edges = family.edges(low / self.farther, high * self.farther, own)
-        return known
-
-    def is_confirmed(self, value: float) -> bool:
-        """Whether poles of a board at this value have confirmed the edges."""
-        return any(abs(value - other) <= ALIKE * other for other in self.confirmed)
-
-
 class Families:
-    """What is known of the edges of linear boards, for a study that asks for many margins.
+    """The values at which poles have confirmed edges of linear boards, for many margins.
 
-    Boards that differ only in the knob of the margin have the same edges.
+    Boards that differ only in the knob of the margin are the same board at a value of it. Each
+    finds its edges itself: its digits do not depend on which boards are measured with it.
     """
 
     def __init__(self) -> None:
-        self._known: dict[Hashable, KnownEdges] = {}
+        self._confirmed: dict[Hashable, list[float]] = {}
 
-    def known(self, circuit: Circuit, knob: Knob) -> KnownEdges:
-        """Return what is known of boards like this one; filled by `find_margin`."""
+    def confirmed(self, circuit: Circuit, knob: Knob) -> list[float]:
+        """Return the values for boards like this one; `find_margin` adds to them."""
         if not circuit.is_linear:
-            return KnownEdges()
-        key = all_but_a_knob(circuit, knob)
-        return self._known.setdefault(key, KnownEdges(farther=FARTHER))
+            return []
+        return self._confirmed.setdefault(all_but_a_knob(circuit, knob), [])
 
 
 def stability_margin(
@@ -164,7 +143,7 @@ def find_margin(
     found : Poles, optional
         Poles of the board, if they have been computed before.
     families : Families, optional
-        What margins of other boards have shown; this one adds to it.
+        At which values margins of other boards were confirmed; this one adds to it.
 
     Raises
     ------
@@ -180,8 +159,8 @@ def find_margin(
     if own.known_stable:
         knob = board.circuit.knob(name)
         unit = board.circuit.facts[name].unit
-        known = KnownEdges() if families is None else families.known(board.circuit, knob)
-        return _Way(Family.of(board, knob), knob, unit, reach, known).margin(own)
+        confirmed = [] if families is None else families.confirmed(board.circuit, knob)
+        return _Way(Family.of(board, knob), knob, unit, reach, confirmed).margin(own)
     if own.certain:
         return Margin(0.0, 0.0, "the board is unstable")
     text = "the board itself may be stable or unstable"
@@ -196,7 +175,7 @@ class _Way:
     knob: Knob
     unit: str
     reach: float
-    known: KnownEdges
+    confirmed: list[float]
 
     @property
     def upwards(self) -> bool:
@@ -216,12 +195,12 @@ class _Way:
         end = self.reach * (1.0 + 2.0 * CLOSE)  # an edge at `reach` is found with certainty
         low, high = sorted((self.family.own, self.value(end)))
         try:
-            edges = self.known.of(self.family, low, high, own)
+            edges = self.family.edges(low, high, own)
         except EngineError as error:
             return Margin(1.0, 0.0, "no margin is known", str(error))
-        factors = [self.factor(e.value) for e in edges.edges if low <= e.value <= high]
+        factors = [self.factor(edge.value) for edge in edges.edges]
         factor = min(factors, default=self.reach)
-        near = sorted(self.factor(value) for value in edges.near if low <= value <= high)
+        near = sorted(self.factor(value) for value in edges.near)
         doubts = [self._doubt(by, edges) for by in near if by < factor]
         if not factors:
             doubts.append(self._doubt(factor, edges))
@@ -249,7 +228,7 @@ class _Way:
     def _doubt(self, by: float, edges: Edges) -> str:
         """Return why poles and winding number at a factor do not agree; empty if they do."""
         where, value = f"at the factor {by:.6g}", self.value(by)
-        if self.known.is_confirmed(value):
+        if any(abs(value - other) <= ALIKE * other for other in self.confirmed):
             return ""
         try:
             found = coarse_poles(self.family.board(value))
@@ -260,7 +239,7 @@ class _Way:
             return f"{where} a pole is on the imaginary axis to within rounding"
         counted = found.unstable_count
         if counted == wound or (not found.complete and bool(counted) == bool(wound)):
-            self.known.confirmed.append(value)
+            self.confirmed.append(value)
             return ""
         return f"{where} {counted} poles are unstable and the winding number is {wound}"
 
