@@ -16,7 +16,7 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import Floats, Indices, Ints
+from taction.system.array_types import EPS, Floats, Indices, Ints
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
@@ -137,6 +137,10 @@ class SteppedRun:
             float(devices.u_scale[~inner].max(initial=0.0)),
         )
         unit = max(amplitude, FLOOR * largest) or 1.0
+        # Every mode has a part of the largest voltage: its rounding must not move an amplifier.
+        finest = tolerance * float(devices.v_scale[~inner].min(initial=np.inf))
+        if finest < EPS * largest:
+            modes = None
         return cls(
             equations, modes, reported, state, start, slopes, tolerance * unit, unit, stop * FIRST,
             ESCAPED * (largest or 1.0), stop,

@@ -148,6 +148,7 @@ def test_any_bounded_strain_ends_or_diverges_without_overflow(scale: float, R: f
     circuit = board(T, scale * eps, model, exponential=True, bias=True, C=1e-10, R=R, Ve=0.026)
     record = simulate(circuit, Transient(1e-4, 1e-6))
     assert np.all(np.isfinite(record.values))
+    assert record.cost.points < 1000  # not shortened by rounding that the growing modes share
     assert (record.time[-1] < 1e-4) == ("diverges" in " ".join(record.flags))
     if record.time[-1] < 1e-4:
         with pytest.raises(DivergesError, match="diverges") as found:
