@@ -139,8 +139,8 @@ class SteppedRun:
         unit = max(amplitude, FLOOR * largest) or 1.0
         # Every mode has a part of the largest voltage: its rounding must not move an amplifier.
         finest = tolerance * float(devices.v_scale[~inner].min(initial=np.inf))
-        if finest < EPS * largest:
-            modes = None
+        if finest < EPS * largest and isinstance(equations, StateBoard):
+            equations, modes = StateBoard(board.open_loop, reported.others, slopes), None
         return cls(
             equations, modes, reported, state, start, slopes, tolerance * unit, unit, stop * FIRST,
             ESCAPED * (largest or 1.0), stop,
