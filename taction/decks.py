@@ -64,7 +64,7 @@ def check(
     strain : path, optional
         Strain eps of this problem, .csv or .npy.
     lam : float
-        Weight lambda of its regulariser |u|^2; 0 for least squares.
+        Weight lambda of its regulariser, the sum of u^2; 0 for least squares.
     unit : str
         Voltage of u = 1; negative where the outputs are inverted.
     accept : str
