@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -22,6 +23,27 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Bools, Floats
+
+
+class Numbered(ABC):
+    """The numbers of channels and sensors of a board while it is built, from 1."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def present(self) -> Bools:
+        """Where T has an entry, (M, N)."""
+
+    @property
+    def channels(self) -> range:
+        """The channels."""
+        return range(1, self.present.shape[1] + 1)
+
+    @property
+    def sensors(self) -> list[int]:
+        """The sensors whose rows of T have an entry."""
+        return (1 + np.flatnonzero(self.present.any(axis=1))).tolist()
 
 
 def matrix_resistors(matrix: Floats, scene: Scene) -> tuple[Floats, Bools]:

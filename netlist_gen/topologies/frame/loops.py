@@ -30,6 +30,7 @@ from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import (
+    Numbered,
     left_out_of_the_matrix,
     pruned,
     pruning_omission,
@@ -40,7 +41,7 @@ from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.netlist_gen.topologies.frame.signs import WAYS, Array, Way
 from taction.netlist_gen.topologies.frame.topology import Topology
 from taction.spice_models.opamp import OpAmp
-from taction.system.array_types import Floats
+from taction.system.array_types import Bools, Floats
 from taction.system.errors import Complaint, InputError
 
 SAME_LOAD = 1e-12  # relative difference of two loads that need no resistor
@@ -55,7 +56,7 @@ class Inputs:
 
 
 @dataclass(slots=True)
-class LoopBoard:
+class LoopBoard(Numbered):
     """A board of one loop while it is built."""
 
     scene: Scene
@@ -67,14 +68,9 @@ class LoopBoard:
     stages: list[Inputs] = field(default_factory=list)
 
     @property
-    def channels(self) -> range:
-        """The channels, from 1."""
-        return range(1, self.T.shape[1] + 1)
-
-    @property
-    def sensors(self) -> list[int]:
-        """The sensors whose rows of T have an entry, from 1."""
-        return (1 + np.flatnonzero(self.T.any(axis=1))).tolist()
+    def present(self) -> Bools:
+        """Where T has an entry, (M, N)."""
+        return np.asarray(self.T != 0.0)
 
     def inputs(self, first: str, other: str, entries: Floats) -> Inputs:
         """Return the inputs of an op-amp for its `entries` of T: the other one may be ground."""

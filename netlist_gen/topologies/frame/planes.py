@@ -27,6 +27,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.antilog import AntilogStage
 from taction.netlist_gen.topologies.frame.entries import (
+    Numbered,
     left_out_of_the_matrix,
     matrix_resistors,
     place_strain,
@@ -41,7 +42,7 @@ from taction.system.array_types import Bools, Floats
 
 
 @dataclass(slots=True)
-class PlanesBoard:
+class PlanesBoard(Numbered):
     """A board of two planes while it is built."""
 
     scene: Scene
@@ -57,16 +58,6 @@ class PlanesBoard:
     def present(self) -> Bools:
         """Where T has an entry, (M, N)."""
         return np.isfinite(self.ohms)
-
-    @property
-    def channels(self) -> range:
-        """The channels, from 1."""
-        return range(1, self.ohms.shape[1] + 1)
-
-    @property
-    def sensors(self) -> list[int]:
-        """The sensors whose rows of T have an entry, from 1."""
-        return (1 + np.flatnonzero(self.present.any(axis=1))).tolist()
 
 
 class Planes(Topology):
