@@ -105,11 +105,10 @@ def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
     """
     topology = topology_of(scene)
     facts = topology.facts(scene)
-    found = [
-        _control(scene, knob.key, facts[knob.name].symbol, knob.key.rpartition(".")[2], AROUND)
-        for knob in topology.knobs(scene)
-        if knob.margin
-    ]
+    found = []
+    for knob in (knob for knob in topology.knobs(scene) if knob.margin):
+        name = knob.key.rpartition(".")[2].replace("_", " ")
+        found.append(_control(scene, knob.key, facts[knob.name].symbol, name, AROUND))
     if facts["lambda"].value > 0.0:
         found.append(_control(scene, LAMBDA, "λ", "regularisation", AROUND_LAMBDA))
     strain = float(np.mean(problem.strain**2)) or 1.0

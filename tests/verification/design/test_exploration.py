@@ -223,6 +223,20 @@ def test_a_verdict_is_that_of_verify(start: Start) -> None:
         assert (column.min(), column.max()) == (whole.min(), whole.max())
 
 
+def test_a_closed_loop_board_has_its_own_slider_and_its_whole_margin() -> None:
+    """The stable values of gf and the margin of the verdict are two searches with one edge."""
+    scene = load_scene(SCENES / "least-squares.toml")
+    start = Start.of(scene)
+    assert start.controls[0].name == "feedback conductance"
+    view = view_rest(start.scene, start.problem)
+    stable = view_boundary(view, view_poles(view), "gf", 2e-5, 1.8e-2).stable_ranges
+    found = judge(start.scene, "statespace", 500)
+    margin = found.record.value("margin")
+    assert margin == pytest.approx(start.controls[0].own / stable[-1][0], rel=1e-6)
+    assert margin is not None
+    assert margin > scene.checks.stability.margin
+
+
 def test_a_verdict_that_cannot_be_had_says_why() -> None:
     data = {**ONE, "problem": {"kind": "matrix", "matrix": "none.csv", "strain": "none.csv"}}
     found = judge(parse_scene(data, "none.toml"), "statespace", 100)
