@@ -21,7 +21,7 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import (
@@ -45,6 +45,7 @@ from taction.verification.engines.statespace.transients.stepped import (
     halved,
     simulate_together,
 )
+from taction.verification.verdict.deck_read_back import unlike
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
 
@@ -304,22 +305,24 @@ def _ngspice(design: PlannedBoard) -> Callable[[], Waveforms]:
     simulator = find_simulator()
     bound = PHYSICAL_BOUND * circuit.value("U0")
 
-    def run(solver: str) -> Run:
+    def run(solver: str) -> tuple[Run, Deck]:
         deck = write_deck(circuit, analysis, solver=solver)
-        return start(deck, simulator, timeout=timeout, bound=bound)
+        return start(deck, simulator, timeout=timeout, bound=bound), deck
 
-    first = run(simulator.solver_option)
+    first, deck = run(simulator.solver_option)
 
     def wait() -> Waveforms:
+        other_board = unlike(circuit, deck.text)  # while ngspice runs
         try:
-            return first.result()
+            return replace(first.result(), other_board=other_board)
         except StepTooSmall as error:
             if simulator.solver_option == SPARSE or not _at_the_start(error, analysis):
                 raise
             if error.folder is not None:  # the second run replaces this reproducer
                 shutil.rmtree(error.folder, ignore_errors=True)
-        waveforms = run(SPARSE).result()
-        return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
+        waveforms = run(SPARSE)[0].result()
+        flags = (*waveforms.flags, SECOND_SOLVER)
+        return replace(waveforms, flags=flags, other_board=other_board)
 
     return wait
 

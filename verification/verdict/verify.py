@@ -353,7 +353,9 @@ def _evidence(begun: _Begun, known: Measurements | None) -> tuple[Evidence, Reco
         margin=margin,
         reference_error=ideal.error,
         reference_problem=ideal.problem,
-        contradiction=find_contradiction(design.circuit, ideal, recording.first_and_last[0]),
+        contradiction=find_contradiction(
+            design.circuit, ideal, recording.first_and_last[0], recording.ends.other_board
+        ),
         parts=parts,
         noise=noise,
         spread=spread,

@@ -96,7 +96,9 @@ ROUNDED = 1e-9  # relative difference of two formulas for one number; rounding i
 START = 0.1  # of the step amplitude: rounded resistors move the rest of a board by less
 
 
-def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> str:
+def find_contradiction(
+    circuit: Circuit, ideal: IdealAnswer, start: Floats, other_board: str = ""
+) -> str:
     """Return a sentence about the first contradiction; empty if there is none.
 
     The starts are compared only if the reference can be trusted, and if its error is smaller than
@@ -110,7 +112,11 @@ def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> s
         The reference with its own numbers.
     start : ndarray (N,)
         Outputs at the first instant of the record, V.
+    other_board : str
+        How the deck of the record, read back, differs from the board.
     """
+    if other_board:
+        return f"the deck does not say what the circuit says: {other_board}"
     network = ideal.network
     wanted_facts = {"lambda": network.lam, "U0": network.U0, "Ve": network.Ve}
     for name, wanted in wanted_facts.items():
