@@ -62,8 +62,8 @@ def unlike(circuit: Circuit, text: str) -> str:
     >>> deck = taction.netlist("scenes/custom-matrix.toml")
     >>> unlike(deck.circuit, deck.text)
     ''
-    >>> unlike(deck.circuit, deck.text.replace("Cc_1 v_1 x_1 1e-11", "Cc_1 v_1 x_1 1.01e-11"))
-    'Cc_1 is v_1 x_1 1.01e-11 in the deck, v_1 x_1 1e-11 in the circuit'
+    >>> unlike(deck.circuit, deck.text.replace("Cc_1 v_1 x_1 1e-10", "Cc_1 v_1 x_1 1.01e-10"))
+    'Cc_1 is v_1 x_1 1.01e-10 in the deck, v_1 x_1 1e-10 in the circuit'
     """
     board, cells, models = _split(text)
     said = dict(_read(board))
