@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import subprocess
 import tomllib
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -51,17 +55,70 @@ def test_the_workflow_runs_what_anybody_can_run() -> None:
     assert (params["junit"], params["markdown"]) == ("report.xml", "summary.md")
 
 
-def test_ci_run_compares_the_scenes_after_the_tests() -> None:
-    lines = [line.strip() for line in (ROOT / ".ci" / "run").read_text().splitlines()]
-    assert lines.index("step regress") > lines.index("tests")
-    others = ("simulators", "pythons", "browser", "install", "kicad")
-    steps = {" ".join(line.split()[:2]) for line in lines if line.startswith("step ")}
-    assert {f"step test-{name}" for name in others} <= steps
+MAKE = """#!/bin/sh
+echo "make $1" | tee -a "$SEEN"
+[ "$1" != "$RED" ]
+"""
+
+
+@pytest.fixture
+def ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, str, list[str]]]:
+    """`.ci/run` with a `make` that only notes its target, and ends with 1 for `red`."""
+    for name, text in {
+        ".ci/run": (ROOT / ".ci" / "run").read_text("utf-8"),
+        "scripts/bare.sh": 'make demo && make test; exit "$BARE"\n',
+        "bin/make": MAKE,
+        ".venv/bin/python": '#!/bin/sh\necho "$@"\n',
+    }.items():
+        file = tmp_path / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, "utf-8")
+        file.chmod(0o755)
+    seen = tmp_path / "seen"
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
+    monkeypatch.setenv("SEEN", str(seen))
+
+    def run(*, red: str = "", bare: int = 0) -> tuple[int, str, list[str]]:
+        seen.unlink(missing_ok=True)
+        more = {**os.environ, "RED": red, "BARE": str(bare)}
+        words = ["bash", str(tmp_path / ".ci" / "run")]
+        done = subprocess.run(words, env=more, capture_output=True, text=True, timeout=60)
+        assert done.stderr == ""
+        return done.returncode, done.stdout, sorted(seen.read_text("utf-8").split("\n"))
+
+    return run
+
+
+def test_ci_runs_every_step_once_and_one_that_is_red_ends_it_red(
+    ci: Callable[..., tuple[int, str, list[str]]],
+) -> None:
+    status, text, made = ci()
+    assert status == 0
+    assert text.endswith("scripts/nightly.py --stale\n")
+    names = {line.removeprefix("make ") for line in made if line}
+    assert len(made) == len(names) + 1
+    others = {f"test-{name}" for name in ("simulators", "pythons", "processors", "kicad")}
+    others |= {"test-browser", "test-install", "regress", "stress", "reproduce", "docs", "lint"}
+    assert names == others | {"ready", "demo", "test"}
     makefile = (ROOT / "Makefile").read_text("utf-8")
     assert "taction regress scenes/ --baseline scenes/baseline.json" in makefile
-    targets = set(re.findall(r"^([a-z-]+):.*## ", makefile, re.MULTILINE))
-    assert {words[1] for words in nightly.STEPS.values()} <= targets
-    assert not any(line.startswith(("step nightly", "make nightly")) for line in lines)
+    targets = set(re.findall(r"^([a-z-]+):.*## |^(ready):", makefile, re.MULTILINE))
+    targets = {name for pair in targets for name in pair}
+    assert names | {words[1] for words in nightly.STEPS.values()} <= targets
+    assert all(f"== make {name}: " in text for name in others)
+    for red in ("ready", "docs", "regress"):
+        status, _, again = ci(red=red)
+        assert (status, again) == (1, made)
+    assert ci(bare=1)[0] == 1
+
+
+def test_without_a_bare_system_ci_tests_outside_and_is_red(
+    ci: Callable[..., tuple[int, str, list[str]]],
+) -> None:
+    status, text, made = ci(bare=3)
+    assert status == 1
+    assert "no bare system" in text
+    assert made.count("make test") == 2  # the first is that of the bare system
 
 
 def test_a_step_of_the_night_is_stale_until_it_is_green_with_these_sources() -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib import metadata
 
 import pytest
 
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
-from tests.support.running import taction as command
+from tests.support.running import python
 
 pytest_plugins = ["pytester"]
 
@@ -18,10 +19,16 @@ HEAVY = ("numpy", "scipy", "pydantic", "PySpice", "rich", "netlist_gen", "verifi
 
 
 @pytest.fixture
-def session(pytester: pytest.Pytester) -> pytest.Pytester:
-    """A folder with a pytest session that has our plugin and no cache."""
+def session(pytester: pytest.Pytester) -> Iterator[pytest.Pytester]:
+    """A folder with a pytest session that has our plugin and no cache.
+
+    At its end pytest forgets the modules that this process has imported meanwhile. Of ours, a test
+    that needs one later would import a second copy, whose classes are not those of the first.
+    """
     pytester.makeini("[pytest]\naddopts = -p no:cacheprovider -p no:xdist\n")
-    return pytester
+    before = set(sys.modules)
+    yield pytester
+    assert not [name for name in set(sys.modules) - before if name.startswith("taction")]
 
 
 def run(session: pytest.Pytester, *words: str) -> pytest.RunResult:
@@ -95,7 +102,7 @@ def test_what_could_not_be_decided_is_no_pass(
 def test_collected_scenes_are_compared_with_a_baseline(session: pytest.Pytester) -> None:
     scene = write_fast(session.path / "a.scene.toml")
     words = ["regress", str(session.path), "--baseline", str(session.path / "b.json"), "--update"]
-    assert command(*words).exit_code == 0
+    assert python("-m", "taction", *words).returncode == 0
     option = "--taction-baseline=b.json"
     run(session, option).assert_outcomes(passed=1)
     write_fast(scene, capacitance="10.5pF")
