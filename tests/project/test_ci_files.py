@@ -61,8 +61,11 @@ echo "make $1" | tee -a "$SEEN"
 """
 
 
+Run = Callable[..., tuple[int, str, list[str]]]  # exit status, stdout, what `make` was asked for
+
+
 @pytest.fixture
-def ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, str, list[str]]]:
+def ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """`.ci/run` with a `make` that only notes its target, and ends with 1 for `red`."""
     for name, text in {
         ".ci/run": (ROOT / ".ci" / "run").read_text("utf-8"),
@@ -89,9 +92,7 @@ def ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[i
     return run
 
 
-def test_ci_runs_every_step_once_and_one_that_is_red_ends_it_red(
-    ci: Callable[..., tuple[int, str, list[str]]],
-) -> None:
+def test_ci_runs_every_step_once_and_one_that_is_red_ends_it_red(ci: Run) -> None:
     status, text, made = ci()
     assert status == 0
     assert text.endswith("scripts/nightly.py --stale\n")
@@ -112,9 +113,7 @@ def test_ci_runs_every_step_once_and_one_that_is_red_ends_it_red(
     assert ci(bare=1)[0] == 1
 
 
-def test_without_a_bare_system_ci_tests_outside_and_is_red(
-    ci: Callable[..., tuple[int, str, list[str]]],
-) -> None:
+def test_without_a_bare_system_ci_tests_outside_and_is_red(ci: Run) -> None:
     status, text, made = ci(bare=3)
     assert status == 1
     assert "no bare system" in text
