@@ -574,7 +574,7 @@ def stress(
 
 
 def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -> Reproduction:
-    """Test every claim of the paper.
+    """Test every claim of the paper, and four about boards of one loop.
 
     Parameters
     ----------

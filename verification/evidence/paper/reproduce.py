@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from taction.system.errors import NoVerdictError
 from taction.system.results import Result
 from taction.verification.evidence.paper.breadboard import breadboard
+from taction.verification.evidence.paper.closed_loops import closed_loops
 from taction.verification.evidence.paper.conditioning import conditioning
 from taction.verification.evidence.paper.console import console
 from taction.verification.evidence.paper.energy import energy
@@ -54,6 +55,7 @@ CHAPTERS: dict[str, PaperTask] = {
     "conditioning": PaperTask("Ill-posedness", conditioning, 25.0, 1.5),
     "kernels": PaperTask("Kernel and load as printed", kernels, 0.1, 0.1),
     "equations": PaperTask("The network's equations as printed", equations, 0.1, 0.1),
+    "closed-loops": PaperTask("Boards of one loop, after the paper", closed_loops, 1.3, 1.0),
 }
 
 

@@ -12,7 +12,7 @@ from taction.verification.evidence.paper.findings import ClaimOutcome, load_clai
 from taction.verification.evidence.paper.reproduce import CHAPTERS
 from taction.verification.evidence.paper.tactile import Geometry
 
-WITH_NGSPICE = ("breadboard", "console", "hardware")
+WITH_NGSPICE = ("breadboard", "console", "hardware", "closed-loops")
 SHORTENED = [name for name, task in CHAPTERS.items() if 2.0 * task.quick_seconds < task.seconds]
 BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
 
