@@ -197,10 +197,11 @@ def _most(figure: str, found: Spread) -> float:
     return math.copysign(size, found.mean or 1.0)
 
 
-def drawn(opamp: OpAmp, deviations: Mapping[str, float]) -> OpAmp:
+def drawn(opamp: OpAmp, deviations: Mapping[str, float], name: str = "") -> OpAmp:
     """Return one op-amp of the type, its errors `deviations` standard deviations from the mean.
 
-    An error without a deviation has its mean. The op-amp that is returned does not vary any more.
+    An error without a deviation has its mean. The op-amp that is returned does not vary any more;
+    it has the `name`, by default that of the type.
 
     Examples
     --------
@@ -211,15 +212,16 @@ def drawn(opamp: OpAmp, deviations: Mapping[str, float]) -> OpAmp:
     (0.0, True)
     """
     values: dict[str, Any] = {}
-    for name, each in opamp.varying:
-        figure = CHANGES.get(name, name)
-        before = values.get(figure, getattr(opamp, figure)) if name in CHANGES else 0.0
-        values[figure] = before + each.mean + each.sigma * deviations.get(name, 0.0)
-    error = values.pop("common_mode_rejection", None)
-    if error is not None:
-        values["rejection_sign"] = math.copysign(1.0, error)
-        values["common_mode_rejection"] = -20.0 * math.log10(abs(error)) if error else math.inf
-    return replace(opamp, varying=(), input_errors=opamp.input_errors or bool(values), **values)
+    for error, each in opamp.varying:
+        figure = CHANGES.get(error, error)
+        before = values.get(figure, getattr(opamp, figure)) if error in CHANGES else 0.0
+        values[figure] = before + each.mean + each.sigma * deviations.get(error, 0.0)
+    gain = values.pop("common_mode_rejection", None)
+    if gain is not None:
+        values["rejection_sign"] = math.copysign(1.0, gain)
+        values["common_mode_rejection"] = -20.0 * math.log10(abs(gain)) if gain else math.inf
+    values["input_errors"] = opamp.input_errors or bool(values)
+    return replace(opamp, name=name or opamp.name, varying=(), **values)
 
 
 def not_known(models: Collection[OpAmp]) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,17 +18,20 @@ _E24 = (
 )
 
 
+@lru_cache
 def mantissas(series: str) -> Floats:
-    """Return the values of one decade, from 1 to below 10.
+    """Return the values of one decade, from 1 to below 10; read-only.
 
     E6 and E12 hold every fourth and every second value of E24. E192 holds 9.20 as the standard has
     it; ``10^(185/192)`` rounds to 9.19.
     """
     count = int(series[1:])
     if count <= len(_E24):
-        return np.array(_E24[:: len(_E24) // count])
-    values = np.round(10.0 ** (np.arange(count) / count), 2)
-    values[np.isclose(values, 9.19)] = 9.20
+        values = np.array(_E24[:: len(_E24) // count])
+    else:
+        values = np.round(10.0 ** (np.arange(count) / count), 2)
+        values[np.isclose(values, 9.19)] = 9.20
+    values.flags.writeable = False
     return values
 
 
@@ -51,8 +55,12 @@ def nearest(values: Floats, series: str) -> Floats:
     return np.where(finite, value, values)
 
 
+@lru_cache(maxsize=4096)
 def preferred(ohms: float, series: str) -> float:
-    """Return the value of a series that is nearest to `ohms`; see `nearest`."""
+    """Return the value of a series that is nearest to `ohms`; see `nearest`.
+
+    The boards of a study have most of their resistors in common.
+    """
     return ohms if series == "exact" else float(nearest(np.array([ohms]), series)[0])
 
 

@@ -158,7 +158,7 @@ def with_input_errors_at(circuit: Circuit, deviations: Mapping[str, float]) -> C
         errors = {
             figure: deviations.get(f"{cell.name}.{figure}", 0.0) for figure, _ in model.varying
         }
-        return replace(drawn(model, errors), name=f"{model.name}_{cell.name}")
+        return drawn(model, errors, name=f"{model.name}_{cell.name}")
 
     return _with_own_models(circuit, own)
 

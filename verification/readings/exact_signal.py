@@ -203,7 +203,11 @@ class _Terms:
             grown = times[:, None] * self.scales[board] / k
             basis *= np.where(self.powers[board] >= k, grown, 1.0)
         parts = (self.share[order + each, board, :, channel] for each in range(2))
-        return tuple((basis * part).real.sum(axis=1) for part in parts)
+        terms = [(basis * part).real.T for part in parts]
+        if not len(terms[0]):
+            return np.zeros(len(times)), np.zeros(len(times))
+        # Mode after mode, so that a board has the same digits beside others as alone.
+        return tuple(np.add.accumulate(each, axis=0)[-1] for each in terms)
 
 
 class ExactGrid:

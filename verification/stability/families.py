@@ -16,11 +16,12 @@ from taction.netlist_gen.board.circuit import Capacitor, Circuit, Knob
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.system.errors import EngineError, InputError
+from taction.system.errors import EngineError, InputError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edges, Scan
-from taction.verification.stability.loci import LawResponse, PortResponse, trace_loci
+from taction.verification.stability.loci import LociSearch, trace_loci, trace_together
 from taction.verification.stability.poles import Poles, count_unstable, poles
+from taction.verification.stability.port_response import LawResponse, PortResponse
 from taction.verification.stability.scan import TOLERANCE, scan
 
 PER_DECADE = 20  # values of the first grid of a scan
@@ -109,13 +110,10 @@ class Family:
         -----
         Costs the loci, or a scan: the poles of `PER_DECADE` boards per decade, and more.
         """
-        if self.ports is not None:
-            own = poles(self.ports.board) if found is None else found
-            known = own.complete or own.stable  # else the poles are too few to be counted
-            count = own.unstable_count if known else count_unstable(self.ports.board)
-            return self._confirmed(self._loci(self.ports, low, high, count), count)
-        points = 2 + math.ceil(PER_DECADE * math.log10(high / low))
-        return self.scan(np.geomspace(low, high, points).tolist())
+        (edges,) = edges_together([EdgeSearch(self, low, high, found)])
+        if isinstance(edges, TactionError):
+            raise edges
+        return edges
 
     def scan(
         self,
@@ -137,19 +135,32 @@ class Family:
         """Count the unstable poles at a value by a winding number, without poles."""
         return edges.unstable_at(value) if self.ports else count_unstable(self.board(value))
 
-    def _loci(self, ports: PortResponse, low: float, high: float, unstable: int) -> Edges:
-        own, power = self.own, self.power if ports.proportional else -self.power
+    def shares(self, low: float, high: float) -> tuple[float, float]:
+        """Return the shares of the parts of `ports` between two values, the smaller one first."""
+        first, last = sorted((self._share(low), self._share(high)))
+        return first, last
+
+    @property
+    def _power(self) -> float:
+        """Of the number, to which what stands in the matrices is proportional."""
+        return self.power if self.ports is None or self.ports.proportional else -self.power
+
+    def _share(self, value: float) -> float:
+        power = self._power
         if power == 1.0:
-            found = trace_loci(ports, low / own, high / own, unstable)
+            return value / self.own
+        return self.own / value if power == -1.0 else (value / self.own) ** power
+
+    def at_values(self, found: Edges) -> Edges:
+        """Return edges over the share of the parts of `ports` as edges over the number."""
+        own, power = self.own, self._power
+        if power == 1.0:
             return found.mapped(lambda share: own * share)
         if power == -1.0:
-            found = trace_loci(ports, own / high, own / low, unstable)
             return found.mapped(lambda share: own / share)
-        first, last = sorted((value / own) ** power for value in (low, high))
-        found = trace_loci(ports, first, last, unstable)
         return found.mapped(lambda share: own * share ** (1.0 / power))
 
-    def _confirmed(self, found: Edges, unstable: int) -> Edges:
+    def confirmed(self, found: Edges, unstable: int) -> Edges:
         """Return the edges without those at which no real pole crosses; `unstable` is of `own`.
 
         A pole that stays at zero, such as that of a loop of coils, hides a locus there. An edge
@@ -188,12 +199,58 @@ class Family:
         if self.ports is None:
             return []
         try:
-            found = self._loci(self.ports, low, high, 0)
+            found = self.at_values(trace_loci(self.ports, *self.shares(low, high)))
         except EngineError:
             return []
         places = [*(edge.value for edge in found.edges), *found.near]
         sides = (1.0 - BESIDE, 1.0, 1.0 + BESIDE)
         return [v for each in places for side in sides if low < (v := each * side) < high]
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeSearch:
+    """A search for every edge of a family from `low` to `high`; `found`: poles at `own`."""
+
+    family: Family
+    low: float
+    high: float
+    found: Poles | None = None
+
+
+def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]:
+    """Return the edges of each search, or why there are none; see `Family.edges`.
+
+    The loci of all boards are followed together.
+    """
+    found: dict[int, Edges | TactionError] = {}
+    traced: dict[int, LociSearch] = {}
+    for place, one in enumerate(searches):
+        family = one.family
+        try:
+            if family.ports is None:
+                points = 2 + math.ceil(PER_DECADE * math.log10(one.high / one.low))
+                found[place] = family.scan(np.geomspace(one.low, one.high, points).tolist())
+                continue
+            own = poles(family.ports.board) if one.found is None else one.found
+            known = own.complete or own.stable  # else the poles are too few to be counted
+            count = own.unstable_count if known else count_unstable(family.ports.board)
+            shares = family.shares(one.low, one.high)
+            traced[place] = LociSearch(family.ports, *shares, count)
+        except TactionError as error:
+            found[place] = error
+    for (place, traces), edges in zip(
+        traced.items(), trace_together(list(traced.values())), strict=True
+    ):
+        family = searches[place].family
+        try:
+            found[place] = (
+                edges
+                if isinstance(edges, EngineError)
+                else family.confirmed(family.at_values(edges), traces.unstable)
+            )
+        except TactionError as error:
+            found[place] = error
+    return [found[place] for place in range(len(searches))]
 
 
 def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:

@@ -17,20 +17,17 @@ crosses the real axis once.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Capacitor, Resistor
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.state_space import driven
 from taction.verification.stability.edges import Edges
+from taction.verification.stability.port_response import PortResponse
 
-WELL_CONDITIONED = 1e-8  # largest defect of the modes that are used for the response
 SPACING = 0.5  # of the first frequencies: times the distance to the nearest pole
 TINY = 1e-9  # relative distance of a pole from the axis below which steps get no shorter
 BOTTOM, TOP = 1e-2, 10.0  # of the frequencies: times the slowest and the fastest pole
@@ -59,227 +56,25 @@ class _States:
     undecided: Bools  # need shorter steps
 
 
-@dataclass(frozen=True, eq=False)
-class PortResponse:
-    """Admittance of some parts times the impedance at their terminals.
+@dataclass(frozen=True, slots=True, eq=False)
+class LociSearch:
+    """A search for every share from `low` (above 0) to `high` with a pole on the imaginary axis.
 
-    Attributes
-    ----------
-    board : LinearBoard
-        The board with the parts.
-    parts : tuple of Capacitor, or of Resistor
-        K parts of one kind.
+    The board of `ports` itself, with the share 1, has none, and `unstable` poles right of it; its
+    linearisation does not depend on the shares.
     """
 
-    board: LinearBoard
-    parts: tuple[Capacitor | Resistor, ...]
-
-    @property
-    def reactive(self) -> bool:
-        """Whether the parts are capacitors."""
-        return isinstance(self.parts[0], Capacitor)
-
-    @property
-    def proportional(self) -> bool:
-        """Whether the matrices grow with the value: not with a resistance."""
-        return self.reactive
-
-    @property
-    def poles(self) -> Complexes:
-        """Poles of the board; of a large board those of its coarse board; 1/s."""
-        board = self.board.coarse if self.board.descriptor.is_large else self.board
-        return board.state_space.modes.poles
-
-    def at(self, omega: Floats) -> Complexes:
-        """Return the matrices at angular frequencies (P,), 1/s; shape (P, K, K)."""
-        large = self.board.descriptor.is_large
-        modal = not large and self._modes_suffice
-        impedance = self._from_modes(omega) if modal else self._from_solves(omega)
-        weighted = self._roots[:, None] * impedance * self._roots
-        return 1j * omega[:, None, None] * weighted if self.reactive else weighted
-
-    @cached_property
-    def _modes_suffice(self) -> bool:
-        modes = self.board.state_space.modes
-        return bool(modes.alone.all()) and modes.defect < WELL_CONDITIONED
-
-    @cached_property
-    def _roots(self) -> Floats | Complexes:
-        """Square roots of the capacitances or conductances, (K,); imaginary of negative ones."""
-        values = [p.farads if isinstance(p, Capacitor) else 1.0 / p.ohms for p in self.parts]
-        roots = np.emath.sqrt(np.array(values))
-        return np.asarray(roots)
-
-    @cached_property
-    def _columns(self) -> Floats:
-        """Voltage of each part as a combination of the unknowns, shape (size, K)."""
-        columns = np.zeros((self.board.descriptor.size, len(self.parts)))
-        for k, part in enumerate(self.parts):
-            for node, sign in ((part.a, 1.0), (part.b, -1.0)):
-                if node != GROUND:
-                    columns[self.board.descriptor.place(node), k] = sign
-        return columns
-
-    @cached_property
-    def _rows(self) -> Floats:
-        """Currents of each part into the rows that take them up."""
-        descriptor = self.board.descriptor
-        rows = np.zeros((descriptor.size + 1, len(self.parts)))
-        np.add.at(rows, descriptor.balance_rows[:-1], self._columns)
-        return rows[:-1]
-
-    def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
-        """Return ``left d(K - s M) right`` for a relative change of the value, to first order."""
-        weights = self._roots**2 * (-s if self.reactive else 1.0)
-        return complex((left @ self._rows * weights) @ (self._columns.T @ right))
-
-    @cached_property
-    def _modal(self) -> tuple[Complexes, Floats, Floats]:
-        """Poles (m,), one of each pair; their shares, real and imaginary; and the direct part."""
-        B, C, D = self._driven
-        modes, columns = self.board.state_space.modes, self._columns.T
-        upper = np.flatnonzero(modes.poles.imag >= 0.0)
-        right, left = columns @ C @ modes.right[:, upper], modes.left[upper] @ B
-        shares = (right.T[:, :, None] * left[:, None, :]).reshape(len(upper), -1)
-        shares[modes.poles[upper].imag == 0.0] *= 0.5
-        return modes.poles[upper], np.concatenate([shares.real, -shares.imag]), columns @ D
-
-    @cached_property
-    def _driven(self) -> tuple[Floats, Floats, Floats]:
-        """Currents into the states, all unknowns as combinations of these, and the direct part."""
-        return _driven_by(self.board, self._rows)
-
-    def _from_modes(self, omega: Floats) -> Complexes:
-        poles, shares, direct = self._modal
-        own, other = (1.0 / (1j * omega[:, None] - p) for p in (poles, poles.conj()))
-        # ``R / (s - p) + R* / (s - p*)`` of a pair in real matrices.
-        gain = np.concatenate([own + other, -1j * (own - other)], axis=1)
-        found = gain.real @ shares + 1j * (gain.imag @ shares)
-        return np.asarray(found.reshape(-1, *direct.shape) + direct)
-
-    def _from_solves(self, omega: Floats) -> Complexes:
-        structure, rows = self.board.structure, self._rows.astype(np.complex128)
-        solved = [structure.factor(1j * each).solve(rows) for each in omega.tolist()]
-        return np.asarray(self._columns.T @ np.stack(solved))
-
-
-@dataclass(frozen=True, eq=False)
-class LawResponse(PortResponse):
-    """The same for one part that stands in the matrices as ``value u v^T``: a gain, or a coil.
-
-    `knob` is its name; `parts` is empty.
-    """
-
-    knob: str = ""
-
-    @classmethod
-    def of(cls, board: LinearBoard, knob: str) -> LawResponse | None:
-        """Return the response of a knob; None if its change of the matrices has not the rank 1."""
-        response = cls(board, (), knob)
-        u = response._change[1]
-        return response if len(u) else None
-
-    @property
-    def reactive(self) -> bool:
-        """Whether the value stands in M."""
-        return self._change[0]
-
-    @property
-    def proportional(self) -> bool:
-        """Whether the matrices grow with the value."""
-        return True
-
-    @cached_property
-    def _change(self) -> tuple[bool, Floats, Floats]:
-        circuit, own = self.board.circuit, self.board.descriptor.dense
-        moved = LinearBoard(circuit.turned(self.knob, 2.0 * circuit.value(self.knob)))
-        there = moved.descriptor.dense
-        in_mass = not np.array_equal(there.mass, own.mass)
-        change = there.mass - own.mass if in_mass else own.stiffness - there.stiffness
-        i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
-        if change[i, j] == 0.0:
-            return in_mass, np.zeros(0), np.zeros(0)
-        u, v = change[:, j], change[i] / change[i, j]
-        if not np.allclose(np.outer(u, v), change, rtol=1e-12, atol=0.0):
-            return in_mass, np.zeros(0), np.zeros(0)
-        return in_mass, u, v
-
-    def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
-        """Return ``left d(K - s M) right`` for a relative change of the value."""
-        reactive, u, v = self._change
-        return complex((left @ u) * (v @ right) * (-s if reactive else -1.0))
-
-    @cached_property
-    def _modes_suffice(self) -> bool:
-        """Not so where a capacitor is at the output of the source: its current is a derivative."""
-        try:
-            return bool(self._driven) and super()._modes_suffice
-        except EngineError:
-            return False
-
-    @cached_property
-    def _roots(self) -> Floats | Complexes:
-        return np.ones(1)
-
-    @cached_property
-    def _columns(self) -> Floats:
-        return self._change[2][:, None]
-
-    @cached_property
-    def _rows(self) -> Floats:
-        return self._change[1][:, None]
-
-    def _from_solves(self, omega: Floats) -> Complexes:
-        _, u, v = self._change
-        dense = self.board.descriptor.dense
-        X = 1j * omega[:, None, None] * dense.mass - dense.stiffness
-        scale = np.abs(X).max(axis=2, keepdims=True)
-        scale[scale == 0.0] = 1.0
-        try:
-            solved = np.linalg.solve(X / scale, u[:, None] / scale)
-        except np.linalg.LinAlgError:
-            raise EngineError("a pole of the board is on the imaginary axis") from None
-        return np.asarray((v @ solved)[:, None, :])
-
-
-def share_modes(responses: Iterable[PortResponse]) -> None:
-    """Eliminate the unknowns without charge once for all R and C of one linear board.
-
-    Each part would do it by itself, at many times the cost of one more column.
-    """
-    every = [each for each in responses if each.parts]
-    if not every or every[0].board.descriptor.is_large:
-        return
-    board = every[0].board
-    rows = [each._rows for each in every]
-    B, C, D = _driven_by(board, np.concatenate(rows, axis=1))
-    first = 0
-    for each, own in zip(every, rows, strict=True):
-        taken = slice(first, first + own.shape[1])
-        each.__dict__["_driven"] = B[:, taken], C, D[:, taken]
-        first += own.shape[1]
-
-
-def _driven_by(board: LinearBoard, rows: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return B, C and D for inputs into rows, (size, k).
-
-    Raises
-    ------
-    EngineError
-        The time derivative of an input would be needed: a capacitor at the output of a source. (Of
-        the first two inputs it does not count, as these are steps; so two without effect go first.)
-    """
-    steps = np.zeros((len(rows), 2))
-    space = driven(board.descriptor, board.operating_point, np.hstack([steps, rows]))
-    return space.B[:, 2:], space.C, space.D[:, 2:]
+    ports: PortResponse
+    low: float
+    high: float = 1.0
+    unstable: int = 0
 
 
 def trace_loci(ports: PortResponse, low: float, high: float = 1.0, unstable: int = 0) -> Edges:
-    """Find every share from `low` (above 0) to `high` at which the board has a pole on the axis.
+    """Find every share at which the board has a pole on the axis; see `LociSearch`.
 
-    The board of `ports` itself, with the share 1, has none, and `unstable` poles right of it; its
-    linearisation does not depend on the shares. At the shares `Edges.near` a locus comes close to
-    the axis without crossing: their poles must tell.
+    At the shares `Edges.near` a locus comes close to the axis without crossing: their poles must
+    tell.
 
     Raises
     ------
@@ -291,9 +86,31 @@ def trace_loci(ports: PortResponse, low: float, high: float = 1.0, unstable: int
     Costs one dense eigenproblem, of the size of the number of parts, at some 100 frequencies (seven
     channels: 5 ms); for a large board, one structured factorisation at each of them.
     """
-    trace = _Trace(ports, math.log(low), math.log(high))
-    trace.run(_frequencies(ports.poles.tobytes(), low, high))
-    return Edges.counted((low, high), trace.crossings, trace.nearest(), (1.0, unstable))
+    (found,) = trace_together([LociSearch(ports, low, high, unstable)])
+    if isinstance(found, EngineError):
+        raise found
+    return found
+
+
+def trace_together(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
+    """Return the edges of each search, or why there are none, as `trace_loci` finds them.
+
+    Boards with equally many loci are followed together: an operation on an array in the place of
+    one for each board, with the digits of each alone.
+    """
+    found: dict[int, Edges | EngineError] = {}
+    grids: dict[int, dict[int, Floats]] = {}
+    for place, one in enumerate(searches):
+        try:
+            omega = _frequencies(one.ports.poles.tobytes(), one.low, one.high)
+            grids.setdefault(one.ports.count, {})[place] = omega
+        except EngineError as error:
+            found[place] = error
+    for group in grids.values():
+        trace = _Trace([searches[place] for place in group])
+        trace.run(list(group.values()))
+        found |= zip(group, trace.results(), strict=True)
+    return [found[place] for place in range(len(searches))]
 
 
 @lru_cache(maxsize=4)
@@ -313,54 +130,83 @@ def _frequencies(content: bytes, low: float, high: float) -> Floats:
     return np.array(omega)
 
 
-@dataclass(slots=True)
 class _Trace:
-    """The loci over angular frequency: logarithms of the shares, so that widths are relative."""
+    """The loci of boards over angular frequency: logarithms of the shares, so widths are relative.
 
-    ports: PortResponse
-    low: float  # logarithms of the ends of the interval
-    high: float
-    crossings: list[Crossing] = field(default_factory=list)
-    near: list[complex] = field(default_factory=list)  # logarithms of shares
+    A board whose response has no value is in `failed`; its loci are then all alike.
+    """
 
-    def loci(self, omega: Floats) -> Complexes:
-        """Return the logarithms of the shares at frequencies (P,), shape (P, K)."""
-        response = self.ports.at(omega)
-        if not np.all(np.isfinite(response)):
-            raise EngineError("a pole of the board is on the imaginary axis")
+    def __init__(self, searches: Sequence[LociSearch]) -> None:
+        self.searches = searches
+        self.low = np.array([math.log(one.low) for one in searches])  # ends of the intervals
+        self.high = np.array([math.log(one.high) for one in searches])
+        self.crossings: list[list[Crossing]] = [[] for _ in searches]
+        self.near: list[list[complex]] = [[] for _ in searches]  # logarithms of shares
+        self.failed: dict[int, EngineError] = {}
+
+    def results(self) -> list[Edges | EngineError]:
+        """Return the edges of each board."""
+        return [
+            self.failed.get(k)
+            or Edges.counted(
+                (one.low, one.high), self.crossings[k], self.nearest(k), (1.0, one.unstable)
+            )
+            for k, one in enumerate(self.searches)
+        ]
+
+    def loci(self, omega: Floats, board: Ints) -> Complexes:
+        """Return the logarithms of the shares at frequencies (P,) of boards (P,), shape (P, K)."""
+        count = self.searches[0].ports.count
+        response: Complexes = np.empty((len(omega), count, count), dtype=np.complex128)
+        for k, some in _each(board):
+            try:
+                response[some] = self.searches[k].ports.at(omega[some])
+                if not np.all(np.isfinite(response[some])):
+                    raise EngineError("a pole of the board is on the imaginary axis")
+            except EngineError as error:
+                self.failed[k], response[some] = error, 0.0
         w = np.linalg.eigvals(response)
         shares = 1.0 - 1.0 / np.where(np.abs(w) < SMALLEST, SMALLEST, w)
         return np.log(np.where(np.abs(shares) < SMALLEST, SMALLEST, shares))
 
-    def run(self, omega: Floats) -> None:
-        """Follow all loci from the lowest to the highest frequency."""
-        z = self.loci(omega)
-        if not self.ports.reactive:
-            self._real_poles(z[0])
-            self._poles_at_infinity(z[-1], float(omega[-1]))
-        a, b, za, zb = omega[:-1], omega[1:], z[:-1], _follow(z[:-1], z[1:])
+    def run(self, grids: Sequence[Floats]) -> None:
+        """Follow all loci of each board from the lowest to the highest of its frequencies."""
+        omega, taken = np.concatenate(grids), np.array([len(grid) for grid in grids])
+        board = np.repeat(np.arange(len(grids)), taken)
+        z = self.loci(omega, board)
+        for k, some in _each(board):
+            if k not in self.failed and not self.searches[k].ports.reactive:
+                self._real_poles(k, z[some[0]])
+                self._poles_at_infinity(k, z[some[-1]], float(omega[some[-1]]))
+        inside = np.flatnonzero(board[:-1] == board[1:])
+        a, b, za, board = omega[inside], omega[inside + 1], z[inside], board[inside]
+        zb = _follow(za, z[inside + 1])
         chord = np.abs(zb - za)
-        kept = ~self._avoids(np.stack([za, zb]), chord, chord).all(axis=1)
-        steps, taken = (a[kept], b[kept], za[kept], zb[kept]), len(omega)
+        kept = ~self._avoids(np.stack([za, zb]), chord, chord, board).all(axis=1)
+        steps = a[kept], b[kept], za[kept], zb[kept], board[kept]
         while len(steps[0]):
-            a, b, za, zb = steps
-            m, taken = 0.5 * (a + b), taken + len(a)
-            zm = self.loci(m)
+            a, b, za, zb, board = steps
+            m = 0.5 * (a + b)
+            taken += np.bincount(board, minlength=len(taken))
+            zm = self.loci(m, board)
             z = np.stack([_follow(zm, za), zm, _follow(zm, zb)])
-            states = self._judge(z)
-            self._cross_all(a, b, z, states)
+            states = self._judge(z, board)
+            self._cross_all(a, b, z, board, states)
             again = states.undecided.any(axis=1)
-            again &= (b - a > NARROW * b) & (taken <= LARGEST)
+            again &= (b - a > NARROW * b) & (taken <= LARGEST)[board]
             close = (states.near | states.undecided) & ~again[:, None]
-            self.near += z[:, close].ravel().tolist()
-            halves = ((a, m), (m, b), (z[0], zm), (zm, z[2]))
-            a, b, za, zb = (np.concatenate([x[again], y[again]]) for x, y in halves)
-            steps = a, b, za, zb
+            for k, some in _each(board):
+                self.near[k] += z[:, some][:, close[some]].ravel().tolist()
+            again &= ~np.isin(board, list(self.failed))
+            halves = ((a, m), (m, b), (z[0], zm), (zm, z[2]), (board, board))
+            a, b, za, zb, board = (np.concatenate([x[again], y[again]]) for x, y in halves)
+            steps = a, b, za, zb, board
 
-    def _judge(self, z: Complexes) -> _States:
-        """Judge the loci at the ends and in the middle of steps, (3, P, K)."""
+    def _judge(self, z: Complexes, board: Ints) -> _States:
+        """Judge the loci at the ends and in the middle of steps (P,) of boards, (3, P, K)."""
         bend = z[0] - 2.0 * z[1] + z[2]
-        avoids = self._avoids(z, np.abs(bend.real), np.maximum(np.abs(bend.imag), NEAR))
+        height = np.maximum(np.abs(bend.imag), NEAR)
+        avoids = self._avoids(z, np.abs(bend.real), height, board)
         height, one_side = np.abs(bend.imag), _one_side(z)
         first, last = (4.0 * z[1] - 3.0 * z[0] - z[2]).imag, (3.0 * z[2] + z[0] - 4.0 * z[1]).imag
         turns = first * last <= 0.0  # the slopes at the ends
@@ -368,23 +214,24 @@ class _Trace:
         crosses = ~avoids & ~one_side & (height < ONCE * np.abs(z[2].imag - z[0].imag))
         return _States(near, crosses, ~(avoids | near | crosses))
 
-    def _avoids(self, z: Complexes, width: Floats, height: Floats) -> Bools:
+    def _avoids(self, z: Complexes, width: Floats, height: Floats, board: Ints) -> Bools:
         """Tell which loci, (J, P, K) at points of steps, avoid the interval by their bends."""
-        above = z.real.min(axis=0) > self.high + width
-        below = z.real.max(axis=0) < self.low - width
+        above = z.real.min(axis=0) > self.high[board, None] + width
+        below = z.real.max(axis=0) < self.low[board, None] - width
         away = _one_side(z) & (np.abs(z.imag).min(axis=0) > height)
         return np.asarray(above | below | away)
 
-    def nearest(self) -> tuple[float, ...]:
-        """Return the shares where the loci come near the axis, the nearest of each cluster."""
+    def nearest(self, k: int) -> tuple[float, ...]:
+        """Return the shares where loci of a board come near the axis, the nearest of a cluster."""
         kept: list[complex] = []
-        for z in sorted(self.near, key=lambda z: abs(z.imag)):
+        for z in sorted(self.near[k], key=lambda z: abs(z.imag)):
             if all(abs(z.real - other.real) > CLUSTER for other in kept):
                 kept.append(z)
-        inside = [min(max(z.real, self.low), self.high) for z in kept]
+        low, high = float(self.low[k]), float(self.high[k])
+        inside = [min(max(z.real, low), high) for z in kept]
         return tuple(sorted(map(math.exp, inside), reverse=True))
 
-    def _cross_all(self, a: Floats, b: Floats, z: Complexes, states: _States) -> None:
+    def _cross_all(self, a: Floats, b: Floats, z: Complexes, board: Ints, states: _States) -> None:
         """Find the crossings of the steps in which every locus is decided.
 
         What seems to cross may also be two loci that were taken for one: such a step is undecided.
@@ -393,16 +240,16 @@ class _Trace:
         step, locus = np.nonzero(states.crosses & complete[:, None])
         if not step.size:
             return
-        found, frequency, known = self._cross(a[step], b[step], z[:, step], locus)
+        found, frequency, known = self._cross(a[step], b[step], z[:, step], locus, board[step])
         states.undecided[step[~known], locus[~known]] = True
         q = np.arange(len(step))
         falls = z[2, step, locus].imag < z[0, step, locus].imag
         for i in q[~states.undecided[step].any(axis=1)].tolist():
             share, change = math.exp(found[i].real), -2 if falls[i] else 2
-            self._keep([(share, float(frequency[i]) / (2.0 * math.pi), change)])
+            self._keep(board[step[i]], share, float(frequency[i]) / (2.0 * math.pi), change)
 
     def _cross(
-        self, a: Floats, b: Floats, z: Complexes, k: Ints
+        self, a: Floats, b: Floats, z: Complexes, k: Ints, board: Ints
     ) -> tuple[Complexes, Floats, Bools]:
         """Find where loci k (Q,) cross the real axis between two frequencies (Illinois method).
 
@@ -417,7 +264,9 @@ class _Trace:
         for _ in range(ITERATIONS):
             t = ((m - start) / (end - start))[active, None]
             expected = z[0, active] + t * rise[active] - 2.0 * t * (1.0 - t) * bend[active]
-            here = _follow(expected, self.loci(m[active]))[np.arange(len(active)), k[active]]
+            here = _follow(expected, self.loci(m[active], board[active]))[
+                np.arange(len(active)), k[active]
+            ]
             found[active] = here
             above, y = (here.imag > 0.0) == (high[active] > 0.0), here.imag
             up, down = active[above], active[~above]
@@ -433,36 +282,45 @@ class _Trace:
             m[active] = following[active]
         return found, m, np.abs(found.imag) <= ON_AXIS * height
 
-    def _real_poles(self, ahead: Complexes) -> None:
+    def _real_poles(self, k: int, ahead: Complexes) -> None:
         """Find the shares with a pole at zero; `ahead` are the loci at the lowest frequency."""
-        for share in self._shares(0.0):
+        for share in self._shares(k, 0.0):
             following = ahead[np.argmin(np.abs(ahead - math.log(share)))]
-            self._keep([(share, 0.0, -1 if following.imag < 0.0 else 1)])
+            self._keep(k, share, 0.0, -1 if following.imag < 0.0 else 1)
 
-    def _poles_at_infinity(self, behind: Complexes, omega: float) -> None:
+    def _poles_at_infinity(self, k: int, behind: Complexes, omega: float) -> None:
         """Find the shares at which a real pole passes from one side to the other through infinity.
 
         `behind` are the loci at the highest frequency `omega`.
         """
-        for share in self._shares(FAR * omega):
+        for share in self._shares(k, FAR * omega):
             before = behind[np.argmin(np.abs(behind - math.log(share)))]
-            self._keep([(share, 0.0, 1 if before.imag < 0.0 else -1)])
+            self._keep(k, share, 0.0, 1 if before.imag < 0.0 else -1)
 
-    def _shares(self, omega: float) -> list[float]:
+    def _shares(self, k: int, omega: float) -> list[float]:
         """Return the shares of the real loci at a frequency, where the response is real."""
-        response = self.ports.at(np.full(1, omega))[0].real
-        if not np.all(np.isfinite(response)):
-            raise EngineError("a pole of the board is on the imaginary axis")
+        try:
+            response = self.searches[k].ports.at(np.full(1, omega))[0].real
+            if not np.all(np.isfinite(response)):
+                raise EngineError("a pole of the board is on the imaginary axis")
+        except EngineError as error:
+            self.failed[k] = error
+            return []
         w = np.linalg.eigvals(response)
         real = (w.imag == 0.0) & ((w.real > 1.0) | (w.real < -SMALLEST))
         found: list[float] = (1.0 - 1.0 / w[real].real).tolist()
         return found
 
-    def _keep(self, found: Iterable[Crossing | None]) -> None:
-        """Keep the crossings in the interval."""
-        for each in found:
-            if each is not None and self.low <= math.log(each[0]) <= self.high:
-                self.crossings.append(each)
+    def _keep(self, k: int, share: float, frequency: float, change: int) -> None:
+        """Keep a crossing of a board that lies in the interval."""
+        if self.low[k] <= math.log(share) <= self.high[k]:
+            self.crossings[k].append((share, frequency, change))
+
+
+def _each(board: Ints) -> Iterator[tuple[int, Ints]]:
+    """Yield the boards of a list, and where each stands in it."""
+    for k in np.unique(board).tolist():
+        yield k, np.flatnonzero(board == k)
 
 
 def _one_side(z: Complexes) -> Bools:
@@ -484,13 +342,31 @@ def _follow(z: Complexes, others: Complexes) -> Complexes:
     """Sort the loci `others` (P, K) as `z`: the closest two belong together, and so on."""
     apart = others[:, None, :] - z[:, :, None]
     apart.imag -= 2.0 * math.pi * np.round(apart.imag / (2.0 * math.pi))
-    distance, count = np.abs(apart), z.shape[1]
+    distance = np.abs(apart)
     nearest = distance.argmin(axis=2)
-    doubtful = np.flatnonzero((np.sort(nearest, axis=1) != np.arange(count)).any(axis=1))
-    for step in doubtful.tolist():  # two loci have the same nearest one
-        left = distance[step]
-        for _ in range(count):
-            i, j = divmod(int(left.argmin()), count)
-            nearest[step, i] = j
-            left[i], left[:, j] = np.inf, np.inf
+    taken = np.zeros(nearest.shape, dtype=np.bool_)
+    np.put_along_axis(taken, nearest, True, axis=1)
+    doubtful = np.flatnonzero(~taken.all(axis=1))  # two loci have the same nearest one
+    if doubtful.size:
+        nearest[doubtful] = _paired(distance[doubtful])
     return np.asarray(z + np.take_along_axis(apart, nearest[:, :, None], axis=2)[:, :, 0])
+
+
+def _paired(distance: Floats) -> Ints:
+    """Return the column of each row of matrices (P, K, K): the smallest element first, and so on.
+
+    Elements that are the smallest of their row and of their column are taken all at once.
+    """
+    count, left = len(distance[0]), distance.copy()
+    column = np.zeros((len(distance), count), dtype=np.int64)
+    free = np.ones((len(distance), count), dtype=np.bool_)
+    for _ in range(count):
+        here, own = left.argmin(axis=2), left.argmin(axis=1)
+        mutual = free & (np.take_along_axis(own, here, axis=1) == np.arange(count))
+        step, row = np.nonzero(mutual)
+        column[step, row] = here[step, row]
+        left[step, row], left[step, :, column[step, row]] = np.inf, np.inf
+        free &= ~mutual
+        if not free.any():
+            break
+    return column

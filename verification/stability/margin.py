@@ -6,15 +6,20 @@ sides confirm it, and a winding number that needs no poles.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
-from taction.system.errors import EngineError
+from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.families import Family, all_but_a_knob
+from taction.verification.stability.families import (
+    EdgeSearch,
+    Family,
+    all_but_a_knob,
+    edges_together,
+)
 from taction.verification.stability.poles import Poles, coarse_poles, poles
 
 REACH = 100.0  # the largest factor
@@ -79,11 +84,11 @@ def stability_margin(
     families: Families | None = None,
 ) -> Margin:
     """Return the margin that a scene limits: of the first knob with a margin; see `find_margin`."""
-    board = LinearBoard.of(circuit)
-    name = first_knob(board.circuit)
-    if not name:
-        return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
-    return find_margin(board, name, reach, found, families)
+    search = MarginSearch.limited(LinearBoard.of(circuit), reach, found)
+    (margin,) = margins_together([search], families)
+    if isinstance(margin, TactionError):
+        raise margin
+    return margin
 
 
 def first_knob(circuit: Circuit) -> str:
@@ -154,13 +159,69 @@ def find_margin(
     -----
     Costs the edges (`Family.edges`), and the poles of one or two boards.
     """
-    board = LinearBoard.of(circuit)
-    own = poles(board) if found is None else found
+    search = MarginSearch(LinearBoard.of(circuit), name, reach, found)
+    (margin,) = margins_together([search], families)
+    if isinstance(margin, TactionError):
+        raise margin
+    return margin
+
+
+@dataclass(frozen=True, slots=True)
+class MarginSearch:
+    """What `find_margin` gets."""
+
+    board: LinearBoard
+    name: str
+    reach: float = REACH
+    found: Poles | None = None
+
+    @classmethod
+    def limited(
+        cls, board: LinearBoard, reach: float = REACH, found: Poles | None = None
+    ) -> MarginSearch:
+        """Return the search for the margin that a scene limits: of the first knob with one."""
+        return cls(board, first_knob(board.circuit), reach, found)
+
+
+def margins_together(
+    searches: Sequence[MarginSearch], families: Families | None = None
+) -> list[Margin | TactionError]:
+    """Return the margin of each search, or why there is none; see `find_margin`.
+
+    The edges of all boards are found together, with the digits of each alone.
+    """
+    found: dict[int, Margin | TactionError] = {}
+    ways: dict[int, tuple[_Way, EdgeSearch]] = {}
+    for place, one in enumerate(searches):
+        try:
+            begun = _begun(one, families)
+            if isinstance(begun, Margin):
+                found[place] = begun
+            else:
+                ways[place] = begun
+        except TactionError as error:
+            found[place] = error
+    every = edges_together([search for _, search in ways.values()])
+    for (place, (way, _)), edges in zip(ways.items(), every, strict=True):
+        try:
+            found[place] = way.margin(edges)
+        except TactionError as error:
+            found[place] = error
+    return [found[place] for place in range(len(searches))]
+
+
+def _begun(search: MarginSearch, families: Families | None) -> Margin | tuple[_Way, EdgeSearch]:
+    """Return the way of the knob of a stable board; the margin of any other board."""
+    board, name = search.board, search.name
+    if not name:
+        return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
+    own = poles(board) if search.found is None else search.found
     if own.known_stable:
         knob = board.circuit.knob(name)
         unit = board.circuit.facts[name].unit
         confirmed = [] if families is None else families.confirmed(board.circuit, knob)
-        return _Way(Family.of(board, knob), knob, unit, reach, confirmed).margin(own)
+        way = _Way(Family.of(board, knob), knob, unit, search.reach, confirmed)
+        return way, EdgeSearch(way.family, *way.ends, own)
     if own.certain:
         return Margin(0.0, 0.0, "the board is unstable")
     text = "the board itself may be stable or unstable"
@@ -190,14 +251,18 @@ class _Way:
         """Return the factor of a value of the knob."""
         return value / self.family.own if self.upwards else self.family.own / value
 
-    def margin(self, own: Poles) -> Margin:
-        """Find the first edge and confirm it, or that there is none, by the poles beside it."""
-        end = self.reach * (1.0 + 2.0 * CLOSE)  # an edge at `reach` is found with certainty
-        low, high = sorted((self.family.own, self.value(end)))
-        try:
-            edges = self.family.edges(low, high, own)
-        except EngineError as error:
-            return Margin(1.0, 0.0, "no margin is known", str(error))
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Between which values the edge lies: one at `reach` is found with certainty."""
+        end = self.value(self.reach * (1.0 + 2.0 * CLOSE))
+        return min(self.family.own, end), max(self.family.own, end)
+
+    def margin(self, edges: Edges | TactionError) -> Margin:
+        """Confirm the first edge, or that there is none, by the poles beside it."""
+        if isinstance(edges, EngineError):
+            return Margin(1.0, 0.0, "no margin is known", str(edges))
+        if isinstance(edges, TactionError):
+            raise edges
         factors = [self.factor(edge.value) for edge in edges.edges]
         factor = min(factors, default=self.reach)
         near = sorted(self.factor(value) for value in edges.near)

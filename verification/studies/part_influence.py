@@ -18,9 +18,9 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 from taction.verification.stability.families import Family
-from taction.verification.stability.loci import share_modes
 from taction.verification.stability.margin import REACH, Margin, find_margin
 from taction.verification.stability.poles import Poles
+from taction.verification.stability.port_response import share_modes
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
 BESIDE, ITERATIONS = 1e-10, 3  # of the inverse iteration: relative distance from the pole

@@ -9,6 +9,7 @@ board that would rest beyond a limit stays as it is: no level of the model mends
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from taction.netlist_gen.analysis import Transient
@@ -16,13 +17,14 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import TactionError
 from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network, resolve_lambda
 from taction.verification.stability.poles import poles_behind
-from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
+from taction.verification.verdict.headroom import NOT_LIMITED, LoadRequest, PartLoads
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import ENGINES, choose_engine
 from taction.verification.verdict.transient_plan import plan_transient
@@ -40,16 +42,28 @@ def at_level(
     transient : Transient
         Its record, from which the loads of a board without exact solution are read.
     """
+    if not _has_loads(scene, board, stable=stable):
+        return _leveled(scene, board, NOT_LIMITED), NOT_LIMITED
+    loads = PartLoads.of(board, initial=transient.initial, transient=transient)
+    return _leveled(scene, board, loads), loads
+
+
+def _has_loads(scene: Scene, board: LinearBoard, *, stable: bool) -> bool:
+    """Whether the level of a board follows from the loads of its small-signal board."""
+    level = scene.design.opamp.level
+    given = level == "large-signal" and has_large_signal(board)
+    return stable and not given and board.circuit.is_small_signal
+
+
+def _leveled(scene: Scene, board: LinearBoard, loads: PartLoads) -> LinearBoard:
+    """Return a small-signal board at its level."""
     level = scene.design.opamp.level
     if level == "large-signal" and has_large_signal(board):
-        return LinearBoard(large_signal(board.circuit)), NOT_LIMITED
-    if not stable or not board.circuit.is_small_signal:
-        return board, NOT_LIMITED
-    loads = PartLoads.of(board, initial=transient.initial, transient=transient)
+        return LinearBoard(large_signal(board.circuit))
     above = {load.quantity for load in loads.loads if load.is_above}
     if level == "auto" and above and not loads.impossible and has_large_signal(board):
-        return LinearBoard(large_signal(board.circuit, current="current" in above)), loads
-    return board, loads
+        return LinearBoard(large_signal(board.circuit, current="current" in above))
+    return board
 
 
 def large_signal(circuit: Circuit, *, current: bool = True) -> Circuit:
@@ -88,18 +102,56 @@ def design_board(
     InputError, NoVerdictError
         As `taction.verification.verdict.verify.verify`.
     """
+    (design,) = at_their_levels(
+        [small_signal_board(scene, clock, problem=problem, circuit=circuit)]
+    )
+    if isinstance(design, TactionError):
+        raise design
+    return design
+
+
+def small_signal_board(
+    scene: Scene,
+    clock: Clock,
+    *,
+    problem: InverseProblem | None = None,
+    circuit: Circuit | LinearBoard | None = None,
+) -> PlannedBoard:
+    """Synthesise the board of `scene` and plan its transient, whatever its op-amps have to do.
+
+    See `design_board`; `at_their_levels` is the second half of it.
+    """
     clock.begin("synthesis")
     scene = resolve_lambda(scene)
     problem = make_problem(scene) if problem is None else problem
     board = LinearBoard.of(synthesise(scene, problem) if circuit is None else circuit)
     network = ideal_network(problem, scene)
     clock.begin("poles")
-    design = _designed(scene, problem, board, network)
-    stable = design.poles.known_stable
-    leveled, small = at_level(scene, board, design.transient, stable=stable)
-    if leveled is not board:
-        design = _designed(scene, problem, leveled, network)
-    return replace(design, small=small)
+    return _designed(scene, problem, board, network)
+
+
+def at_their_levels(designs: Sequence[PlannedBoard]) -> list[PlannedBoard | TactionError]:
+    """Return small-signal boards at their levels, or why a board cannot be planned again.
+
+    The loads of all boards are found together.
+    """
+    loaded = {
+        place: LoadRequest(design.board, design.transient.initial, design.transient)
+        for place, design in enumerate(designs)
+        if _has_loads(design.scene, design.board, stable=design.poles.known_stable)
+    }
+    loads = dict(zip(loaded, PartLoads.together(list(loaded.values())), strict=True))
+    found = list[PlannedBoard | TactionError]()
+    for place, design in enumerate(designs):
+        small = loads.get(place, NOT_LIMITED)
+        try:
+            leveled = _leveled(design.scene, design.board, small)
+            if leveled is not design.board:
+                design = _designed(design.scene, design.problem, leveled, design.network)
+            found.append(replace(design, small=small))
+        except TactionError as error:
+            found.append(error)
+    return found
 
 
 def _designed(

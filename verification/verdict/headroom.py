@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ TOLERANCE = 1e-3  # of the steps of a board without exact solution, in step ampl
 INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
 
+T = TypeVar("T")
 Quantity = Literal["voltage", "slope", "current"]
 UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A"}
 
@@ -113,13 +114,50 @@ def headroom(
     >>> worst.part, worst.quantity
     ('z_1', 'slope')
     """
-    rows = tuple(_rows(board.circuit))
-    if not rows:
-        return ()
-    if transient is not None and (not board.circuit.is_linear or board.descriptor.is_large):
-        loads = _sampled(_Loads.of(board, rows), transient)
-    else:
-        loads = _exact(_Loads.of(board, rows), initial)
+    (found,) = _loads_together([LoadRequest(board, initial, transient)])
+    if isinstance(found, EngineError):
+        raise found
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadRequest:
+    """What `headroom` gets."""
+
+    board: LinearBoard
+    initial: Initial = "zero"
+    transient: Transient | None = None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the loads are read from an exact solution."""
+        circuit, large = self.board.circuit, self.board.descriptor.is_large
+        return self.transient is None or (circuit.is_linear and not large)
+
+
+def _loads_together(requests: Sequence[LoadRequest]) -> list[tuple[Load, ...] | EngineError]:
+    """Return the loads of each board, or why they are not known; see `headroom`.
+
+    The loads of boards with exact solutions are searched together, with the digits of each alone.
+    """
+    found: list[tuple[Load, ...] | EngineError] = [()] * len(requests)
+    exact: dict[int, tuple[_Loads, Exact]] = {}
+    for place, request in enumerate(requests):
+        try:
+            if rows := tuple(_rows(request.board.circuit)):
+                loads = _Loads.of(request.board, rows)
+                if request.is_exact:
+                    exact[place] = loads, loads.solution(request.initial)
+                elif request.transient is not None:
+                    found[place] = _sorted(_sampled(loads, request.transient))
+        except EngineError as error:
+            found[place] = error
+    for place, each in zip(exact, _exact(list(exact.values())), strict=True):
+        found[place] = _sorted(each)
+    return found
+
+
+def _sorted(loads: Iterable[Load]) -> tuple[Load, ...]:
     return tuple(sorted(loads, key=lambda load: (-load.share, load.part, load.quantity)))
 
 
@@ -198,17 +236,47 @@ class _Loads:
             yield Load(row.part, row.quantity, *numbers)
 
 
-def _exact(loads: _Loads, initial: Initial) -> Iterator[Load]:
-    """Yield the loads of a board with an exact solution."""
-    solution = loads.solution(initial)
-    kept = _not_excluded(loads, _course(loads, solution))
-    loads = _Loads.of(loads.board, tuple(loads.rows[k] for k in kept.tolist()))
-    course = _course(loads, solution.part(kept))
-    signal = ExactSignal(course)
-    (high, above), (low, below) = (signal.highest(sign) for sign in (1.0, -1.0))
-    sizes, time = np.abs(signal.grid.errors), np.append(signal.grid.time, math.inf)
-    place = np.append(sizes, np.abs(signal.ends)[None], axis=0).argmax(axis=0)
-    yield from loads.loads(np.maximum(high, low), time[place], np.where(high > low, above, below))
+def _exact(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
+    """Return the loads of boards with exact solutions."""
+    kept: list[Ints] = _by_rows(
+        [len(loads.rows) for loads, _ in boards],
+        lambda places: _not_excluded([(boards[k][0], _course(*boards[k])) for k in places]),
+    )
+    parts = [
+        (_Loads.of(loads.board, tuple(loads.rows[k] for k in rows.tolist())), solution.part(rows))
+        for (loads, solution), rows in zip(boards, kept, strict=True)
+    ]
+    return _by_rows(
+        [len(loads.rows) for loads, _ in parts],
+        lambda places: _peaks([parts[k] for k in places]),
+    )
+
+
+def _by_rows(counts: list[int], function: Callable[[list[int]], Sequence[T]]) -> list[T]:
+    """Return what a function gives for the places of equally many rows, in the order of `counts`.
+
+    A grid holds boards with equally many channels.
+    """
+    found: dict[int, T] = {}
+    for count in dict.fromkeys(counts):
+        places = [place for place, own in enumerate(counts) if own == count]
+        found |= zip(places, function(places), strict=True)
+    return [found[place] for place in range(len(counts))]
+
+
+def _peaks(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
+    """Return the loads of boards with equally many rows."""
+    signal, found = ExactSignal(*(_course(*each) for each in boards)), list[tuple[Load, ...]]()
+    (high, above), (low, below) = (
+        [part.reshape(len(boards), -1) for part in signal.highest(sign)] for sign in (1.0, -1.0)
+    )
+    ends = np.abs(signal.ends).reshape(len(boards), -1)
+    for k, some in signal.grid.each(signal.grid.board):
+        sizes, time = np.abs(signal.grid.errors[some]), np.append(signal.grid.time[some], math.inf)
+        place = np.append(sizes, ends[k, None], axis=0).argmax(axis=0)
+        errors = np.where(high[k] > low[k], above[k], below[k])
+        found.append(tuple(boards[k][0].loads(np.maximum(high[k], low[k]), time[place], errors)))
+    return found
 
 
 def _course(loads: _Loads, solution: Exact) -> Course:
@@ -217,15 +285,22 @@ def _course(loads: _Loads, solution: Exact) -> Course:
     return Course(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL)
 
 
-def _not_excluded(loads: _Loads, course: Course) -> Ints:
-    """Return the places of the rows that no upper bound excludes (see `headroom`)."""
-    grid = ExactGrid([course])
-    reached = np.maximum(np.abs(grid.errors).max(axis=0), np.abs(grid.ends))
-    bound, full = (x.max(axis=(0, 1)) for x in (grid.caps, grid.caps + grid.reach[:, None]))
-    kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
-    worst = np.zeros(len(UNITS))
-    np.maximum.at(worst, kinds, reached)
-    return np.flatnonzero((bound >= worst[kinds]) | (full > FULL))
+def _not_excluded(boards: Sequence[tuple[_Loads, Course]]) -> list[Ints]:
+    """Return the places of the rows that no upper bound excludes (see `headroom`), of each board.
+
+    The boards have equally many rows.
+    """
+    grid, found = ExactGrid([course for _, course in boards]), list[Ints]()
+    for k, some in grid.each(grid.board):
+        loads, caps = boards[k][0], grid.caps[some]
+        end = np.abs(boards[k][1].ends)
+        reached = np.maximum(np.abs(grid.errors[some]).max(axis=0), end)
+        bound, full = (x.max(axis=(0, 1)) for x in (caps, caps + grid.reach[some][:, None]))
+        kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
+        worst = np.zeros(len(UNITS))
+        np.maximum.at(worst, kinds, reached)
+        found.append(np.flatnonzero((bound >= worst[kinds]) | (full > FULL)))
+    return found
 
 
 def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:
@@ -283,14 +358,28 @@ class PartLoads:
         cls, board: LinearBoard, *, initial: Initial = "zero", transient: Transient | None = None
     ) -> PartLoads:
         """Find the loads of a stable board; parameters as `headroom`."""
-        circuit = board.circuit
-        if not any(model.is_limited for model in circuit.models.values()):
-            return NOT_LIMITED
-        volts = circuit.value("U0") if circuit.is_linear else None
-        try:
-            return cls(headroom(board, initial=initial, transient=transient), "", volts)
-        except EngineError as error:
-            return cls((), f"the loads of the op-amps are not known: {error}", volts)
+        (found,) = cls.together([LoadRequest(board, initial, transient)])
+        return found
+
+    @classmethod
+    def together(cls, requests: Sequence[LoadRequest]) -> list[PartLoads]:
+        """Find the loads of stable boards, of each as `of` does."""
+        found = [NOT_LIMITED] * len(requests)
+        limited = {
+            place: request
+            for place, request in enumerate(requests)
+            if any(model.is_limited for model in request.board.circuit.models.values())
+        }
+        every = _loads_together(list(limited.values()))
+        for (place, request), loads in zip(limited.items(), every, strict=True):
+            circuit = request.board.circuit
+            volts = circuit.value("U0") if circuit.is_linear else None
+            if isinstance(loads, EngineError):
+                text = f"the loads of the op-amps are not known: {loads}"
+                found[place] = cls((), text, volts)
+            else:
+                found[place] = cls(loads, "", volts)
+        return found
 
     @property
     def worst(self) -> tuple[Load, ...]:

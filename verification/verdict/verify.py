@@ -18,6 +18,7 @@ from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.spice_models.input_errors import MOST, not_known
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
+from taction.system.errors import TactionError
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import sizes
 from taction.system.reading_definitions import EXCURSIONS
@@ -32,13 +33,24 @@ from taction.verification.reference.ideal_answer import (
     energy_rise,
     ideal_answer,
 )
-from taction.verification.stability.margin import REACH, Families, Margin, stability_margin
+from taction.verification.stability.margin import (
+    REACH,
+    Families,
+    Margin,
+    MarginSearch,
+    margins_together,
+    stability_margin,
+)
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import Agreement, StepError, exact_response
 from taction.verification.verdict.constraint_stage import ConstraintPlane, constraint_plane
-from taction.verification.verdict.design import design_board
+from taction.verification.verdict.design import (
+    at_their_levels,
+    design_board,
+    small_signal_board,
+)
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads
 from taction.verification.verdict.input_spread import InputSpread
@@ -245,7 +257,9 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
     for place, request in enumerate(requests):
         clock = Clock(lambda stage: None)
         with suppress(Exception):
-            design = _design(request, clock)
+            design = small_signal_board(
+                request.scene, clock, problem=request.problem, circuit=request.circuit
+            )
             if ENGINES[design.engine].together is None or design.board.descriptor.is_large:
                 continue
             clock.pause()
@@ -267,7 +281,16 @@ class _Planned:
 
 
 def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, Verdict]]:
-    """Yield the verdicts of planned boards: first those that are not exact."""
+    """Yield the verdicts of small-signal boards: first those that are not exact at their level."""
+    try:
+        designs = at_their_levels([one.design for one in planned.values()])
+    except Exception:  # each alone says why
+        return
+    planned = {
+        place: replace(one, design=design)
+        for (place, one), design in zip(planned.items(), designs, strict=True)
+        if isinstance(design, PlannedBoard)
+    }
     exact = {place: one for place, one in planned.items() if is_exact(one.design.board)}
     others = {place: one for place, one in planned.items() if place not in exact}
     for engine in {one.design.engine for one in others.values()}:
@@ -278,10 +301,9 @@ def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, V
                 with suppress(Exception):
                     yield place, _verdict(_begin(one.request, one.clock, one.design, pending))
     begun: dict[int, tuple[_Begun, ExactResponse]] = {}
-    families = Families()
     for place, one in exact.items():
         with suppress(Exception):
-            begins = replace(_begin(one.request, one.clock, one.design), families=families)
+            begins = _begin(one.request, one.clock, one.design)
             response = exact_response(one.design, begins.ideal)
             if response is None or not response.is_stable:
                 yield place, _verdict(begins)
@@ -295,10 +317,15 @@ def _measured_together(
     begun: Mapping[int, tuple[_Begun, ExactResponse]],
 ) -> Iterator[tuple[int, Verdict]]:
     """Yield the verdicts of boards with exact solutions."""
+    every = {place: _margin_search(one.design, one.effort) for place, (one, _) in begun.items()}
+    sought = {place: search for place, search in every.items() if search is not None}
+    margins = dict(zip(sought, margins_together(list(sought.values()), Families()), strict=True))
     measured = measure_responses([response for _, response in begun.values()])
     for (place, (one, _)), readings in zip(begun.items(), measured, strict=True):
-        with suppress(Exception):
-            yield place, _verdict(one, readings)
+        margin = margins.get(place)
+        if not isinstance(margin, TactionError):
+            with suppress(Exception):
+                yield place, _verdict(replace(one, margin=margin), readings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -310,7 +337,7 @@ class _Begun:
     pending: Pending
     effort: Effort
     clock: Clock
-    families: Families | None = None
+    margin: Margin | None = None  # if it is known
 
 
 def _design(request: Request, clock: Clock) -> PlannedBoard:
@@ -336,7 +363,7 @@ def _evidence(begun: _Begun, known: Measurements | None) -> tuple[Evidence, Reco
     """Wait for the simulation and measure its record, or take the measurements that are known."""
     design, ideal = begun.design, begun.ideal
     steady = SteadyState.of(design.board, design.scales)
-    margin = _margin(design, begun.effort, begun.families)
+    margin = begun.margin or _margin(design, begun.effort)
     parts, noise = design.loads(), OutputNoise.of(design)
     spread = _spread(design) if design.poles.known_stable else None
     recording = record_and_measure(design, ideal, begun.pending, begun.clock, known)
@@ -373,15 +400,18 @@ def _spread(design: PlannedBoard) -> InputSpread | None:
     return InputSpread.of(design.board, wanted.temperature_coefficient * kelvin / MOST)
 
 
-def _margin(
-    design: PlannedBoard, effort: Effort, families: Families | None = None
-) -> Margin | None:
+def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
     """Return the stability margin, if the scene asks for one."""
-    required = design.scene.checks.stability.margin
-    if required <= 1.0:
+    search = _margin_search(design, effort)
+    if search is None:
         return None
+    return stability_margin(search.board, search.reach, search.found)
+
+
+def _margin_search(design: PlannedBoard, effort: Effort) -> MarginSearch | None:
+    required = design.scene.checks.stability.margin
     reach = max(required, REACH) if effort.full_margin else required
-    return stability_margin(design.board, reach, design.poles, families)
+    return MarginSearch.limited(design.board, reach, design.poles) if required > 1.0 else None
 
 
 def _judged(

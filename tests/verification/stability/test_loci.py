@@ -16,10 +16,11 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.stability import loci as module
+from taction.verification.stability import port_response as module
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.loci import PortResponse, _Trace, trace_loci
+from taction.verification.stability.loci import LociSearch, _Trace, trace_loci
 from taction.verification.stability.poles import count_unstable, poles
+from taction.verification.stability.port_response import PortResponse
 from tests.support.boards import lag_board, single_mode, window
 from tests.support.paths import SCENES
 
@@ -158,10 +159,12 @@ def test_a_share_of_zero_is_far_below_every_interval() -> None:
     """Where the parts alone carry the current, w is 1 and the share ``1 - 1/w`` is 0."""
 
     class AllCurrent:
+        count = 2
+
         def at(self, omega: np.ndarray) -> np.ndarray:
             return np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2))
 
-    trace = _Trace(AllCurrent(), math.log(1e-3), 0.0)  # type: ignore[arg-type]
-    loci = trace.loci(np.array([1.0, 2.0]))
+    trace = _Trace([LociSearch(AllCurrent(), 1e-3)])  # type: ignore[arg-type]
+    loci = trace.loci(np.array([1.0, 2.0]), np.zeros(2, dtype=np.int64))
     assert np.all(np.isfinite(loci))
     assert loci.real.max() < math.log(1e-9)

@@ -26,6 +26,7 @@ from taction.verification.stability.margin import (
     stable_values,
 )
 from taction.verification.stability.poles import poles
+from taction.verification.stability.port_response import PortResponse
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
@@ -144,7 +145,7 @@ def test_without_loci_no_margin_is_known(monkeypatch: pytest.MonkeyPatch) -> Non
     def refuse(*_: object) -> Edges:
         raise EngineError("no state-space form")
 
-    monkeypatch.setattr(module, "trace_loci", refuse)
+    monkeypatch.setattr(PortResponse, "at", refuse)
     assert stability_margin(board()).doubt == "no state-space form"
 
 

@@ -14,8 +14,8 @@ from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.families import Family
-from taction.verification.stability.loci import LawResponse
 from taction.verification.stability.poles import poles
+from taction.verification.stability.port_response import LawResponse
 from taction.verification.studies.board_check import BoardCheck, check_board
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.wanted_checks import wanted

@@ -1,0 +1,246 @@
+"""Admittance of some parts times the impedance at their terminals, over frequency.
+
+It is the W(s) of the characteristic loci (`loci`): that of equal parts, or of one part that stands
+in the matrices as a product of a column and a row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import GROUND, Capacitor, Resistor
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.state_space import driven
+
+WELL_CONDITIONED = 1e-8  # largest defect of the modes that are used for the response
+
+
+@dataclass(frozen=True, eq=False)
+class PortResponse:
+    """Admittance of some parts times the impedance at their terminals.
+
+    Attributes
+    ----------
+    board : LinearBoard
+        The board with the parts.
+    parts : tuple of Capacitor, or of Resistor
+        K parts of one kind.
+    """
+
+    board: LinearBoard
+    parts: tuple[Capacitor | Resistor, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of loci."""
+        return len(self.parts)
+
+    @property
+    def reactive(self) -> bool:
+        """Whether the parts are capacitors."""
+        return isinstance(self.parts[0], Capacitor)
+
+    @property
+    def proportional(self) -> bool:
+        """Whether the matrices grow with the value: not with a resistance."""
+        return self.reactive
+
+    @property
+    def poles(self) -> Complexes:
+        """Poles of the board; of a large board those of its coarse board; 1/s."""
+        board = self.board.coarse if self.board.descriptor.is_large else self.board
+        return board.state_space.modes.poles
+
+    def at(self, omega: Floats) -> Complexes:
+        """Return the matrices at angular frequencies (P,), 1/s; shape (P, K, K)."""
+        large = self.board.descriptor.is_large
+        modal = not large and self._modes_suffice
+        impedance = self._from_modes(omega) if modal else self._from_solves(omega)
+        weighted = self._roots[:, None] * impedance * self._roots
+        return 1j * omega[:, None, None] * weighted if self.reactive else weighted
+
+    @cached_property
+    def _modes_suffice(self) -> bool:
+        modes = self.board.state_space.modes
+        return bool(modes.alone.all()) and modes.defect < WELL_CONDITIONED
+
+    @cached_property
+    def _roots(self) -> Floats | Complexes:
+        """Square roots of the capacitances or conductances, (K,); imaginary of negative ones."""
+        values = [p.farads if isinstance(p, Capacitor) else 1.0 / p.ohms for p in self.parts]
+        roots = np.emath.sqrt(np.array(values))
+        return np.asarray(roots)
+
+    @cached_property
+    def _columns(self) -> Floats:
+        """Voltage of each part as a combination of the unknowns, shape (size, K)."""
+        columns = np.zeros((self.board.descriptor.size, len(self.parts)))
+        for k, part in enumerate(self.parts):
+            for node, sign in ((part.a, 1.0), (part.b, -1.0)):
+                if node != GROUND:
+                    columns[self.board.descriptor.place(node), k] = sign
+        return columns
+
+    @cached_property
+    def _rows(self) -> Floats:
+        """Currents of each part into the rows that take them up."""
+        descriptor = self.board.descriptor
+        rows = np.zeros((descriptor.size + 1, len(self.parts)))
+        np.add.at(rows, descriptor.balance_rows[:-1], self._columns)
+        return rows[:-1]
+
+    def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
+        """Return ``left d(K - s M) right`` for a relative change of the value, to first order."""
+        weights = self._roots**2 * (-s if self.reactive else 1.0)
+        return complex((left @ self._rows * weights) @ (self._columns.T @ right))
+
+    @cached_property
+    def _modal(self) -> tuple[Complexes, Floats, Floats]:
+        """Poles (m,), one of each pair; their shares, real and imaginary; and the direct part."""
+        B, C, D = self._driven
+        modes, columns = self.board.state_space.modes, self._columns.T
+        upper = np.flatnonzero(modes.poles.imag >= 0.0)
+        right, left = columns @ C @ modes.right[:, upper], modes.left[upper] @ B
+        shares = (right.T[:, :, None] * left[:, None, :]).reshape(len(upper), -1)
+        shares[modes.poles[upper].imag == 0.0] *= 0.5
+        return modes.poles[upper], np.concatenate([shares.real, -shares.imag]), columns @ D
+
+    @cached_property
+    def _driven(self) -> tuple[Floats, Floats, Floats]:
+        """Currents into the states, all unknowns as combinations of these, and the direct part."""
+        return _driven_by(self.board, self._rows)
+
+    def _from_modes(self, omega: Floats) -> Complexes:
+        poles, shares, direct = self._modal
+        own, other = (1.0 / (1j * omega[:, None] - p) for p in (poles, poles.conj()))
+        # ``R / (s - p) + R* / (s - p*)`` of a pair in real matrices.
+        gain = np.concatenate([own + other, -1j * (own - other)], axis=1)
+        found = gain.real @ shares + 1j * (gain.imag @ shares)
+        return np.asarray(found.reshape(-1, *direct.shape) + direct)
+
+    def _from_solves(self, omega: Floats) -> Complexes:
+        structure, rows = self.board.structure, self._rows.astype(np.complex128)
+        solved = [structure.factor(1j * each).solve(rows) for each in omega.tolist()]
+        return np.asarray(self._columns.T @ np.stack(solved))
+
+
+@dataclass(frozen=True, eq=False)
+class LawResponse(PortResponse):
+    """The same for one part that stands in the matrices as ``value u v^T``: a gain, or a coil.
+
+    `knob` is its name; `parts` is empty.
+    """
+
+    knob: str = ""
+
+    @classmethod
+    def of(cls, board: LinearBoard, knob: str) -> LawResponse | None:
+        """Return the response of a knob; None if its change of the matrices has not the rank 1."""
+        response = cls(board, (), knob)
+        u = response._change[1]
+        return response if len(u) else None
+
+    @property
+    def count(self) -> int:
+        """Number of loci: the rank of the change."""
+        return 1
+
+    @property
+    def reactive(self) -> bool:
+        """Whether the value stands in M."""
+        return self._change[0]
+
+    @property
+    def proportional(self) -> bool:
+        """Whether the matrices grow with the value."""
+        return True
+
+    @cached_property
+    def _change(self) -> tuple[bool, Floats, Floats]:
+        circuit, own = self.board.circuit, self.board.descriptor.dense
+        moved = LinearBoard(circuit.turned(self.knob, 2.0 * circuit.value(self.knob)))
+        there = moved.descriptor.dense
+        in_mass = not np.array_equal(there.mass, own.mass)
+        change = there.mass - own.mass if in_mass else own.stiffness - there.stiffness
+        i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
+        if change[i, j] == 0.0:
+            return in_mass, np.zeros(0), np.zeros(0)
+        u, v = change[:, j], change[i] / change[i, j]
+        if not np.allclose(np.outer(u, v), change, rtol=1e-12, atol=0.0):
+            return in_mass, np.zeros(0), np.zeros(0)
+        return in_mass, u, v
+
+    def rate(self, left: Complexes, right: Complexes, s: complex) -> complex:
+        """Return ``left d(K - s M) right`` for a relative change of the value."""
+        reactive, u, v = self._change
+        return complex((left @ u) * (v @ right) * (-s if reactive else -1.0))
+
+    @cached_property
+    def _modes_suffice(self) -> bool:
+        """Not so where a capacitor is at the output of the source: its current is a derivative."""
+        try:
+            return bool(self._driven) and super()._modes_suffice
+        except EngineError:
+            return False
+
+    @cached_property
+    def _roots(self) -> Floats | Complexes:
+        return np.ones(1)
+
+    @cached_property
+    def _columns(self) -> Floats:
+        return self._change[2][:, None]
+
+    @cached_property
+    def _rows(self) -> Floats:
+        return self._change[1][:, None]
+
+    def _from_solves(self, omega: Floats) -> Complexes:
+        _, u, v = self._change
+        dense = self.board.descriptor.dense
+        X = 1j * omega[:, None, None] * dense.mass - dense.stiffness
+        scale = np.abs(X).max(axis=2, keepdims=True)
+        scale[scale == 0.0] = 1.0
+        try:
+            solved = np.linalg.solve(X / scale, u[:, None] / scale)
+        except np.linalg.LinAlgError:
+            raise EngineError("a pole of the board is on the imaginary axis") from None
+        return np.asarray((v @ solved)[:, None, :])
+
+
+def share_modes(responses: Iterable[PortResponse]) -> None:
+    """Eliminate the unknowns without charge once for all R and C of one linear board.
+
+    Each part would do it by itself, at many times the cost of one more column.
+    """
+    every = [each for each in responses if each.parts]
+    if not every or every[0].board.descriptor.is_large:
+        return
+    board = every[0].board
+    rows = [each._rows for each in every]
+    B, C, D = _driven_by(board, np.concatenate(rows, axis=1))
+    first = 0
+    for each, own in zip(every, rows, strict=True):
+        taken = slice(first, first + own.shape[1])
+        each.__dict__["_driven"] = B[:, taken], C, D[:, taken]
+        first += own.shape[1]
+
+
+def _driven_by(board: LinearBoard, rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return B, C and D for inputs into rows, (size, k).
+
+    Raises
+    ------
+    EngineError
+        The time derivative of an input would be needed: a capacitor at the output of a source. (Of
+        the first two inputs it does not count, as these are steps; so two without effect go first.)
+    """
+    steps = np.zeros((len(rows), 2))
+    space = driven(board.descriptor, board.operating_point, np.hstack([steps, rows]))
+    return space.B[:, 2:], space.C, space.D[:, 2:]
