@@ -84,14 +84,16 @@ def _searched(
 def _body(found: Verified, options: dict[str, Any]) -> list[Any]:
     """Return what is printed of a verdict, without its last line."""
     from taction.verification.report.renderers.terminal import page_lines
-    from taction.verification.report.views.files import margin_lines
-    from taction.verification.report.views.verdict import view
-    from taction.verification.report.views.verdict_screen import screen
+    from taction.verification.report.views.checks import margin_lines
 
     margins = tuple(margin_lines(found.document))
     if options["verbose"]:
+        from taction.verification.report.views.verdict import view
+
         page = view(found.verdict, notes=margins, verbose=True)
     else:
+        from taction.verification.report.views.verdict_screen import screen
+
         searched = found.outcome == "fail" and options["changes"] != 0
         page = screen(found.verdict, margins, searched=searched)
     return [*page_lines(page)][:-1]
@@ -99,9 +101,11 @@ def _body(found: Verified, options: dict[str, Any]) -> list[Any]:
 
 def changes_text(found: Verified) -> str:
     """Return the changes that mend a verdict as lines, the first of which introduces the others."""
+    if found.remedies is None:
+        return ""
     from taction.verification.report.views.remedies import remedies_text
 
-    return "" if found.remedies is None else remedies_text(found.verdict.scene, found.remedies)
+    return remedies_text(found.verdict.scene, found.remedies)
 
 
 def print_outcome(found: Verified) -> None:

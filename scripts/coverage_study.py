@@ -95,7 +95,8 @@ def _run(
     _compare(verdict, seed, engine, truth, found)
     if verdict.evidence.forever:
         measured, errors = finest(verdict.recording, verdict.ideal)
-        finer = replace(verdict, measurements=measured, error=errors)
+        recording = replace(verdict.recording, measurements=measured, error=errors)
+        finer = replace(verdict, recording=recording)
         _compare(finer, seed, f"{engine}, finest", truth, found)
 
 

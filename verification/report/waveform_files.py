@@ -11,7 +11,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.atomic_files import replacing
 from taction.system.waveforms import Waveforms
 from taction.verification.report.output_checks import check_file
-from taction.verification.verdict.simulation import outputs
+from taction.verification.verdict.companion import outputs
 
 PARQUET = "Parquet needs pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"
 PACKAGES = {".parquet": ("pyarrow", PARQUET)}

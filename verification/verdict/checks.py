@@ -111,8 +111,8 @@ class Evidence:
         Why the board has no state-space witness, or empty; then its values are estimates.
     contradiction : str
         Which number of the board or the record differs from the reference's, or empty.
-    design, recording
-        The planned board, with circuit and scene, and its record; None in evidence made by hand.
+    recording : Recording or None
+        The record, with the planned board; None in evidence made by hand.
     """
 
     checks: Checks
@@ -132,8 +132,12 @@ class Evidence:
     noise: OutputNoise | None = None
     spread: InputSpread | None = None
     unwitnessed: str = ""
-    design: PlannedBoard | None = None
     recording: Recording | None = None
+
+    @property
+    def design(self) -> PlannedBoard | None:
+        """The planned board, with circuit and scene; None in evidence made by hand."""
+        return None if self.recording is None else self.recording.design
 
     @property
     def no_step(self) -> str:

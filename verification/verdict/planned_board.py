@@ -11,12 +11,14 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.reference import IdealNetwork
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
+from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.transient_plan import TransientPlan
 
 
@@ -58,6 +60,14 @@ class PlannedBoard:
             return self.small
         found = PartLoads.of(self.board, transient=self.transient)
         return replace(found, simulated=tuple(x for x in self.small.worst if x.is_above))
+
+    def spread(self) -> InputSpread | None:
+        """Return where boards of the same parts rest; None if all rest at one place, or none."""
+        if not self.poles.known_stable:
+            return None
+        wanted = self.scene.design
+        kelvin = abs(wanted.surroundings.kelvin)
+        return InputSpread.of(self.board, wanted.temperature_coefficient * kelvin / MOST)
 
     @property
     def rest(self) -> Callable[[str], float] | None:

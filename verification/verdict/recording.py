@@ -29,6 +29,7 @@ from taction.verification.verdict.companion import (
     find_companion,
     measure_outputs,
     measure_with_bounds,
+    outputs,
     step_error,
 )
 from taction.verification.verdict.design import design_board
@@ -39,7 +40,6 @@ from taction.verification.verdict.simulation import (
     StateSpaceError,
     begin,
     engine_of,
-    outputs,
     own_error,
 )
 from taction.verification.verdict.transient_plan import (
@@ -341,10 +341,7 @@ def record_and_measure(
         plan = better_plan(recording, ideal)
         if plan is None:
             break
-        design = replace(design, plan=plan)
-        clock.begin("simulation", remark=plan.remark)
-        pending = begin(design)
-        repeated = _record(design, ideal, pending, clock, known)
+        repeated = _record(replace(design, plan=plan), ideal, None, clock, known)
         recording = replace(repeated, before=recording.accuracy)
     return recording
 
@@ -360,12 +357,13 @@ def finest(recording: Recording, ideal: IdealAnswer) -> tuple[Measurements, Step
 def _record(
     design: PlannedBoard,
     ideal: IdealAnswer,
-    pending: Pending,
+    pending: Pending | None,
     clock: Clock,
     known: Measurements | None,
 ) -> Recording:
+    """Wait for a simulation, which begins here unless it runs, and measure its record."""
     clock.begin("simulation", remark=design.plan.remark)
-    wave = pending.result()
+    wave = (pending or begin(design)).result()
     clock.begin("comparison")
     companion, own = None, own_error(design, wave)
     if own is None and design.poles.known_stable:

@@ -8,6 +8,7 @@ inconclusive. A new check is one function and one entry in `CHECKS`, or an entry
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -30,6 +31,7 @@ from taction.verification.verdict.checks import (
     undecided,
 )
 from taction.verification.verdict.headroom import FULL, PartLoads, amount, describe
+from taction.verification.verdict.warnings import WELL_ABOVE
 
 
 def settling_time(evidence: Evidence) -> Check:
@@ -237,6 +239,14 @@ def run_checks(evidence: Evidence) -> tuple[Check, ...]:
     judged = (kind.judge(evidence) for kind in CHECKS.values())
     checks = (_bounded(check) for check in judged if check is not None)
     return tuple(_witnessed(check, evidence.unwitnessed) for check in checks)
+
+
+def could_be_finer(evidence: Evidence, checks: Iterable[Check]) -> bool:
+    """Whether an error of an exact solution decides a check, or is near to a limit."""
+    undecided = any(check.outcome is Outcome.INCONCLUSIVE for check in checks)
+    limits = ((getattr(evidence.checks, name), name) for name in EXCURSIONS)
+    near = any(c and c.max < WELL_ABOVE * evidence.error.readings[name] for c, name in limits)
+    return evidence.forever and (undecided or near)
 
 
 def _witnessed(check: Check, missing: str) -> Check:

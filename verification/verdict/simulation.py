@@ -20,10 +20,8 @@ from functools import partial
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.array_types import Floats
 from taction.system.errors import (
     BadEvidence,
     DivergesError,
@@ -277,20 +275,6 @@ def growing_record(board: LinearBoard, plan: TransientPlan) -> Waveforms:
     return Waveforms(
         times, solution.nodes, values, ENGINE, cost, (flag,), solution.error, method=method
     )
-
-
-def outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
-    """Return u of every channel, shape (P, N), V; each channel is contiguous in memory.
-
-    Callers must not change the array: it may share memory with `waveforms`.
-    """
-    nodes = tuple(out.node for out in circuit.outputs)
-    if nodes == waveforms.nodes and all(out.sign == 1.0 for out in circuit.outputs):
-        return np.ascontiguousarray(waveforms.values.T).T
-    rows = np.empty((len(circuit.outputs), len(waveforms.time)))
-    for row, out in zip(rows, circuit.outputs, strict=True):
-        np.multiply(waveforms[out.node], out.sign, out=row)
-    return rows.T
 
 
 def _ngspice(design: PlannedBoard) -> Callable[[], Waveforms]:

@@ -15,13 +15,12 @@ from taction.netlist_gen.scene.questions import questions
 from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.netlist_gen.topologies.frame.laws import Law
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
-from taction.spice_models.input_errors import MOST, not_known
+from taction.spice_models.input_errors import not_known
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
 from taction.system.errors import TactionError
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import sizes
-from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -53,7 +52,6 @@ from taction.verification.verdict.design import (
 )
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads
-from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.recording import (
@@ -62,7 +60,7 @@ from taction.verification.verdict.recording import (
     finest,
     record_and_measure,
 )
-from taction.verification.verdict.run_checks import run_checks
+from taction.verification.verdict.run_checks import could_be_finer, run_checks
 from taction.verification.verdict.simulation import (
     ENGINES,
     Pending,
@@ -71,7 +69,6 @@ from taction.verification.verdict.simulation import (
     is_exact,
 )
 from taction.verification.verdict.warnings import (
-    WELL_ABOVE,
     find_contradiction,
     find_warnings,
     missing_witness,
@@ -109,29 +106,81 @@ class Verdict(Result):
     CARD = "Verdict"
     DOCUMENT = "taction.verification.report.documents.verdict:VerdictBody.of"
 
-    scene: Scene
-    problem: InverseProblem
-    circuit: Circuit
-    transient: Transient
-    ideal: IdealAnswer
-    answer: AnswerError
-    poles: Poles
-    steady: SteadyState
-    margin: Margin | None
-    constraint: ConstraintPlane | None
     recording: Recording
-    measurements: Measurements
-    error: StepError
-    agreement: Agreement | None
+    ideal: IdealAnswer
+    evidence: Evidence
+    checks: tuple[Check, ...]
+    answer: AnswerError
+    constraint: ConstraintPlane | None
     energy: EnergyRise | None
     budget: ErrorBudget
-    parts: PartLoads
-    noise: OutputNoise | None
-    checks: tuple[Check, ...]
     failures: tuple[str, ...]
-    evidence: Evidence
-    outcome: Outcome
     timing: dict[str, float]
+
+    @property
+    def outcome(self) -> Outcome:
+        """The outcome of all checks."""
+        return overall(self.checks)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene, with a number for lambda."""
+        return self.recording.design.scene
+
+    @property
+    def problem(self) -> InverseProblem:
+        """The problem of the scene."""
+        return self.recording.design.problem
+
+    @property
+    def circuit(self) -> Circuit:
+        """The circuit of the board."""
+        return self.recording.design.circuit
+
+    @property
+    def transient(self) -> Transient:
+        """The transient that was simulated."""
+        return self.recording.design.transient
+
+    @property
+    def poles(self) -> Poles:
+        """The poles of the board."""
+        return self.evidence.poles
+
+    @property
+    def steady(self) -> SteadyState:
+        """The equilibrium of the board at its outputs."""
+        return self.evidence.steady
+
+    @property
+    def margin(self) -> Margin | None:
+        """The stability margin; None if the scene asks for none."""
+        return self.evidence.margin
+
+    @property
+    def measurements(self) -> Measurements:
+        """The readings of the record, whose errors `error` bounds."""
+        return self.recording.measurements
+
+    @property
+    def error(self) -> StepError:
+        """Bounds on the errors of the readings."""
+        return self.recording.error
+
+    @property
+    def agreement(self) -> Agreement | None:
+        """How far the engines differ; None if only one ran, or if the board is unstable."""
+        return self.evidence.agreement
+
+    @property
+    def parts(self) -> PartLoads:
+        """What the op-amps have to do, beside their limits."""
+        return self.evidence.parts
+
+    @property
+    def noise(self) -> OutputNoise | None:
+        """Noise of the outputs; None if the scene has no limit for it."""
+        return self.evidence.noise
 
     @property
     def waveforms(self) -> Waveforms:
@@ -217,8 +266,11 @@ def verify(
     NoVerdictError
         No engine was found, or the simulation or the reference solution failed.
     """
-    begun = _begin(Request(scene, problem, circuit, ideal, effort), Clock(progress))
-    return _verdict(begun)
+    clock = Clock(progress)
+    design = design_board(scene, clock, problem=problem, circuit=circuit)
+    pending, ideal = _begin(design, clock, ideal=ideal)
+    evidence, recording = _evidence(design, ideal, pending, clock, effort)
+    return _judged(evidence, recording, ideal, clock, effort)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,6 +331,18 @@ class _Planned:
     design: PlannedBoard
     clock: Clock
 
+    def verdict(
+        self,
+        pending: Pending,
+        ideal: IdealAnswer,
+        known: Measurements | None = None,
+        margin: Margin | None = None,
+    ) -> Verdict:
+        """Return the verdict of a simulation that runs, or of what is known already."""
+        clock, effort = self.clock, self.request.effort
+        found = _evidence(self.design, ideal, pending, clock, effort, known, margin)
+        return _judged(*found, ideal, clock, effort)
+
 
 def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, Verdict]]:
     """Yield the verdicts of small-signal boards: first those that are not exact at their level."""
@@ -299,74 +363,62 @@ def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, V
         for (place, one), pending in zip(same.items(), simulations, strict=True):
             if pending is not None:
                 with suppress(Exception):
-                    yield place, _verdict(_begin(one.request, one.clock, one.design, pending))
-    begun: dict[int, tuple[_Begun, ExactResponse]] = {}
+                    begun = _begin(one.design, one.clock, pending, one.request.ideal)
+                    yield place, one.verdict(*begun)
+    begun: dict[int, tuple[Pending, IdealAnswer]] = {}
+    responses: dict[int, ExactResponse] = {}
+    searches: dict[int, MarginSearch] = {}
     for place, one in exact.items():
         with suppress(Exception):
-            begins = _begin(one.request, one.clock, one.design)
-            response = exact_response(one.design, begins.ideal)
+            pending, ideal = _begin(one.design, one.clock, ideal=one.request.ideal)
+            response = exact_response(one.design, ideal)
             if response is None or not response.is_stable:
-                yield place, _verdict(begins)
+                yield place, one.verdict(pending, ideal)
                 continue
+            search = _margin_search(one.design, one.request.effort)
             one.clock.pause()
-            begun[place] = begins, response
-    yield from _measured_together(begun)
-
-
-def _measured_together(
-    begun: Mapping[int, tuple[_Begun, ExactResponse]],
-) -> Iterator[tuple[int, Verdict]]:
-    """Yield the verdicts of boards with exact solutions."""
-    every = {place: _margin_search(one.design, one.effort) for place, (one, _) in begun.items()}
-    sought = {place: search for place, search in every.items() if search is not None}
-    margins = dict(zip(sought, margins_together(list(sought.values()), Families()), strict=True))
-    measured = measure_responses([response for _, response in begun.values()])
-    for (place, (one, _)), readings in zip(begun.items(), measured, strict=True):
+            begun[place], responses[place] = (pending, ideal), response
+            searches |= {} if search is None else {place: search}
+    found = margins_together([*searches.values()], Families())
+    margins = dict(zip(searches, found, strict=True))
+    measured = measure_responses([*responses.values()])
+    for place, readings in zip(responses, measured, strict=True):
         margin = margins.get(place)
         if not isinstance(margin, TactionError):
             with suppress(Exception):
-                yield place, _verdict(replace(one, margin=margin), readings)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Begun:
-    """A verification whose simulation runs."""
-
-    design: PlannedBoard
-    ideal: IdealAnswer
-    pending: Pending
-    effort: Effort
-    clock: Clock
-    margin: Margin | None = None  # if it is known
-
-
-def _design(request: Request, clock: Clock) -> PlannedBoard:
-    return design_board(request.scene, clock, problem=request.problem, circuit=request.circuit)
+                yield place, exact[place].verdict(*begun[place], readings, margin)
 
 
 def _begin(
-    request: Request,
+    design: PlannedBoard,
     clock: Clock,
-    design: PlannedBoard | None = None,
     pending: Pending | None = None,
-) -> _Begun:
+    ideal: IdealAnswer | None = None,
+) -> tuple[Pending, IdealAnswer]:
     """Start the simulation; solve the problem while it runs."""
-    design = design or _design(request, clock)
     clock.begin("simulation", remark=design.plan.remark)
     pending = pending or begin(design)
     clock.begin("reference", beside="simulation", remark=design.plan.remark)
-    ideal = request.ideal or ideal_answer(design.network, design.scene)
-    return _Begun(design, ideal, pending, request.effort, clock)
+    return pending, ideal or ideal_answer(design.network, design.scene)
 
 
-def _evidence(begun: _Begun, known: Measurements | None) -> tuple[Evidence, Recording]:
-    """Wait for the simulation and measure its record, or take the measurements that are known."""
-    design, ideal = begun.design, begun.ideal
+def _evidence(
+    design: PlannedBoard,
+    ideal: IdealAnswer,
+    pending: Pending,
+    clock: Clock,
+    effort: Effort,
+    known: Measurements | None = None,
+    margin: Margin | None = None,
+) -> tuple[Evidence, Recording]:
+    """Measure the record, and gather what is judged; measurements and margin may be known.
+
+    What needs no record is computed while the simulation runs.
+    """
     steady = SteadyState.of(design.board, design.scales)
-    margin = begun.margin or _margin(design, begun.effort)
-    parts, noise = design.loads(), OutputNoise.of(design)
-    spread = _spread(design) if design.poles.known_stable else None
-    recording = record_and_measure(design, ideal, begun.pending, begun.clock, known)
+    margin = margin or _margin(design, effort)
+    parts, noise, spread = design.loads(), OutputNoise.of(design), design.spread()
+    recording = record_and_measure(design, ideal, pending, clock, known)
     evidence = Evidence(
         checks=design.scene.checks,
         measurements=recording.measurements,
@@ -387,17 +439,9 @@ def _evidence(begun: _Begun, known: Measurements | None) -> tuple[Evidence, Reco
         noise=noise,
         spread=spread,
         unwitnessed=missing_witness(design.circuit, design.engine),
-        design=recording.design,
         recording=recording,
     )
     return evidence, recording
-
-
-def _spread(design: PlannedBoard) -> InputSpread | None:
-    """Return where boards of the same parts rest; None if they all rest at one place."""
-    wanted = design.scene.design
-    kelvin = abs(wanted.surroundings.kelvin)
-    return InputSpread.of(design.board, wanted.temperature_coefficient * kelvin / MOST)
 
 
 def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
@@ -415,32 +459,24 @@ def _margin_search(design: PlannedBoard, effort: Effort) -> MarginSearch | None:
 
 
 def _judged(
-    evidence: Evidence, recording: Recording, ideal: IdealAnswer
-) -> tuple[tuple[Check, ...], Evidence]:
-    """Judge; where an error touches a limit that could be smaller, judge the finest readings."""
+    evidence: Evidence, recording: Recording, ideal: IdealAnswer, clock: Clock, effort: Effort
+) -> Verdict:
+    """Judge the evidence, and add the details that the effort asks for.
+
+    Where an error touches a limit that could be smaller, the finest readings are judged.
+    """
     checks = run_checks(evidence)
-    undecided = any(check.outcome is Outcome.INCONCLUSIVE for check in checks)
-    limits = ((getattr(evidence.checks, name), name) for name in EXCURSIONS)
-    near = any(c and c.max < WELL_ABOVE * evidence.error.readings[name] for c, name in limits)
-    if not (evidence.forever and (undecided or near)):
-        return checks, evidence
-    measured, error = finest(recording, ideal)
-    evidence = replace(evidence, measurements=measured, error=error)
-    return run_checks(evidence), evidence
-
-
-def _verdict(begun: _Begun, known: Measurements | None = None) -> Verdict:
-    """Judge a recording, and add the details that the effort asks for."""
-    ideal, clock = begun.ideal, begun.clock
-    evidence, recording = _evidence(begun, known)
-    checks, evidence = _judged(evidence, recording, ideal)
-    design = recording.design
-    constraint, energy, budget, failures = None, None, ErrorBudget(), list[str]()
+    if could_be_finer(evidence, checks):
+        measured, error = finest(recording, ideal)
+        evidence = replace(evidence, measurements=measured, error=error)
+        checks = run_checks(evidence)
+    design, failures = recording.design, list[str]()
     detail = partial(attempt, tell=failures.append)
     answer = AnswerError.of(ideal.network, ideal.solution, design.problem.stress, ideal.problem)
     answer = detail("the error of the board", lambda: answer.judged(evidence, checks), answer)
     clock.begin("error budget")
-    if begun.effort.details:
+    constraint, energy, budget = None, None, ErrorBudget()
+    if effort.details:
         more = evidence.noise, evidence.spread
         constraint = detail("the constraint plane", lambda: constraint_plane(design.circuit), None)
         energy = detail(
@@ -455,28 +491,15 @@ def _verdict(begun: _Begun, known: Measurements | None = None) -> Verdict:
         )
     clock.end()
     return Verdict(
-        scene=design.scene,
-        problem=design.problem,
-        circuit=design.circuit,
-        transient=design.transient,
-        ideal=ideal,
-        answer=answer,
-        poles=design.poles,
-        steady=evidence.steady,
-        margin=evidence.margin,
-        constraint=constraint,
         recording=recording,
-        measurements=recording.measurements,
-        error=recording.error,
-        agreement=recording.agreement,
+        ideal=ideal,
+        evidence=evidence,
+        checks=checks,
+        answer=answer,
+        constraint=constraint,
         energy=energy,
         budget=budget,
-        parts=evidence.parts,
-        noise=evidence.noise,
-        checks=checks,
         failures=tuple(failures),
-        evidence=evidence,
-        outcome=overall(checks),
         timing=clock.seconds,
     )
 

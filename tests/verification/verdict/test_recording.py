@@ -22,7 +22,7 @@ from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answe
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.verdict import companion, recording, transient_plan
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.companion import Companion
+from taction.verification.verdict.companion import Companion, outputs
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.recording import (
@@ -35,7 +35,6 @@ from taction.verification.verdict.simulation import (
     Pending,
     StateSpaceError,
     choose_engine,
-    outputs,
     state_space_tolerance,
 )
 from taction.verification.verdict.transient_plan import AIM, TransientPlan

@@ -37,8 +37,8 @@ from taction.verification.report.charts import (
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.texts import figure, quantity, readable
 from taction.verification.report.views.answer import answer_text, true_error_text
+from taction.verification.report.views.checks import check_bar, decisive_text
 from taction.verification.report.views.stability import pole_map, ranges_text
-from taction.verification.report.views.verdict import check_bar, decisive_text
 from taction.verification.report.views.waveforms import end_names
 from taction.verification.stability.edges import Edges
 from taction.verification.verdict.checks import Check

@@ -27,11 +27,11 @@ from taction.verification.report.texts import (
     titled,
     with_error,
 )
+from taction.verification.report.views.checks import MARGINS, check_bar, decisive_text
 from taction.verification.report.views.corners import directions, ranges
 from taction.verification.report.views.corners import tables as corner_tables
 from taction.verification.report.views.montecarlo import causes, failures, histograms, spreads
 from taction.verification.report.views.stability import pole_map, ranges_text
-from taction.verification.report.views.verdict import MARGINS, check_bar, decisive_text
 from taction.verification.studies.board_check import BoardCheck
 from taction.verification.studies.board_sweep import Sweep
 from taction.verification.studies.part_influence import PartRow

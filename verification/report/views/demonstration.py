@@ -5,8 +5,8 @@ from __future__ import annotations
 from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
 from taction.verification.report.blocks import BOTH, Block, Notes, Page, Section, Sheet, Table
 from taction.verification.report.texts import outcome_cell
+from taction.verification.report.views.checks import decisive_text
 from taction.verification.report.views.origin import origin_section
-from taction.verification.report.views.verdict import decisive_text
 from taction.verification.report.views.waveforms import outputs_chart, stress_chart
 
 TITLE = "Seven sensors, one board"

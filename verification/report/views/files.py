@@ -10,6 +10,7 @@ from taction.system.documents import read
 from taction.verification.report.blocks import BOTH, Notes, Page, Section, Table
 from taction.verification.report.charts import OUTCOMES, Outcome
 from taction.verification.report.texts import number_cell, outcome_cell
+from taction.verification.report.views.checks import margin_lines
 from taction.verification.studies.verify_files import VerifiedFiles
 from taction.verification.verdict.cause import causes
 from taction.verification.verdict.checks import Check
@@ -72,13 +73,6 @@ def reasons(document: Document) -> Iterator[str]:
 def checks_of(document: Document) -> tuple[Check, ...]:
     """Return the checks of a verdict's document."""
     return tuple(read(Check, check) for check in document["checks"])
-
-
-def margin_lines(document: Document) -> Iterator[str]:
-    """Yield the stability margins that were asked for."""
-    for margin in document.get("stability", {}).get("margins", {}).values():
-        doubt = f", but {margin['doubt']}" if margin["doubt"] else ""
-        yield f"margin: {margin['text']}{doubt}"
 
 
 def _passed(document: Document) -> str:

@@ -22,8 +22,8 @@ from taction.verification.report.blocks import (
 from taction.verification.report.charts import Axis, Chart, Curve, Outcome
 from taction.verification.report.texts import outcome_cell, readable, spaced
 from taction.verification.report.texts import value_text as written_value
+from taction.verification.report.views.checks import check_bar
 from taction.verification.report.views.origin import origin_section
-from taction.verification.report.views.verdict import check_bar
 from taction.verification.studies.regression.baseline import Entry
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.verdict.compare import Difference

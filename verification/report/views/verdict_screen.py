@@ -15,7 +15,7 @@ from taction.system.quantities import counted, readable
 from taction.verification.report.blocks import TERMINAL, Bar, Bars, Notes, Page, Section
 from taction.verification.report.texts import quantity, spaced
 from taction.verification.report.views.answer import answer_text
-from taction.verification.report.views.verdict import check_bars, decisive_text, nearest_bar
+from taction.verification.report.views.checks import check_bars, decisive_text, nearest_bar
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict

@@ -34,7 +34,7 @@ from taction.verification.studies.work_precision.methods import (
     small_board,
     small_linear_board,
 )
-from taction.verification.verdict.simulation import outputs
+from taction.verification.verdict.companion import outputs
 
 NORMS = ("final", "maximum", "settling_time", "frequency", "growth_rate")
 MARGIN = 1.25  # band over the largest deviation in the last part of the record

@@ -34,7 +34,7 @@ from taction.verification.engines.statespace.transients.record_times import reco
 from taction.verification.engines.statespace.transients.simulate import ENGINE
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.dynamics import ScaledNetwork
-from taction.verification.verdict.simulation import outputs
+from taction.verification.verdict.companion import outputs
 from taction.verification.verdict.transient_plan import coarser
 
 BASE_POINTS = 125.0  # points per period of `Task.transient`

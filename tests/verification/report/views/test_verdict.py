@@ -32,7 +32,8 @@ from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text, plain
 from taction.verification.report.texts import quantity
 from taction.verification.report.views.board import LARGEST, matrix_chart, schematic
-from taction.verification.report.views.verdict import channel_table, check_bar, load_bars, view
+from taction.verification.report.views.checks import check_bar
+from taction.verification.report.views.verdict import channel_table, load_bars, view
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.headroom import Load
