@@ -10,7 +10,7 @@ from flint import acb, arb, arb_mat, ctx
 
 from tests.support.deck_equations import parse_deck, state_equations
 from tests.support.exact_readings import Modes, Signal, eigen, exact_modes
-from tests.support.nonlinear_response import Board, Samples, source_value
+from tests.support.nonlinear_response import Board, source_value
 
 HEAD = ".title taction board\n* outputs: u_1 = -v(y)\n"
 TAIL = ".options klu\n.save v(y)\n.op\n.end\n"
@@ -146,7 +146,7 @@ def test_a_transient_with_a_closed_form(method: str) -> None:
     run = Board(part).transient(arb_mat(1, 1), arb_mat([[2.0]]), 5.0, method, 1e-10)
     times = np.array([0.3, 1.0, 4.0])
     assert run.outputs(times)[:, 0] == pytest.approx(np.log1p(times), rel=1e-8)
-    (samples,) = Samples.of(run, [(math.log(6.0), 0.0)])
+    (samples,) = run.samples([(math.log(6.0), 0.0)])
     settled = samples.last_outside(arb(0.5))
     assert settled == pytest.approx(6.0 * math.exp(-0.5) - 1.0, rel=1e-8)
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from flint import acb, arb, arb_mat, ctx
@@ -33,31 +33,17 @@ from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.design import has_large_signal
 from tests.support.deck_equations import DeckText, StateEquations, parse_deck, state_equations
 from tests.support.exact_readings import Signal, UnreadableError, exact_modes
-from tests.support.nonlinear_response import Board, DivergenceError, Samples
+from tests.support.nonlinear_response import Board, DivergenceError
 from tests.support.oracle import AMPLIFIERS, exact_solution
+from tests.support.readings import AnySignal, Samples, read
 from tests.support.true_margin import true_margin
 
 BITS = 320
-SMALL_STEP = 0.05  # of A
-STILL = 1e-6  # of A: a smaller step has no direction; both sides of it count as undershoot
 EXACT = 1e-13  # error of a reading in Arb, whose modes are right to 30 digits
 INTEGRATORS = (("Radau", 1e-7), ("LSODA", 1e-8))  # with their relative tolerances
 LINEAR = "modes of the deck in Arb, 320 bits; suprema and crossings by interval bounds"
 NONLINEAR = "equilibrium and poles in Arb; transient by SciPy's Radau and LSODA, which differ by"
 LAST = 1e-5  # of A: what is left of the slowest mode at the end of an integration
-
-
-class AnySignal(Protocol):
-    """A channel's ``e = u - target``: a sum of modes or samples."""
-
-    def highest(self, sign: int) -> arb | float:
-        """Return the supremum of ``sign * e``."""
-
-    def last_outside(self, level: arb) -> arb | float | None:
-        """Return the last instant with ``|e| > level``; None if it stays so."""
-
-    def first_above(self, sign: int, level: arb) -> arb | float | None:
-        """Return the first instant with ``sign * e > level``."""
 
 
 def board_of(scene: Scene) -> Circuit:
@@ -192,18 +178,18 @@ def _nonlinear(
     if lead.real >= 0.0:
         return values(())
 
-    def read(method: str, tolerance: float) -> list[dict[str, float]]:
+    def run_of(method: str, tolerance: float) -> list[dict[str, float]]:
         signals: list[Samples | None] = [None] * count
         for board, first, rest in begun:
             run = board.transient(first, rest, np.log(LAST) / lead.real, method, tolerance)
             own = board.equations.outputs
             ends = [(float(steps[k][1]), float(final[k] - steps[k][1])) for k in own]
-            for k, samples in zip(own, Samples.of(run, ends), strict=True):
+            for k, samples in zip(own, run.samples(ends), strict=True):
                 signals[k] = samples
         return _channels(scene, steps, amplitude, signals)
 
     try:
-        channels, others = (read(*integrator) for integrator in INTEGRATORS)
+        channels, others = (run_of(*integrator) for integrator in INTEGRATORS)
     except DivergenceError:
         return values((), arrives=False)
     return values(channels, error=_apart(channels, others))
@@ -273,26 +259,7 @@ def _channels(
     """Read every channel, which steps from its start to its target; none without `signals`."""
     band = amplitude * arb(scene.checks.settling_time.band)
     return [
-        _read(signal, target - start, amplitude, band)
+        read(signal, target - start, amplitude, band)
         for (start, target), signal in zip(steps, signals, strict=bool(signals))
         if signal is not None
     ]
-
-
-def _read(signal: AnySignal, step: arb, amplitude: arb, band: arb) -> dict[str, float]:
-    """Read one channel; a small step overshoots on either side of start and target.
-
-    The sign of a step of at most `STILL` decides nothing.
-    """
-    sign, small = (-1 if bool(step < 0) else 1), bool(abs(step) < SMALL_STEP * amplitude)
-    beyond = arb(signal.highest(sign)) / amplitude
-    behind = (arb(signal.highest(-sign)) - abs(step)) / amplitude
-    over = max(0.0, float(beyond), float(behind) if small else 0.0)
-    under = over if bool(abs(step) <= STILL * amplitude) else max(0.0, float(behind))
-    settled = signal.last_outside(band)
-    rise = None
-    if not small:
-        low, high = (signal.first_above(sign, (arb(k) / 10 - 1) * abs(step)) for k in (1, 9))
-        rise = None if low is None or high is None else high - low
-    found = {"settling_time": settled, "rise_time": rise, "overshoot": over, "undershoot": under}
-    return {name: float(value) for name, value in found.items() if value is not None}

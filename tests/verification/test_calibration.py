@@ -14,9 +14,9 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.subcircuits import opamp_subcircuit
-from taction.system.array_types import Floats
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from tests.support.paths import SCENES
+from tests.support.readings import Samples, rise_time
 from tests.support.small_decks import SmallDeck
 
 pytestmark = pytest.mark.usefixtures("ngspice")
@@ -25,17 +25,6 @@ SCENE = load_scene(SCENES / "paper-breadboard.toml")
 
 def board(farads: float = 10e-12) -> Circuit:
     return synthesise(SCENE, make_problem(SCENE)).turned("C", farads)
-
-
-def rise_time(time: Floats, values: Floats, final: float) -> float:
-    """10-90 %, first crossings, by straight lines."""
-
-    def crossing(level: float) -> float:
-        k = int(np.argmax(values / final >= level))
-        y0, y1 = values[k - 1] / final, values[k] / final
-        return float(time[k - 1] + (level - y0) / (y1 - y0) * (time[k] - time[k - 1]))
-
-    return crossing(0.9) - crossing(0.1)
 
 
 def test_the_constraint_amplifier_alone_rises_in_one_microsecond() -> None:
@@ -65,7 +54,8 @@ def test_the_constraint_amplifier_alone_rises_in_one_microsecond() -> None:
     found = simulate(deck, find_simulator(), timeout=60.0)
     final = -1e-9 * circuit.value("gain") / (1.0 + noise_gain / model.dc_gain)
     assert found["w"][-1] == pytest.approx(final, rel=1e-6)
-    assert rise_time(found.time, found["w"], final) == pytest.approx(1.0e-6, rel=0.10)
+    samples = Samples.of_record(found.time, found["w"], final)
+    assert rise_time(samples, final) == pytest.approx(1.0e-6, rel=0.10)
 
 
 def test_the_centre_output_rises_in_ten_microseconds() -> None:
@@ -78,7 +68,8 @@ def test_the_centre_output_rises_in_ten_microseconds() -> None:
     T, eps = make_problem(SCENE).matrix, make_problem(SCENE).strain
     lam = circuit.value("lambda")
     target = np.linalg.solve(T.T @ T + lam * np.eye(7), T.T @ eps)[3]
-    assert rise_time(found.time, found["v_4"], float(target)) == pytest.approx(10e-6, rel=0.05)
+    samples = Samples.of_record(found.time, found["v_4"], float(target))
+    assert rise_time(samples, float(target)) == pytest.approx(10e-6, rel=0.05)
 
 
 @pytest.mark.parametrize(("farads", "stable"), [(10e-12, True), (8.2e-12, False), (6.8e-12, False)])

@@ -18,6 +18,7 @@ from taction.verification.reference import (
 )
 from taction.verification.reference.dynamics import Response, Trust
 from tests.support.oracle import kernel
+from tests.support.readings import Samples, rise_time
 
 Y = np.linspace(-3.0, 3.0, 7)
 MATRIX = kernel(Y, Y, 1.0)
@@ -145,6 +146,8 @@ def test_settling_is_the_last_crossing_and_rise_the_first() -> None:
     rise = response.rise_times()
     assert np.isnan(rise[1])  # 1 % of the amplitude
     assert np.array_equal(response.rise_times(1, 0), rise[::-1], equal_nan=True)
-    t = np.linspace(0.0, 1.0, 1_000_001)
-    first = [t[np.argmax(outputs(t)[:, 0] >= level)] for level in (0.1, 0.9)]
-    assert rise[0] == pytest.approx(first[1] - first[0], abs=3e-6)
+    ringing = Samples.of_function(
+        lambda t: float(outputs(np.array([t]))[0, 0]) - 1.0, np.linspace(0.0, 20.0, 2001), 0.0
+    )
+    assert settled == pytest.approx(ringing.last_outside(0.05), rel=1e-8)
+    assert rise[0] == pytest.approx(rise_time(ringing, 1.0), rel=1e-6)

@@ -17,6 +17,7 @@ from taction.verification.engines.statespace.transients.exact import exact_solut
 from taction.verification.stability.poles import count_unstable, poles
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.poles import rounded_poles
+from tests.support.readings import Samples, rise_time
 
 TAU = 0.455e-6
 
@@ -52,8 +53,8 @@ def test_the_papers_board_rises_in_ten_microseconds_and_rings_for_half_a_millise
     scales = time_scales(paper_board(), error=1e-4, points=125.0)
     time = np.linspace(0.0, 20e-6, 2001)
     solution = exact_solution(paper_board())
-    centre = solution.at(time)[:, 3] / solution.final[3]
-    rise = time[np.argmax(centre >= 0.9)] - time[np.argmax(centre >= 0.1)]
+    final = float(solution.final[3])
+    rise = rise_time(Samples.of_record(time, solution.at(time)[:, 3], final), final)
     assert rise == pytest.approx(9.5e-6, rel=0.02)
     assert scales.ringing[0].decay == pytest.approx(0.5e-3, rel=0.15)
     assert scales.max_step == pytest.approx(scales.ringing[0].period / 125.0)

@@ -19,6 +19,7 @@ from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
+from tests.support.readings import Samples
 
 Matrix = NDArray[np.float64]
 T = np.array(
@@ -62,21 +63,18 @@ def test_three_witnesses_agree(ngspice: str, topology: str, way: str) -> None:
 
 
 def settled(A: Matrix, drive: Matrix, target: Matrix, band: float) -> float:
-    """Return when ``x' = A x + drive`` is last outside the band around the target, by bisection."""
+    """Return when ``x' = A x + drive`` is last outside the band around the target."""
     rest = -np.linalg.solve(A, drive)
 
-    def off(t: float) -> float:
-        away = (rest - expm(A * t) @ rest)[-4:] - target
-        return float(np.abs(away).max() - band * np.abs(target).max())
+    def largest(t: float) -> float:
+        return float(np.abs((rest - expm(A * t) @ rest)[-4:] - target).max())
 
     slow = -1.0 / np.linalg.eigvals(A).real.max()
-    times = np.linspace(0.0, 12.0 * slow, 4001)
-    last = int(np.flatnonzero([off(t) > 0.0 for t in times.tolist()])[-1])
-    low, high = float(times[last]), float(times[last + 1])
-    while high - low > 1e-14 * high:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if off(middle) > 0.0 else (low, middle)
-    return low
+    end = float(np.abs(rest[-4:] - target).max())
+    found = Samples.of_function(largest, np.linspace(0.0, 12.0 * slow, 4001), end)
+    last = found.last_outside(band * float(np.abs(target).max()))
+    assert last is not None
+    return last
 
 
 @pytest.mark.parametrize("topology", ["inv", "pinv"])
