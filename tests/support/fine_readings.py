@@ -1,12 +1,14 @@
 """Readings of boards with amplifiers by a run whose error is far below those that are studied.
 
 SciPy's integrators are too slow for hundreds of boards, so the run is one of the state-space
-engine; tests of that engine compare it with SciPy.
+engine; tests of that engine compare it with SciPy. The readings of the run are those of the oracle.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,14 +18,15 @@ from taction.system.progress import Clock
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.reference.ideal_answer import ideal_answer
-from taction.verification.verdict.companion import measure_outputs
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import SteadyState
 from taction.verification.verdict.step_forecast import StepModel
 from taction.verification.verdict.transient_plan import settled_after
+from tests.support.readings import Samples, read
 
 TOLERANCE, SPACING = 1e-11, 1e-10  # of the run; of interpolation between the points of its record
 DOUBT, FACTOR = 1e-9, 10.0  # of its readings, fraction of the step or relative; times its rounding
+Curve = Callable[[np.ndarray, np.ndarray], np.ndarray]
 LONGER = 3.0  # times the record in which every check can be decided
 
 
@@ -40,15 +43,22 @@ def fine_readings(scene: Scene) -> TrueValues:
     design = replace(design, plan=replace(design.plan, transient=transient))
     times = StepModel.of(board, stop, transient.initial, stable=True).instants(SPACING)
     wave = stepped.simulate(board, transient, times=times, tolerance=TOLERANCE)
-    measured = measure_outputs(design, ideal, wave)
+    assert wave.curve is not None
     finals = SteadyState.of(board, design.scales).values
+    band = amplitude * scene.checks.settling_time.band
     channels = []
-    for channel, final in zip(measured.channels, finals.tolist(), strict=True):
-        rise, settled = channel.rise_time, channel.settling_time
-        found = {"overshoot": channel.overshoot, "undershoot": channel.undershoot, "final": final}
-        found |= {} if rise is None else {"rise_time": rise.value}
-        channels.append(found | ({} if settled is None else {"settling_time": settled.value}))
+    for n, output in enumerate(board.circuit.outputs):
+        target, column = float(ideal.target[n]), np.array([wave.nodes.index(output.node)])
+        between = partial(_error, wave.curve, column, output.sign, target)
+        error, end = output.sign * wave[output.node] - target, float(finals[n]) - target
+        step = target - float(ideal.start[n])
+        found = read(Samples(wave.time, error, between, end), step, amplitude, band)
+        channels.append(found | {"final": float(finals[n])})
     static = float(np.abs(finals - ideal.target).max()) / amplitude
     doubt = DOUBT + FACTOR * wave.rounding / amplitude
     pole = (lead.real, lead.imag)
     return TrueValues(amplitude, pole, static, tuple(channels), doubt, how)
+
+
+def _error(curve: Curve, column: np.ndarray, sign: float, target: float, t: float) -> float:
+    return sign * float(curve(np.array([t]), column)[0]) - target
