@@ -1,8 +1,8 @@
-"""Documents from types: a frozen dataclass gives its JSON, its schema, its columns and its units.
+"""Documents from types: a frozen dataclass gives its JSON, and JSON gives the dataclass.
 
 A field of a result carries its unit as a text in its annotation: ``Annotated[float, "s"]``. From
-the type follow the plain data of a document (`plain`), the way back (`read`), the JSON Schema
-(`schema`) and the unit of every name (`units`). Numbers that are not finite are null.
+the type follow the plain data of a document (`plain`), the way back (`read`), and the JSON Schema
+(`taction.system.document_schema`). Numbers that are not finite are null.
 
 What else an annotation may carry: `DocumentKey`, another name in the document; `INLINE`, the parts
 of the field stand beside it in the document; `HIDDEN`, the field is not part of it; `OPTIONAL`, it
@@ -30,8 +30,7 @@ import math
 import re
 import sys
 import types
-import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from pathlib import PurePath
@@ -126,7 +125,7 @@ def parts_of(kind: Any) -> tuple[DocumentPart, ...]:
     names = (*(field.name for field in dataclasses.fields(kind)), *getattr(kind, "SHOWN", ()))
     found = []
     for name in names:
-        inner, notes = _unwrapped(_hint(kind, name))
+        inner, notes = unwrapped(_hint(kind, name))
         if HIDDEN not in notes:
             found.append(_part(name, inner, notes))
     return tuple(found)
@@ -149,7 +148,7 @@ def _stated(kind: Any, entry: str) -> DocumentPart:
     if found["text"] is not None:
         inner, notes, optional = str, tuple[Any, ...](), False
     elif place:
-        (inner, notes), optional = _unwrapped(_returned(load(f"{PACKAGE}.{place}"))), False
+        (inner, notes), optional = unwrapped(_returned(load(f"{PACKAGE}.{place}"))), False
     else:
         inner, notes, optional = _kind_at(kind, path)
     part = _part(path, inner | None if optional or filled else inner, notes)
@@ -174,7 +173,7 @@ def _kind_at(kind: Any, path: str) -> tuple[Any, tuple[Any, ...], bool]:
             (inner,) = (each for each in get_args(inner) if each is not types.NoneType)
             optional = True
         is_mapping = get_origin(inner) is not None and issubclass(get_origin(inner), Mapping)
-        inner, notes = _unwrapped(get_args(inner)[1] if is_mapping else _hint(inner, name))
+        inner, notes = unwrapped(get_args(inner)[1] if is_mapping else _hint(inner, name))
     return inner, notes, optional
 
 
@@ -249,7 +248,8 @@ def _part(name: str, inner: Any, notes: tuple[Any, ...]) -> DocumentPart:
     return DocumentPart(name, key, inner, unit, text, inline, OPTIONAL not in notes)
 
 
-def _unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+def unwrapped(hint: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Return a type without its annotations, and these."""
     if get_origin(hint) is Annotated:
         inner, *notes = get_args(hint)
         return inner, tuple(notes)
@@ -334,7 +334,7 @@ def read(kind: type[T], data: Any) -> T:
 
 
 def _read(kind: Any, data: Any, place: str) -> Any:
-    kind, _ = _unwrapped(kind)
+    kind, _ = unwrapped(kind)
     origin, inner = get_origin(kind), get_args(kind)
     if kind is Any:
         return data
@@ -444,189 +444,10 @@ def _read_parts(kind: Any, data: Any, place: str) -> Any:
 
 
 def _expected(kind: Any) -> str:
-    kind, _ = _unwrapped(kind)
+    kind, _ = unwrapped(kind)
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
         return " or ".join(map(_expected, inner))
     if origin in (tuple, list):
         return "a list"
     return WORDS.get(kind, "a table")
-
-
-def unknown_keys(kind: Any, data: Mapping[str, Any]) -> list[str]:
-    """Return the keys of `data`, and of all that is in it, that a document of the type has not."""
-    made = schema(kind)
-    return sorted(_unknown(made, data, made.get("$defs", {}), ""))
-
-
-def _unknown(made: Any, data: Any, shared: Mapping[str, Any], place: str) -> set[str]:
-    if not isinstance(made, Mapping):
-        return set()
-    if "$ref" in made:
-        made = shared[made["$ref"].rpartition("/")[2]]
-    if "anyOf" in made:
-        return min((_unknown(each, data, shared, place) for each in made["anyOf"]), key=len)
-    if isinstance(data, list):
-        items = (
-            _unknown(made.get("items"), d, shared, f"{place}[{n}]") for n, d in enumerate(data)
-        )
-        return {name for found in items for name in found}
-    if not isinstance(data, Mapping) or made.get("type") != "object":
-        return set()
-    known, others = made.get("properties", {}), made.get("additionalProperties", False)
-    found: set[str] = set()
-    for key, item in data.items():
-        here = f"{place}.{key}".lstrip(".")
-        if key not in known and others is False:
-            found.add(here)
-        else:
-            found |= _unknown(known.get(key, others), item, shared, here)
-    return found
-
-
-def schema(kind: Any) -> dict[str, Any]:
-    """Return the JSON Schema of the documents of a type; a field with a unit has it as `unit`.
-
-    Examples
-    --------
-    >>> schema(dict[str, Seconds])["additionalProperties"]
-    {'type': ['number', 'null'], 'unit': 's'}
-    """
-    shared: dict[str, Any] = {}
-    made = _schema(kind, shared)
-    if "$ref" in made:
-        made = shared.pop(made["$ref"].rpartition("/")[2])
-    return made | ({"$defs": dict(sorted(shared.items()))} if shared else {})
-
-
-_PLAIN = {bool: "boolean", int: "integer", str: "string", type(None): "null"}
-
-
-def _schema(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
-    kind, notes = _unwrapped(kind)
-    unit = next((note for note in notes if isinstance(note, str)), "")
-    made = _schema_of(kind, shared)
-    return made | ({"unit": unit} if unit else {})
-
-
-def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
-    origin, inner = get_origin(kind), get_args(kind)
-    if kind is Any:
-        return {}
-    if origin in (Union, types.UnionType):
-        return _any_of([_schema(each, shared) for each in inner])
-    if origin is Literal:
-        return {"enum": list(inner)}
-    if origin is not None and issubclass(origin, Mapping):
-        return {"type": "object", "additionalProperties": _schema(inner[1], shared) or True}
-    if origin in (tuple, list, Sequence):
-        return {"type": "array", "items": _schema(inner[0], shared)}
-    if kind is float:
-        return {"type": ["number", "null"]}
-    if kind is complex:
-        return {"type": "array", "items": {"type": ["number", "null"]}}
-    if kind in _PLAIN:
-        return {"type": _PLAIN[kind]}
-    if dataclasses.is_dataclass(kind):
-        kind = document_of(kind)
-        name = typing.cast(type, kind).__name__
-        if name not in shared:
-            shared[name] = {}  # a type may contain itself
-            shared[name] = _object(typing.cast(type, kind), shared)
-        return {"$ref": f"#/$defs/{name}"}
-    if origin is not None or not isinstance(kind, type):  # an array of NumPy
-        return {"type": "array", "items": {"type": ["number", "null"]}}
-    if issubclass(kind, enum.Enum):
-        return {"enum": [one.value for one in kind]}
-    if issubclass(kind, PurePath):
-        return {"type": "string"}
-    raise TypeError(f"a document cannot hold {kind.__name__}")
-
-
-def _any_of(found: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the schema of either; plain types are listed in one."""
-    if not all(one.keys() == {"type"} for one in found):
-        return {"anyOf": found}
-    names: list[str] = []
-    for one in found:
-        kinds = one["type"] if isinstance(one["type"], list) else [one["type"]]
-        names += [name for name in kinds if name not in names]
-    return {"type": names if len(names) > 1 else names[0]}
-
-
-def _object(kind: type, shared: dict[str, Any]) -> dict[str, Any]:
-    first = (kind.__doc__ or "").partition("\n")[0]
-    found = _no_parts(first)
-    for part in parts_of(kind):
-        inside, (*places, key) = found, part.key.split(".")
-        for place in places:
-            if place not in inside["properties"]:
-                inside["properties"][place] = _no_parts("")
-                inside["required"].append(place)
-            inside = inside["properties"][place]
-        properties, required = inside["properties"], inside["required"]
-        if part.inline is None:
-            made = _schema(part.kind, shared)
-            more = {"unit": part.unit} if part.unit else {}
-            note = {"description": part.note} if part.note else {}
-            properties[key] = made | more | note
-            required += [key] * part.required
-        elif part.inline.units:
-            for name, unit in part.inline.units.items():
-                properties[name] = {"type": ["number", "null"]} | ({"unit": unit} if unit else {})
-            required += part.inline.units
-        else:
-            inner = _object(_inner_class(part.kind), shared)
-            properties |= inner["properties"]
-            required += inner["required"]
-    return found
-
-
-def _no_parts(text: str) -> dict[str, Any]:
-    head = {"type": "object", "description": text} if text else {"type": "object"}
-    return head | {"properties": {}, "required": [], "additionalProperties": False}
-
-
-def _inner_class(kind: Any) -> type:
-    found = next(each for each in (*get_args(kind), kind) if dataclasses.is_dataclass(each))
-    return typing.cast(type, document_of(found))
-
-
-def units(kind: Any) -> dict[str, str]:
-    """Return the unit of every name in the documents of a type.
-
-    Where a name has several units, the first is by the name, the others are by the path.
-    """
-    made, found = schema(kind), dict[str, str]()
-    for inside, name, unit in _units(made, "", made.get("$defs", {}), frozenset()):
-        if found.setdefault(name, unit) != unit:
-            found[f"{inside}.{name}".lstrip(".")] = unit
-    return dict(sorted(found.items()))
-
-
-def _units(
-    part: Any, inside: str, shared: Mapping[str, Any], seen: frozenset[str]
-) -> Iterator[tuple[str, str, str]]:
-    if isinstance(part, list):
-        for item in part:
-            yield from _units(item, inside, shared, seen)
-    if not isinstance(part, dict):
-        return
-    reference = part.get("$ref", "").rpartition("/")[2]
-    if reference and reference not in seen:
-        yield from _units(shared[reference], inside, shared, seen | {reference})
-    for name, field in part.get("properties", {}).items():
-        if found := _unit_in(field):
-            yield inside, name, found
-        yield from _units(field, name, shared, seen)
-    for name in ("items", "anyOf", "additionalProperties"):
-        yield from _units(part.get(name), inside, shared, seen)
-
-
-def _unit_in(field: Any) -> str:
-    """Return the unit of a field, also where it is a list or a table of numbers."""
-    if not isinstance(field, dict):
-        return ""
-    inner = next((field[name] for name in ("items", "additionalProperties") if name in field), None)
-    either = (_unit_in(one) for one in field.get("anyOf", ()))
-    return field.get("unit") or _unit_in(inner) or next((u for u in either if u), "")

@@ -12,19 +12,8 @@ import jsonschema
 import numpy as np
 import pytest
 
-from taction.system.documents import (
-    HIDDEN,
-    INLINE,
-    DocumentKey,
-    Inline,
-    Note,
-    Seconds,
-    plain,
-    read,
-    schema,
-    units,
-    unknown_keys,
-)
+from taction.system.document_schema import schema, units, unknown_keys
+from taction.system.documents import HIDDEN, INLINE, DocumentKey, Inline, Note, Seconds, plain, read
 
 
 class Colour(enum.Enum):

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from taction.netlist_gen.scene.keys import all_keys
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.documents import INLINE, plain, read, unknown_keys
+from taction.system.document_schema import unknown_keys
+from taction.system.documents import INLINE, plain, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.quantities import written

@@ -20,7 +20,7 @@ from taction.verification.report.renderers.plotly import plotly_spec, view_layou
 from taction.verification.report.texts import figure
 from taction.verification.report.views import montecarlo
 from taction.verification.report.views.montecarlo import _edges, sheet
-from taction.verification.report.views.sweep import Plane
+from taction.verification.report.views.sweep_maps import Plane
 from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.tolerance.yield_report import (

@@ -1,0 +1,193 @@
+"""JSON Schema of the documents of a type, the units of its names, and keys that it has not."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import types
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePath
+from typing import Any, Literal, Union, get_args, get_origin
+
+from taction.system.documents import document_of, parts_of, unwrapped
+
+
+def schema(kind: Any) -> dict[str, Any]:
+    """Return the JSON Schema of the documents of a type; a field with a unit has it as `unit`.
+
+    Examples
+    --------
+    >>> from taction.system.documents import Seconds
+    >>> schema(dict[str, Seconds])["additionalProperties"]
+    {'type': ['number', 'null'], 'unit': 's'}
+    """
+    shared: dict[str, Any] = {}
+    made = _schema(kind, shared)
+    if "$ref" in made:
+        made = shared.pop(made["$ref"].rpartition("/")[2])
+    return made | ({"$defs": dict(sorted(shared.items()))} if shared else {})
+
+
+_PLAIN = {bool: "boolean", int: "integer", str: "string", type(None): "null"}
+
+
+def _schema(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
+    kind, notes = unwrapped(kind)
+    unit = next((note for note in notes if isinstance(note, str)), "")
+    made = _schema_of(kind, shared)
+    return made | ({"unit": unit} if unit else {})
+
+
+def _schema_of(kind: Any, shared: dict[str, Any]) -> dict[str, Any]:
+    origin, inner = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return {}
+    if origin in (Union, types.UnionType):
+        return _any_of([_schema(each, shared) for each in inner])
+    if origin is Literal:
+        return {"enum": list(inner)}
+    if origin is not None and issubclass(origin, Mapping):
+        return {"type": "object", "additionalProperties": _schema(inner[1], shared) or True}
+    if origin in (tuple, list, Sequence):
+        return {"type": "array", "items": _schema(inner[0], shared)}
+    if kind is float:
+        return {"type": ["number", "null"]}
+    if kind is complex:
+        return {"type": "array", "items": {"type": ["number", "null"]}}
+    if kind in _PLAIN:
+        return {"type": _PLAIN[kind]}
+    if dataclasses.is_dataclass(kind):
+        kind = document_of(kind)
+        name = typing.cast(type, kind).__name__
+        if name not in shared:
+            shared[name] = {}  # a type may contain itself
+            shared[name] = _object(typing.cast(type, kind), shared)
+        return {"$ref": f"#/$defs/{name}"}
+    if origin is not None or not isinstance(kind, type):  # an array of NumPy
+        return {"type": "array", "items": {"type": ["number", "null"]}}
+    if issubclass(kind, enum.Enum):
+        return {"enum": [one.value for one in kind]}
+    if issubclass(kind, PurePath):
+        return {"type": "string"}
+    raise TypeError(f"a document cannot hold {kind.__name__}")
+
+
+def _any_of(found: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the schema of either; plain types are listed in one."""
+    if not all(one.keys() == {"type"} for one in found):
+        return {"anyOf": found}
+    names: list[str] = []
+    for one in found:
+        kinds = one["type"] if isinstance(one["type"], list) else [one["type"]]
+        names += [name for name in kinds if name not in names]
+    return {"type": names if len(names) > 1 else names[0]}
+
+
+def _object(kind: type, shared: dict[str, Any]) -> dict[str, Any]:
+    first = (kind.__doc__ or "").partition("\n")[0]
+    found = _no_parts(first)
+    for part in parts_of(kind):
+        inside, (*places, key) = found, part.key.split(".")
+        for place in places:
+            if place not in inside["properties"]:
+                inside["properties"][place] = _no_parts("")
+                inside["required"].append(place)
+            inside = inside["properties"][place]
+        properties, required = inside["properties"], inside["required"]
+        if part.inline is None:
+            made = _schema(part.kind, shared)
+            more = {"unit": part.unit} if part.unit else {}
+            note = {"description": part.note} if part.note else {}
+            properties[key] = made | more | note
+            required += [key] * part.required
+        elif part.inline.units:
+            for name, unit in part.inline.units.items():
+                properties[name] = {"type": ["number", "null"]} | ({"unit": unit} if unit else {})
+            required += part.inline.units
+        else:
+            inner = _object(_inner_class(part.kind), shared)
+            properties |= inner["properties"]
+            required += inner["required"]
+    return found
+
+
+def _no_parts(text: str) -> dict[str, Any]:
+    head = {"type": "object", "description": text} if text else {"type": "object"}
+    return head | {"properties": {}, "required": [], "additionalProperties": False}
+
+
+def _inner_class(kind: Any) -> type:
+    found = next(each for each in (*get_args(kind), kind) if dataclasses.is_dataclass(each))
+    return typing.cast(type, document_of(found))
+
+
+def units(kind: Any) -> dict[str, str]:
+    """Return the unit of every name in the documents of a type.
+
+    Where a name has several units, the first is by the name, the others are by the path.
+    """
+    made, found = schema(kind), dict[str, str]()
+    for inside, name, unit in _units(made, "", made.get("$defs", {}), frozenset()):
+        if found.setdefault(name, unit) != unit:
+            found[f"{inside}.{name}".lstrip(".")] = unit
+    return dict(sorted(found.items()))
+
+
+def _units(
+    part: Any, inside: str, shared: Mapping[str, Any], seen: frozenset[str]
+) -> Iterator[tuple[str, str, str]]:
+    if isinstance(part, list):
+        for item in part:
+            yield from _units(item, inside, shared, seen)
+    if not isinstance(part, dict):
+        return
+    reference = part.get("$ref", "").rpartition("/")[2]
+    if reference and reference not in seen:
+        yield from _units(shared[reference], inside, shared, seen | {reference})
+    for name, field in part.get("properties", {}).items():
+        if found := _unit_in(field):
+            yield inside, name, found
+        yield from _units(field, name, shared, seen)
+    for name in ("items", "anyOf", "additionalProperties"):
+        yield from _units(part.get(name), inside, shared, seen)
+
+
+def _unit_in(field: Any) -> str:
+    """Return the unit of a field, also where it is a list or a table of numbers."""
+    if not isinstance(field, dict):
+        return ""
+    inner = next((field[name] for name in ("items", "additionalProperties") if name in field), None)
+    either = (_unit_in(one) for one in field.get("anyOf", ()))
+    return field.get("unit") or _unit_in(inner) or next((u for u in either if u), "")
+
+
+def unknown_keys(kind: Any, data: Mapping[str, Any]) -> list[str]:
+    """Return the keys of `data`, and of all that is in it, that a document of the type has not."""
+    made = schema(kind)
+    return sorted(_unknown(made, data, made.get("$defs", {}), ""))
+
+
+def _unknown(made: Any, data: Any, shared: Mapping[str, Any], place: str) -> set[str]:
+    if not isinstance(made, Mapping):
+        return set()
+    if "$ref" in made:
+        made = shared[made["$ref"].rpartition("/")[2]]
+    if "anyOf" in made:
+        return min((_unknown(each, data, shared, place) for each in made["anyOf"]), key=len)
+    if isinstance(data, list):
+        items = (
+            _unknown(made.get("items"), d, shared, f"{place}[{n}]") for n, d in enumerate(data)
+        )
+        return {name for found in items for name in found}
+    if not isinstance(data, Mapping) or made.get("type") != "object":
+        return set()
+    known, others = made.get("properties", {}), made.get("additionalProperties", False)
+    found: set[str] = set()
+    for key, item in data.items():
+        here = f"{place}.{key}".lstrip(".")
+        if key not in known and others is False:
+            found.add(here)
+        else:
+            found |= _unknown(known.get(key, others), item, shared, here)
+    return found
