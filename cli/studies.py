@@ -95,7 +95,7 @@ def _ask_limits(call: Call) -> None:
     """Ask on stderr what may be a slip in the limits of the options; name the database."""
     from taction.netlist_gen.scene.checks import unitless_times
     from taction.netlist_gen.scene.questions import value_questions
-    from taction.verification.design.choose import base_of, request_of
+    from taction.verification.design.choice_plan import base_of, request_of
 
     given = call.arguments
     names = ("settling", "rise", "overshoot", "noise", "margin", "supply")

@@ -183,14 +183,13 @@ def choose(
     from taction.netlist_gen.board.part_warnings import ANY_PART
     from taction.system.errors import Complaint, InputError
     from taction.system.output_files import make_folder
+    from taction.verification.design.choice_plan import choice_plan, request_of
     from taction.verification.design.choose import (
         Choice,
         best_designs,
-        choice_plan,
         confirmed,
         design_scene,
         designs,
-        request_of,
     )
     from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.studies.store import Store

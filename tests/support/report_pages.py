@@ -12,12 +12,11 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
+from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
 from taction.verification.design.choose import (
     Choice,
-    ChoiceRequest,
     Confirmation,
     best_designs,
-    choice_plan,
     design_scene,
     designs,
 )

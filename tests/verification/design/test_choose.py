@@ -17,16 +17,14 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.design.choose import (
+from taction.verification.design.choice_plan import (
     CAPACITANCE,
     G0,
     GAIN,
     ChoiceRequest,
-    best_designs,
     choice_plan,
-    design_scene,
-    designs,
 )
+from taction.verification.design.choose import best_designs, design_scene, designs
 from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.views.choose import sheet, view
 from taction.verification.studies.store import Store

@@ -10,17 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.design.choose import (
-    CAPACITANCE,
-    FEEDBACK,
-    G0,
-    GAIN,
-    NAMES,
-    U0,
-    Choice,
-    ChosenDesign,
-    Confirmation,
-)
+from taction.verification.design.choice_plan import CAPACITANCE, FEEDBACK, G0, GAIN, NAMES, U0
+from taction.verification.design.choose import Choice, ChosenDesign, Confirmation
 from taction.verification.report.blocks import (
     BOTH,
     PAGE,

@@ -1,0 +1,311 @@
+"""What a choice tries: op-amps, topologies, C and gains, the limits, and the points of the grid.
+
+An op-amp whose input errors miss the limit of the steady state with the scene's own resistors gets
+a G0, a U0 and a range of gains of its own (`scaling.rescaled`), and a range of C that keeps R C.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import product
+from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
+
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import Point, SweepAxis, with_values
+from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
+from taction.netlist_gen.scene.keys import Value, find_key, own_value
+from taction.netlist_gen.scene.open_tables import OPAMPS
+from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
+from taction.system.errors import (
+    Complaint,
+    EngineError,
+    InputError,
+    NoVerdictError,
+)
+from taction.system.quantities import number
+from taction.verification.design.ranges import SearchRange, read_ends
+from taction.verification.design.scaling import SHARE, SMALLER, rescaled
+from taction.verification.design.trials import (
+    at_small_signal,
+)
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.reference.ideal_answer import (
+    IdealAnswer,
+    ideal_answer,
+    ideal_network,
+    read_scene,
+)
+from taction.verification.studies.sweep.plan import Plan
+from taction.verification.verdict.input_spread import InputSpread
+
+ERRORS = "design.opamp.input_errors"
+OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
+G0, U0 = "design.unit_conductance", "design.unit_voltage"
+TOPOLOGY, FEEDBACK = "design.topology", "design.feedback_conductance"
+NAMES = {
+    TOPOLOGY: "topology", OPAMP: "opamp", G0: "G0", U0: "U0", CAPACITANCE: "C", GAIN: "gain",
+    FEEDBACK: "gf",
+}  # fmt: skip
+"""The keys that may move, with their names in a table."""
+EVERY, SAME_LAMBDA = "all", 1e-9
+AROUND = 10.0  # C and gain go from the scene's value divided by it to the value times it
+POINTS = 9  # of C and of the gain
+MOST_POINTS = 101
+
+
+@dataclass(frozen=True, slots=True)
+class ChoiceRequest:
+    """What is asked for.
+
+    Attributes
+    ----------
+    opamps : sequence of str
+        Presets; empty for all of them.
+    capacitances, gains : str
+        Ranges ``"LOW:HIGH"``, or empty.
+    points : int
+        Values of C and of the gain, before they are rounded to their series.
+    limits : mapping
+        Values of the scene by dotted paths: limits of the checks, and the supply.
+    topologies : sequence of str
+        Names, or `EVERY`; empty for that of the scene.
+    """
+
+    opamps: Sequence[str] = ()
+    capacitances: str = ""
+    gains: str = ""
+    points: int = POINTS
+    limits: Point | None = None
+    topologies: Sequence[str] = ()
+
+
+def request_of(
+    opamps: str | Sequence[str],
+    capacitances: str,
+    gains: str,
+    points: int,
+    topology: str | Sequence[str] = "",
+    **limits: str | float | None,
+) -> ChoiceRequest:
+    """Return what is asked for, from the arguments of `taction.choose`.
+
+    Raises
+    ------
+    InputError
+        The overshoot or the margin is no number.
+    """
+    names, topologies = (
+        text.split(",") if isinstance(text, str) else text for text in (opamps, topology)
+    )
+    values = {
+        "checks.settling_time.max": limits["settling"],
+        "checks.rise_time.max": limits["rise"],
+        "checks.overshoot.max": _number("--overshoot", limits["overshoot"]),
+        "checks.noise.max": limits["noise"],
+        "checks.stability.margin": _number("--margin", limits["margin"]),
+        "design.supply": limits["supply"],
+    }
+    return ChoiceRequest(
+        opamps=[name.strip() for name in names if name.strip()],
+        capacitances=capacitances,
+        gains=gains,
+        points=points,
+        limits={path: value for path, value in values.items() if value is not None},
+        topologies=[name.strip() for name in topologies if name.strip()],
+    )
+
+
+def _number(option: str, given: str | float | None) -> float | None:
+    """Read a number; of the overshoot also a share in percent."""
+    if given is None:
+        return None
+    text = str(given).strip()
+    percent = option == "--overshoot" and text.endswith("%")
+    try:
+        return number(text.removesuffix("%")) / 100.0 if percent else number(text)
+    except ValueError:
+        complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
+        raise InputError(option, complaint) from None
+
+
+def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
+    """Return the sweep of a choice by the state-space engine.
+
+    Op-amps are at the small-signal level: a design above 90 % of a limit of its parts is
+    inconclusive, so that no design without headroom is chosen.
+
+    Parameters
+    ----------
+    scene : Scene
+        Lambda is a number.
+
+    Raises
+    ------
+    InputError
+        An op-amp is unknown, a range is none, or a limit is no value of its key.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/tuned-breadboard.toml")
+    >>> plan = choice_plan(scene, ChoiceRequest(["tl084", "ne5534"], "10pF:40pF", "1M:2M", 3))
+    >>> plan.shape, sorted(set(plan.axes[1].values))
+    ((18,), [1e-11, 2e-11, 4e-11])
+    """
+    base = choice_base(scene, request)
+    rows: list[dict[str, Value]] = []
+    for name, opamp in product(_topologies(base, request), dict.fromkeys(_names(request))):
+        rows += _rows(with_values(base, {TOPOLOGY: name, OPAMP: opamp}), request)
+    own = {path: _own(base, path) for path in NAMES}
+    held = {path for path in NAMES if all(row.get(path, own[path]) == own[path] for row in rows)}
+    kept = [path for path in NAMES if path in (OPAMP, *base_keys(base)) or path not in held]
+    axes = []
+    for path in kept:
+        values = tuple(row.get(path, own[path]) for row in rows)
+        axes.append(SweepAxis(find_key(base, path), NAMES[path], values, "list"))
+    return Plan(at_small_signal(base), [axes], ("statespace",))
+
+
+def base_keys(scene: Scene) -> tuple[str, str]:
+    """Return the two keys that the topology of a scene searches."""
+    return topology_of(scene).searched
+
+
+def _own(scene: Scene, path: str) -> Value:
+    key = find_key(scene, path)
+    value = own_value(scene, key) if key.kind == "real" else attrgetter(path)(scene)
+    return scene.design.unit_conductance if value is None else value
+
+
+def _rows(start: Scene, request: ChoiceRequest) -> Iterator[dict[str, Value]]:
+    """Yield the designs of one topology and op-amp: every pair of the two keys that it searches."""
+    paths = base_keys(start)
+    texts = {CAPACITANCE: request.capacitances, GAIN: request.gains}
+    options = {CAPACITANCE: "--c-range", GAIN: "--gain-range"}
+    if GAIN in paths:
+        start = _with_a_gain(start)
+        start = _with_own_scale(start) if not request.gains else start
+    design = start.design
+    own: dict[str, Value] = {
+        OPAMP: design.opamp.base, G0: design.unit_conductance, U0: design.unit_voltage,
+        TOPOLOGY: design.topology, GAIN: design.gain, CAPACITANCE: design.capacitance,
+    }  # fmt: skip
+    lists = [
+        _values(start, path, options.get(path, "--points"), texts.get(path, ""), request.points)
+        for path in paths
+    ]
+    for pair in product(*lists):
+        yield {**own, **dict(zip(paths, pair, strict=True))}
+
+
+def _with_a_gain(scene: Scene) -> Scene:
+    """Return a scene that gives no gain with the one at which R has the same value."""
+    lam = scene.design.lam
+    if "gain" in scene.design.model_fields_set or not isinstance(lam, int | float):
+        return scene
+    return with_values(scene, {GAIN: 1.0 / (math.sqrt(lam) * scene.design.unit_conductance)})
+
+
+def _topologies(base: Scene, request: ChoiceRequest) -> Sequence[str]:
+    """Return the topologies of a choice: those asked for, or all that solve the same problem.
+
+    Raises
+    ------
+    InputError
+        A topology is unknown, or it has another lambda than the scene.
+    """
+    if not request.topologies:
+        return [base.design.topology]
+    wanted = TOPOLOGIES if EVERY in request.topologies else request.topologies
+    lam, found = topology_of(base).facts(base)["lambda"].value, []
+    for name in wanted:
+        try:
+            moved = with_values(base, {TOPOLOGY: name})
+            stated = topology_of(moved).facts(moved)["lambda"].value
+        except InputError:
+            if wanted is TOPOLOGIES:
+                continue
+            raise
+        if math.isclose(stated, lam, rel_tol=SAME_LAMBDA):
+            found.append(name)
+        elif wanted is not TOPOLOGIES:
+            text = f"it solves with lambda = {stated:g}, the scene with {lam:g}"
+            raise InputError("--topology", Complaint("name", repr(name), text))
+    return found
+
+
+def _names(request: ChoiceRequest) -> Sequence[str]:
+    return request.opamps or [name for name, o in OPAMPS.items() if math.isfinite(o.gbw)]
+
+
+def choice_base(scene: Scene, request: ChoiceRequest) -> Scene:
+    """Return the scene with the limits of a request, its lambda as a number, and its first op-amp.
+
+    Raises
+    ------
+    InputError
+        An op-amp is unknown, or a limit is no value of its key.
+    """
+    lam = ideal_network(make_problem(scene), scene).lam
+    limits = {path: value for path, value in (request.limits or {}).items() if value is not None}
+    return with_values(
+        scene,
+        {
+            **limits,
+            **({"design.lambda": lam} if lam > 0.0 else {}),
+            "design.opamp": _names(request)[0],
+            ERRORS: scene.design.opamp.input_errors,
+        },
+    )
+
+
+def base_of(scene: str | Path | Scene, request: ChoiceRequest) -> tuple[Scene, Scene]:
+    """Return a scene with lambda as a number, and its `choice_base`; errors as its readers'."""
+    read = read_scene(scene)
+    return read, choice_base(read, request)
+
+
+def _values(scene: Scene, path: str, option: str, text: str, points: int) -> tuple[float, ...]:
+    found = SearchRange.around(scene, path, AROUND)
+    if text and found is not None:
+        low, high = read_ends(scene, path, text)
+        found = replace(found, low=low, high=high)
+    if found is None or not (0.0 < found.low <= found.high and 1 <= points <= MOST_POINTS):
+        accepted = f"expected LOW:HIGH above zero, and 1 to {MOST_POINTS} points"
+        raise InputError(option, Complaint(path, repr(text), accepted))
+    return found.values(points)
+
+
+def _with_own_scale(scene: Scene) -> Scene:
+    """Return the scene with another G0, U0, s and C if its op-amp rests too far with its own."""
+    problem = make_problem(scene)
+    answer = ideal_answer(ideal_network(problem, scene), scene)
+    least, best = _distance(scene, problem, answer), scene
+    if least <= scene.checks.steady_state.tolerance:
+        return scene
+    for factor in SMALLER:
+        with suppress(InputError, NoVerdictError):
+            scaled = rescaled(scene, problem, answer, SHARE, factor)
+            distance = _distance(scaled, problem, answer)
+            least, best = min((least, best), (distance, scaled), key=lambda pair: pair[0])
+    return best
+
+
+def _distance(scene: Scene, problem: InverseProblem, answer: IdealAnswer) -> float:
+    """Return how far 95 % of the boards rest from the answer, in steps; 0 without input errors."""
+    step = float(np.abs(answer.target - answer.start).max(initial=0.0))
+    ratio = scene.design.unit_voltage / answer.network.U0
+    try:
+        spread = InputSpread.of(LinearBoard(synthesise(scene, problem)))
+    except (InputError, EngineError):
+        return math.inf
+    if spread is None or not step:
+        return 0.0
+    return spread.distance(answer.target * ratio)[0] / (step * ratio)
