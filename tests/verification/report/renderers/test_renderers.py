@@ -21,7 +21,13 @@ from taction.verification.report.charts import (
     looks_of,
     spread_colours,
 )
-from taction.verification.report.renderers import notebook, picture, plotly, terminal
+from taction.verification.report.renderers import (
+    notebook,
+    picture,
+    picture_chart,
+    plotly,
+    terminal,
+)
 from taction.verification.report.renderers.figures import new_figure
 from taction.verification.report.renderers.page import FILES, page_html
 from tests.support.gallery import EVERYWHERE, charts, gallery, sheet
@@ -52,7 +58,7 @@ def test_an_outcome_has_the_same_colour_in_every_medium(outcome: str) -> None:
     look = OUTCOMES[outcome]
     style = (FILES / "page.css").read_text("utf-8")
     assert f"--fill-{outcome}: {look.colour};" in style
-    assert picture.colour(outcome) == plotly.colour(outcome) == look.colour
+    assert picture_chart.colour(outcome) == plotly.colour(outcome) == look.colour
     assert terminal.outcome_text("x", outcome).style == look.colour
     page = Page("title", "study", outcome, "", (), ())
     assert look.colour in notebook.card(page)
@@ -188,26 +194,26 @@ def test_a_picture_always_has_the_same_bytes(ending: str, tmp_path: Path) -> Non
 def test_a_picture_has_the_values_of_the_chart() -> None:
     with new_figure(5.0, 4.0) as figure:
         axes = figure.add_subplot()
-        picture.draw_chart(axes, CHARTS["deviation"])
+        picture_chart.draw_chart(axes, CHARTS["deviation"])
         curve = next(line for line in axes.lines if len(line.get_xdata()) > 2)
         assert np.allclose(np.asarray(curve.get_ydata())[0], 5.0)
         assert axes.get_ylim() == (-6.0, 6.0)
         assert axes.get_xlabel() == "time (µs)"
         hatched = figure.add_subplot()
-        picture.draw_chart(hatched, CHARTS["histogram"])
+        picture_chart.draw_chart(hatched, CHARTS["histogram"])
         looks = [(patch.get_hatch(), patch.get_height()) for patch in hatched.patches]
     assert [height for _, height in looks] == [4.0, 9.0, 2.0]
     assert [hatch or "" for hatch, _ in looks] == ["", "", "////"]
 
 
 def test_places_of_labels_keep_their_distance() -> None:
-    places = picture.apart(np.array([0.5, 0.5, 0.5]), 0.1)
+    places = picture_chart.apart(np.array([0.5, 0.5, 0.5]), 0.1)
     assert np.allclose(np.sort(places), [0.4, 0.5, 0.6])
 
 
 def test_edges_of_cells_lie_between_their_middles() -> None:
-    assert np.allclose(picture.cell_edges([1.0, 3.0]), [0.0, 2.0, 4.0])
-    assert np.allclose(picture.cell_edges([5.0]), [4.5, 5.5])
+    assert np.allclose(picture_chart.cell_edges([1.0, 3.0]), [0.0, 2.0, 4.0])
+    assert np.allclose(picture_chart.cell_edges([5.0]), [4.5, 5.5])
 
 
 def test_a_card_shows_every_block() -> None:

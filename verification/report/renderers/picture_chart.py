@@ -1,0 +1,434 @@
+"""One chart as a picture of matplotlib: its marks, axes, labels and legend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from taction.system.array_types import Floats
+from taction.verification.report.charts import (
+    BLUE,
+    GREY,
+    ORANGE,
+    OUTCOMES,
+    Axis,
+    Band,
+    Cells,
+    Chart,
+    Columns,
+    Curve,
+    Grid,
+    Limit,
+    Text,
+)
+from taction.verification.report.renderers.figures import wrapped
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LETTERS = 13.0  # of a title per inch of the chart's width
+MARKS = {
+    "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v",
+    "triangle-left": "<", "triangle-right": ">", "x": "x", "cross": "P", "star": "*",
+    "hourglass": "X", "hexagon": "h", "pentagon": "p", "line-ns": "|",
+}  # fmt: skip
+LINES = {"solid": "-", "dash": (0, (4.0, 4.0)), "dot": ":", "dashdot": "-.", "": "none"}
+THEME = {"ink": "#1a1a1a", "muted": "#555555", "band": "#d9d9d9", "true": GREY}
+PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"),
+            (1e-12, "p"), (1e-15, "f"))  # fmt: skip
+DIVERGING = (BLUE, "#f4f4f2", ORANGE)
+LEAST_GAP = 0.055  # between two labels, share of the height of the axes
+
+
+def draw_chart(axes: Axes, chart: Chart) -> None:
+    """Draw `chart` into `axes`."""
+    for name in ("x", "y"):
+        if getattr(chart, name).scale == "log":
+            getattr(axes, f"set_{name}scale")("log")
+    for mark in chart.marks:
+        DRAWERS[type(mark)](axes, mark, chart)
+    first = chart.views[0] if chart.views else None
+    for name, limits in (("x", first and first.x), ("y", first and first.y)):
+        axis: Axis = getattr(chart, name)
+        ends = limits or axis.limits
+        if ends is not None:
+            low, high = (_factor(axis) * end for end in ends)
+            getattr(axes, f"set_{name}lim")(low, high)
+        if axis.reverse:
+            getattr(axes, f"invert_{name}axis")()
+    for name in ("x", "y"):
+        _label(axes, chart, name)
+    _end_labels(axes, chart)
+    _legend(axes, chart)
+    figure: Any = axes.figure
+    inches = figure.get_figwidth() * axes.get_position().width
+    axes.set_title(wrapped(chart.heading, LETTERS * inches), fontsize="medium")
+
+
+def colour(name: str) -> str:
+    """Return a colour of a chart as hexadecimal RGB."""
+    if name in OUTCOMES:
+        return OUTCOMES[name].colour
+    return THEME.get(name, name)
+
+
+def hatch(name: str) -> str:
+    """Return the hatching of an outcome; other colours have none."""
+    return OUTCOMES[name].hatch if name in OUTCOMES else ""
+
+
+def apart(wanted: Floats, gap: float = LEAST_GAP) -> Floats:
+    """Return the places (n,) nearest to the wanted ones that are at least `gap` apart.
+
+    Examples
+    --------
+    >>> apart(np.array([0.5, 0.5, 0.1]), 0.1).round(2).tolist()
+    [0.45, 0.55, 0.1]
+    """
+    from scipy.optimize import isotonic_regression
+
+    order = np.argsort(wanted, kind="stable")
+    steps = gap * np.arange(len(wanted))
+    places = np.empty(len(wanted))
+    places[order] = isotonic_regression(np.asarray(wanted)[order] - steps).x + steps
+    return places
+
+
+def cell_edges(places: ArrayLike, *, log: bool = False) -> Floats:
+    """Return the edges (n + 1,) of the cells around `places` (n,).
+
+    Examples
+    --------
+    >>> cell_edges([1.0, 2.0, 4.0]).tolist(), cell_edges([1.0, 100.0], log=True).round(3).tolist()
+    ([0.5, 1.5, 3.0, 5.0], [0.1, 10.0, 1000.0])
+    """
+    inner = np.asarray(places, dtype=np.float64)
+    inner = np.log(inner) if log else inner
+    half = 0.5 * np.diff(inner) if len(inner) > 1 else np.array([0.5])
+    between = inner[:-1] + half if len(inner) > 1 else inner[:0]
+    edges = np.concatenate([[inner[0] - half[0]], between, [inner[-1] + half[-1]]])
+    return np.exp(edges) if log else np.asarray(edges)
+
+
+def _factor(axis: Axis) -> float:
+    return 100.0 if axis.unit == "step" else 1.0
+
+
+def _values(values: ArrayLike, axis: Axis) -> Floats:
+    return np.asarray(np.asarray(values, dtype=np.float64) * _factor(axis))
+
+
+def _label(axes: Axes, chart: Chart, name: str) -> None:
+    """Write the title, the unit and the ticks of an axis."""
+    from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
+
+    axis: Axis = getattr(chart, name)
+    ruler: Any = getattr(axes, f"{name}axis")
+    low, high = sorted(getattr(axes, f"get_{name}lim")())
+    unit = UNITS.get(axis.unit, axis.unit)
+    shown = ""
+    if axis.scale == "names":
+        getattr(axes, f"set_{name}ticks")(range(len(axis.names)), axis.names)
+        if name == "x" and sum(map(len, axis.names)) > 60:
+            axes.tick_params("x", labelrotation=30)
+    elif axis.scale == "log":
+        if unit and unit != "%":
+            ruler.set_major_formatter(EngFormatter(unit))
+        else:
+            ruler.set_major_formatter("{x:g}")
+            shown = unit
+        short = high < (300.0 if name == "y" else 60.0) * low
+        ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
+        ruler.set_minor_formatter(NullFormatter())
+    elif unit and unit != "%":
+        size, prefix = _prefix(max(abs(low), abs(high)))
+        ruler.set_major_formatter(lambda value, _: f"{value / size:.6g}".replace("-", "−"))
+        shown = f"{prefix}{unit}"
+    else:
+        ruler.set_major_formatter(lambda value, _: f"{value:.6g}".replace("-", "−"))
+        shown = unit
+    if axis.ticks:
+        ruler.set_ticks([_factor(axis) * tick for tick in axis.ticks])
+        ruler.set_minor_locator(MaxNLocator(1))
+        ruler.set_minor_formatter(NullFormatter())
+    elif axis.whole:
+        ruler.set_major_locator(MaxNLocator(integer=True))
+    title = f"{axis.title} (% of the step)".lstrip() if shown == "%" else axis.title
+    if shown and shown != "%":
+        title = f"{title} ({shown})".lstrip()
+    getattr(axes, f"set_{name}label")(title)
+
+
+UNITS = {"ohm": "Ω", "1/s": "/s", "step": "%", "ratio": ""}
+
+
+def _prefix(reach: float) -> tuple[float, str]:
+    return next(((size, name) for size, name in PREFIXES if reach >= size), (1.0, ""))
+
+
+def _marker(name: str, look: str, size: float) -> dict[str, Any]:
+    shape = name.removesuffix("-open")
+    open_mark = name.endswith("-open")
+    return {
+        "marker": MARKS.get(shape, "o") if name else "none", "ms": size,
+        "mfc": "none" if open_mark else look, "mec": look,
+    }  # fmt: skip
+
+
+def _curve(axes: Axes, mark: Curve, chart: Chart) -> None:
+    x, y, look = _values(mark.x, chart.x), _values(mark.y, chart.y), colour(mark.colour)
+    name = mark.name if mark.label == "legend" and mark.name else None
+    style: dict[str, Any] = {"color": look, "lw": mark.width, "ls": LINES[mark.line]}
+    style |= {"zorder": 1.5 if mark.behind else 2.5, "label": name}
+    style |= _marker(mark.mark, look, mark.size)
+    if mark.mark and mark.marks and mark.line:
+        style["markevery"] = max(len(x) // mark.marks, 1)
+    elif mark.marks:
+        chosen = np.unique(np.linspace(0, len(x) - 1, mark.marks).round().astype(int))
+        x, y = x[chosen], y[chosen]
+    if mark.shades is not None and mark.shade is not None:
+        _shaded(axes, mark, x, y)
+    elif mark.spread is None:
+        axes.plot(x, y, **style)
+    else:
+        low, high = _values(mark.spread, chart.x)
+        axes.errorbar(x, y, xerr=np.abs([x - low, high - x]), elinewidth=0.8, capsize=2, **style)
+    for text, *place in zip(mark.written, x, y, strict=False):
+        if text and np.isfinite(place).all():
+            axes.annotate(
+                text, (place[0], place[1]), (6, 5), textcoords="offset points",
+                fontsize="small", color=look,
+            )  # fmt: skip
+
+
+def _shaded(axes: Axes, mark: Curve, x: Floats, y: Floats) -> None:
+    """Draw marks in colours of a scale, with its bar below the chart."""
+    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.ticker import EngFormatter, NullFormatter
+
+    shades, axis = np.asarray(mark.shades, dtype=np.float64), mark.shade or Axis()
+    ends = axis.limits or (float(shades.min()), float(shades.max()))
+    norm = (LogNorm if axis.scale == "log" else Normalize)(*ends)
+    dots = axes.scatter(x, y, c=shades, s=mark.size**2 / 2.0, norm=norm, cmap="viridis", zorder=2.5)
+    figure: Any = axes.figure
+    bar = figure.colorbar(dots, ax=axes, location="bottom", aspect=50, pad=0.02)
+    bar.ax.xaxis.set_major_formatter(EngFormatter(UNITS.get(axis.unit, axis.unit)))
+    bar.ax.xaxis.set_minor_formatter(NullFormatter())
+    bar.set_label(axis.title)
+
+
+def _limit(axes: Axes, mark: Limit, chart: Chart) -> None:
+    axis = getattr(chart, mark.across)
+    draw = axes.axvline if mark.across == "x" else axes.axhline
+    look: dict[str, Any] = {"color": colour(mark.colour), "ls": LINES[mark.line], "lw": mark.width}
+    draw(_factor(axis) * mark.value, label=mark.name or None, zorder=1.8, **look)
+
+
+def _band(axes: Axes, mark: Band, chart: Chart) -> None:
+    factor = _factor(getattr(chart, mark.across))
+    draw = axes.axvspan if mark.across == "x" else axes.axhspan
+    look, ends = colour(mark.colour), (factor * mark.low, factor * mark.high)
+    more: dict[str, Any] = {"zorder": 0, "label": mark.name or None, "lw": 0.0}
+    if mark.hatched:
+        draw(*ends, fc="none", ec=look, hatch="//", alpha=0.4, **more)
+    else:
+        draw(*ends, color=look, alpha=0.15 if mark.colour in OUTCOMES else 1.0, **more)
+
+
+def _columns(axes: Axes, mark: Columns, chart: Chart) -> None:
+    along = "y" if mark.across == "x" else "x"
+    places = _values(mark.places, getattr(chart, mark.across))
+    axis: Axis = getattr(chart, along)
+    sizes = _values(mark.sizes, axis)
+    bases = np.zeros(len(sizes)) if mark.bases is None else _values(mark.bases, axis)
+    own = getattr(chart, mark.across)
+    widths = np.full(len(sizes), 0.8) if mark.widths is None else _values(mark.widths, own)
+    looks = mark.looks * len(sizes) if len(mark.looks) == 1 else mark.looks
+    more: dict[str, Any] = {
+        "color": [colour(look) for look in looks], "hatch": [hatch(look) for look in looks],
+        "edgecolor": "white", "linewidth": 0.4, "label": mark.name or None,
+    }  # fmt: skip
+    if mark.across == "x":
+        axes.bar(places, sizes, widths, bases, **more)
+    else:
+        axes.barh(places, sizes, widths, bases, **more)
+        axes.grid(visible=False, axis="y")
+    ends = np.maximum(bases, bases + sizes)
+    for text, place, end in zip(mark.written, places, ends, strict=False):
+        at = (place, end) if mark.across == "x" else (end, place)
+        upright = mark.across == "x"
+        axes.annotate(
+            text, at, (0, 2) if upright else (3, 0), textcoords="offset points", fontsize="small",
+            va="bottom" if upright else "center", ha="center" if upright else "left",
+        )  # fmt: skip
+    if mark.written:
+        axes.margins(x=0.2 if along == "x" else None, y=0.2 if along == "y" else None)
+
+
+def _edges(mark: Grid | Cells, chart: Chart) -> tuple[Floats, Floats]:
+    found = [
+        cell_edges(_values(places, axis), log=axis.scale == "log")
+        for places, axis in ((mark.x, chart.x), (mark.y, chart.y))
+    ]
+    return found[0], found[1]
+
+
+def _grid(axes: Axes, mark: Grid, chart: Chart) -> None:
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, SymLogNorm
+
+    shown = np.ma.masked_invalid(_values(mark.values, Axis(unit=mark.unit)))
+    axes.set_facecolor("0.85")
+    axes.grid(visible=False)
+    across, down = _edges(mark, chart)
+    axes.set(xlim=across[[0, -1]], ylim=down[[0, -1]])
+    if not shown.count():
+        axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
+        return
+    factor = _factor(Axis(unit=mark.unit))
+    low, high = mark.limits or (float(shown.min()) / factor, float(shown.max()) / factor)
+    low, high = factor * low, factor * high
+    colours = LinearSegmentedColormap.from_list("shares", DIVERGING)
+    if mark.scale == "signed":
+        reach = max(abs(low), abs(high)) or 1.0
+        norm: Any = SymLogNorm(0.1 * reach, vmin=-reach, vmax=reach)
+        cmap: Any = colours if mark.warm == "positive" else colours.reversed()
+    elif mark.scale == "share":
+        norm, cmap = LogNorm(low, high), colours
+    elif mark.scale == "log" and low > 0.0:
+        norm, cmap = LogNorm(low, max(high, 1.01 * low)), "viridis"
+    else:
+        norm, cmap = Normalize(low, max(high, low + 1e-12)), "viridis"
+    mesh = axes.pcolormesh(across, down, shown, norm=norm, cmap=cmap)
+    if mark.bar:
+        _colour_bar(axes, mark, mesh, (low, high))
+    if mark.written:
+        for y, row in zip(_values(mark.y, chart.y), mark.written, strict=True):
+            for x, text in zip(_values(mark.x, chart.x), row, strict=True):
+                axes.text(x, y, text, ha="center", va="center", fontsize="small")
+
+
+def _colour_bar(axes: Axes, mark: Grid, mesh: Any, ends: tuple[float, float]) -> None:
+    from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter, StrMethodFormatter
+
+    unit = UNITS.get(mark.unit, mark.unit)
+    figure: Any = axes.figure
+    more = {"extend": "both"} if mark.scale == "share" else {}
+    bar = figure.colorbar(mesh, ax=axes, pad=0.015, **more)
+    write: Any = EngFormatter(unit) if unit not in ("", "%") else StrMethodFormatter("{x:g}")
+    if mark.scale == "log" and ends[0] > 0.0:
+        short = ends[1] < 300.0 * ends[0]
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    elif mark.scale == "signed":
+        reach = max(map(abs, ends)) or 1.0
+        decade = float(10.0 ** np.floor(np.log10(reach)))
+        ticks = [-decade, 0.0, decade]
+        bar.set_ticks(ticks, labels=[write(tick) for tick in ticks])
+        bar.ax.minorticks_off()
+    elif mark.scale == "share":
+        bar.ax.axhline(1.0, color="k", lw=1.5)
+    if mark.scale != "signed":
+        bar.ax.yaxis.set_major_formatter(write)
+    bar.set_label(mark.title or ("% of the step" if unit == "%" else ""))
+
+
+def _cells(axes: Axes, mark: Cells, chart: Chart) -> None:
+    from matplotlib.colors import ListedColormap
+
+    across, down = _edges(mark, chart)
+    axes.set_facecolor("white")
+    axes.grid(visible=False)
+    axes.set(xlim=across[[0, -1]], ylim=down[[0, -1]])
+    for name, look in mark.looks.items():
+        cells = np.ma.masked_not_equal((mark.names == name).astype(np.int8), 1)
+        if cells.count():
+            axes.pcolor(
+                across, down, cells, cmap=ListedColormap([look.colour]), hatch=look.hatch,
+                edgecolor="white" if look.hatch else "none", linewidth=0.0,
+            )  # fmt: skip
+
+
+def _text(axes: Axes, mark: Text, chart: Chart) -> None:
+    if _is_end_label(mark):
+        return
+    side, level = mark.align
+    place: list[Any] = []
+    for value, axis, edge in (
+        (mark.x, chart.x, {"left": 0.99, "right": 0.01, "middle": 0.5}[side]),
+        (mark.y, chart.y, {"above": 0.02, "below": 0.98, "middle": 0.5}[level]),
+    ):
+        place.append((edge, "axes fraction") if value is None else (_factor(axis) * value, "data"))
+    axes.annotate(
+        mark.text, (place[0][0], place[1][0]), xycoords=(place[0][1], place[1][1]),
+        ha={"left": "right", "right": "left", "middle": "center"}[side],
+        va={"above": "bottom", "below": "top", "middle": "center"}[level],
+        fontsize="small", color=colour(mark.colour),
+    )  # fmt: skip
+
+
+def _is_end_label(mark: Text) -> bool:
+    return mark.x is None and mark.align == ("right", "middle")
+
+
+DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
+    Curve: _curve,
+    Limit: _limit,
+    Band: _band,
+    Columns: _columns,
+    Grid: _grid,
+    Cells: _cells,
+    Text: _text,
+}
+
+
+def _end_labels(axes: Axes, chart: Chart) -> None:
+    """Write names beside the right ends of lines, none over another."""
+    found: list[tuple[str, float, str]] = []
+    factor = _factor(chart.y)
+    for mark in chart.marks:
+        if isinstance(mark, Curve) and mark.label == "end" and mark.name:
+            y = np.asarray(mark.y, dtype=np.float64)
+            known = y[np.isfinite(y)]
+            found += [(mark.name, factor * float(known[-1]), mark.colour)] if len(known) else []
+        elif isinstance(mark, Text) and _is_end_label(mark) and mark.y is not None:
+            found.append((mark.text, factor * mark.y, mark.colour))
+    if not found:
+        return
+    to_axes = axes.transData + axes.transAxes.inverted()
+    left = axes.get_xlim()[0]
+    wanted = np.array([to_axes.transform((left, y))[1] for _, y, _ in found])
+    wanted = np.clip(wanted, 0.0, 1.0)
+    for (name, _, look), y, place in zip(found, wanted, apart(wanted), strict=True):
+        axes.annotate(
+            name, (1.0, y), (1.03, place), xycoords="axes fraction", textcoords="axes fraction",
+            va="center", fontsize="small", color=colour(look), annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": colour(look), "lw": 0.6, "shrinkA": 1,
+                        "shrinkB": 0},
+        )  # fmt: skip
+
+
+def _legend(axes: Axes, chart: Chart) -> None:
+    from matplotlib.patches import Patch
+
+    cells = [mark for mark in chart.marks if isinstance(mark, Cells)]
+    keys: dict[str, Any] = {
+        look.name: Patch(facecolor=look.colour, hatch=look.hatch, edgecolor="white")
+        for mark in cells
+        for look in mark.looks.values()
+    }
+    handles, names = axes.get_legend_handles_labels()
+    keys |= dict(zip(names, handles, strict=True))
+    if not chart.legend or not keys:
+        return
+    figure: Any = axes.figure
+    inches = figure.get_figwidth() * axes.get_position().width
+    across = max(1, min(3, int(LETTERS * inches / (6 + max(map(len, keys))))))
+    places: dict[str, dict[str, Any]] = {
+        "beside": {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)},
+        "below": {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": across},
+        "inside": {"loc": "best"},
+    }
+    axes.legend([*keys.values()], [*keys], fontsize="small", **places[chart.legend])
