@@ -7,7 +7,7 @@ its operating point (`VendorBench`), and only as a deck.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SmallSignal, Transient
 from taction.netlist_gen.board.circuit import (
@@ -118,10 +118,6 @@ class Bench:
         if self.load is not None:
             lines.append(f"Rload {OUT} 0 {self.load!r}")
         return _deck([*lines, TIGHT], analysis, (OUT,))
-
-    def with_opamp(self, opamp: OpAmp) -> Bench:
-        """Return the bench with another op-amp."""
-        return replace(self, opamp=opamp)
 
 
 @dataclass(frozen=True, slots=True)
