@@ -363,8 +363,8 @@ def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, V
         for (place, one), pending in zip(same.items(), simulations, strict=True):
             if pending is not None:
                 with suppress(Exception):
-                    begun = _begin(one.design, one.clock, pending, one.request.ideal)
-                    yield place, one.verdict(*begun)
+                    known = _begin(one.design, one.clock, pending, one.request.ideal)
+                    yield place, one.verdict(*known)
     begun: dict[int, tuple[Pending, IdealAnswer]] = {}
     responses: dict[int, ExactResponse] = {}
     searches: dict[int, MarginSearch] = {}
