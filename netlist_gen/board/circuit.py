@@ -549,7 +549,7 @@ class Circuit(Result):
                 for each in self.matrices
             ),
             facts={
-                name: replace(fact, value=changed.get(name, fact.value))
+                name: replace(fact, value=changed[name]) if name in changed else fact
                 for name, fact in self.facts.items()
             },
             expressions={

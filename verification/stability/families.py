@@ -25,6 +25,7 @@ from taction.verification.stability.port_response import LawResponse, PortRespon
 from taction.verification.stability.scan import TOLERANCE, scan
 
 PER_DECADE = 20  # values of the first grid of a scan
+APART_FROM_ZERO = 1e3  # times its bound: a pole beyond it is not at zero
 BESIDE = 1e-6  # relative distance of the samples beside an edge of the loci
 APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their values, and tolerance
 
@@ -160,15 +161,17 @@ class Family:
             return found.mapped(lambda share: own / share)
         return found.mapped(lambda share: own * share ** (1.0 / power))
 
-    def confirmed(self, found: Edges, unstable: int) -> Edges:
+    def confirmed(self, found: Edges, unstable: int, own: Poles | None = None) -> Edges:
         """Return the edges without those at which no real pole crosses; `unstable` is of `own`.
 
         A pole that stays at zero, such as that of a loop of coils, hides a locus there. An edge
-        that rounding hides stays, and its value comes to the near ones.
+        that rounding hides stays, and its value comes to the near ones. `own` are the poles at
+        the value `own`, where a part of a deck may change the sign of ``det K``.
         """
         near, changes = list(found.near), list[tuple[float, float, int]]()
         for edge in found.edges:
-            crosses = True if edge.frequency else self._crosses(edge.value)
+            known = edge.frequency or self._is_simple(edge.value, own)
+            crosses = True if known else self._crosses(edge.value)
             if crosses is None:
                 near.append(edge.value)
             if crosses is not False:
@@ -176,6 +179,22 @@ class Family:
         if len(changes) == len(found.edges) and len(near) == len(found.near):
             return found
         return Edges.counted((found.low, found.high), changes, near, (self.own, unstable))
+
+    def _is_simple(self, value: float, own: Poles | None) -> bool:
+        """Tell whether a real pole is known to cross zero at a value, without other poles.
+
+        ``det(-K)`` is that of the board at `own` times ``1 + (share - 1) W(0)``, for a single part:
+        it changes its sign there, and so does one pole, if no pole at `own` is at zero.
+        """
+        ports = self.ports
+        if own is None or ports is None or ports.count != 1 or not own.complete:
+            return False
+        if np.any(np.abs(own.poles) <= APART_FROM_ZERO * own.errors):
+            return False
+        if not ports.board.circuit.is_linear:
+            return False
+        share, (response,) = self._share(value), ports.at_zero()[0].tolist()
+        return bool(abs(1.0 + (share - 1.0) * response) <= BESIDE * abs(share))
 
     def _crosses(self, value: float) -> bool | None:
         """Return whether the unstable count changes at a value; None where rounding hides it."""
@@ -224,6 +243,7 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
     """
     found: dict[int, Edges | TactionError] = {}
     traced: dict[int, LociSearch] = {}
+    known_poles: dict[int, Poles] = {}
     for place, one in enumerate(searches):
         family = one.family
         try:
@@ -235,7 +255,7 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
             known = own.complete or own.stable  # else the poles are too few to be counted
             count = own.unstable_count if known else count_unstable(family.ports.board)
             shares = family.shares(one.low, one.high)
-            traced[place] = LociSearch(family.ports, *shares, count)
+            traced[place], known_poles[place] = LociSearch(family.ports, *shares, count), own
         except TactionError as error:
             found[place] = error
     for (place, traces), edges in zip(
@@ -246,7 +266,7 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
             found[place] = (
                 edges
                 if isinstance(edges, EngineError)
-                else family.confirmed(family.at_values(edges), traces.unstable)
+                else family.confirmed(family.at_values(edges), traces.unstable, known_poles[place])
             )
         except TactionError as error:
             found[place] = error

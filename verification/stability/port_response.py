@@ -61,7 +61,24 @@ class PortResponse:
         """Return the matrices at angular frequencies (P,), 1/s; shape (P, K, K)."""
         large = self.board.descriptor.is_large
         modal = not large and self._modes_suffice
-        impedance = self._from_modes(omega) if modal else self._from_solves(omega)
+        return self._weighted(self._from_modes(omega) if modal else self._from_solves(omega), omega)
+
+    def at_zero(self) -> Floats:
+        """Return the matrix at the frequency 0 by a solve of the whole equations, shape (K, K).
+
+        Of a small linear board; infinite where it has a pole at 0.
+        """
+        K = self.board.descriptor.dense.stiffness
+        scale = np.abs(K).max(axis=1, keepdims=True)
+        scale[scale == 0.0] = 1.0
+        try:
+            solved = np.linalg.solve(-K / scale, self._rows / scale)
+        except np.linalg.LinAlgError:
+            return np.full((self.count, self.count), np.inf)
+        impedance = (self._columns.T @ solved)[None].astype(np.complex128)
+        return np.asarray(self._weighted(impedance, np.zeros(1))[0].real)
+
+    def _weighted(self, impedance: Complexes, omega: Floats) -> Complexes:
         weighted = self._roots[:, None] * impedance * self._roots
         return 1j * omega[:, None, None] * weighted if self.reactive else weighted
 
@@ -107,9 +124,7 @@ class PortResponse:
         modes, columns = self.board.state_space.modes, self._columns.T
         upper = np.flatnonzero(modes.poles.imag >= 0.0)
         right, left = columns @ C @ modes.right[:, upper], modes.left[upper] @ B
-        shares = (right.T[:, :, None] * left[:, None, :]).reshape(len(upper), -1)
-        shares[modes.poles[upper].imag == 0.0] *= 0.5
-        return modes.poles[upper], np.concatenate([shares.real, -shares.imag]), columns @ D
+        return _shares(modes.poles[upper], right, left, columns @ D)
 
     @cached_property
     def _driven(self) -> tuple[Floats, Floats, Floats]:
@@ -214,22 +229,40 @@ class LawResponse(PortResponse):
         return np.asarray((v @ solved)[:, None, :])
 
 
+def _shares(
+    poles: Complexes, right: Complexes, left: Complexes, direct: Floats
+) -> tuple[Complexes, Floats, Floats]:
+    """Return poles (m,), the shares of the pairs, real and imaginary, and the direct part."""
+    shares = (right.T[:, :, None] * left[:, None, :]).reshape(len(poles), -1)
+    shares[poles.imag == 0.0] *= 0.5
+    return poles, np.concatenate([shares.real, -shares.imag]), direct
+
+
 def share_modes(responses: Iterable[PortResponse]) -> None:
-    """Eliminate the unknowns without charge once for all R and C of one linear board.
+    """Eliminate the unknowns without charge once for all parts of one linear board.
 
     Each part would do it by itself, at many times the cost of one more column.
     """
-    every = [each for each in responses if each.parts]
+    every = list(responses)
     if not every or every[0].board.descriptor.is_large:
         return
     board = every[0].board
-    rows = [each._rows for each in every]
-    B, C, D = _driven_by(board, np.concatenate(rows, axis=1))
+    try:
+        B, C, D = _driven_by(board, np.concatenate([each._rows for each in every], axis=1))
+    except EngineError:  # a law with a capacitor at its source
+        every = [each for each in every if each.parts]
+        if not every:
+            return
+        B, C, D = _driven_by(board, np.concatenate([each._rows for each in every], axis=1))
+    modes = board.state_space.modes
+    upper = np.flatnonzero(modes.poles.imag >= 0.0)
+    poles, seen, left = modes.poles[upper], C @ modes.right[:, upper], modes.left[upper] @ B
     first = 0
-    for each, own in zip(every, rows, strict=True):
-        taken = slice(first, first + own.shape[1])
-        each.__dict__["_driven"] = B[:, taken], C, D[:, taken]
-        first += own.shape[1]
+    for each in every:
+        taken = slice(first, first := first + each.count)
+        columns, direct = each._columns.T, D[:, taken]
+        each.__dict__["_driven"] = B[:, taken], C, direct
+        each.__dict__["_modal"] = _shares(poles, columns @ seen, left[:, taken], columns @ direct)
 
 
 def _driven_by(board: LinearBoard, rows: Floats) -> tuple[Floats, Floats, Floats]:

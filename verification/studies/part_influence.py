@@ -14,10 +14,11 @@ from scipy.linalg.lapack import zgetrf
 from taction.netlist_gen.board.circuit import Knob
 from taction.system.array_types import EPS, Complexes
 from taction.system.documents import Hertz, Number, Rate
-from taction.system.errors import EngineError
+from taction.system.errors import EngineError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
-from taction.verification.stability.families import Family
+from taction.verification.stability.edges import Edges
+from taction.verification.stability.families import EdgeSearch, Family, edges_together
 from taction.verification.stability.margin import REACH, Margin, find_margin
 from taction.verification.stability.poles import Poles
 from taction.verification.stability.port_response import share_modes
@@ -123,9 +124,10 @@ def influences(
     rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
     looked = (order if every else order[:MOST_MARGINS]) if found.known_stable else []
-    rows, nearest = list[PartRow](), dict[str, _Nearest]()
+    nearest, rows = dict.fromkeys(order, _Nearest()), list[PartRow]()
+    nearest |= _nearest_of({name: families[name] for name in looked}, found)
     for name in order:
-        edges = nearest[name] = _nearest(families[name], found) if name in looked else _Nearest()
+        edges = nearest[name]
         rate, unit = rates[name], c.facts[name].unit
         frequency, ends = rate.imag / math.tau, (edges.below, edges.above, edges.doubt)
         rows.append(PartRow(name, c.value(name), unit, rate.real, frequency, *ends))
@@ -146,15 +148,28 @@ class _Nearest:
     sure: float = math.inf
 
 
-def _nearest(family: Family, found: Poles) -> _Nearest:
+def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Nearest]:
+    """Return the nearest edges of values above zero, by name."""
+    looked = {
+        name: EdgeSearch(family, family.own / REACH, family.own * REACH, found)
+        for name, family in families.items()
+        if family.own > 0.0 and family.ports is not None
+    }
+    nearest: dict[str, _Nearest] = {}
+    for (name, one), edges in zip(
+        looked.items(), edges_together(list(looked.values())), strict=True
+    ):
+        if isinstance(edges, EngineError):
+            nearest[name] = _Nearest(doubt=str(edges), sure=1.0)
+        elif isinstance(edges, TactionError):
+            raise edges
+        else:
+            nearest[name] = _nearest(one.family.own, edges)
+    return nearest
+
+
+def _nearest(own: float, edges: Edges) -> _Nearest:
     """Return the nearest edges of a value, and where a pole may reach the axis before them."""
-    own = family.own
-    if not own > 0.0 or family.ports is None:
-        return _Nearest()
-    try:
-        edges = family.edges(own / REACH, own * REACH, found)
-    except EngineError as error:
-        return _Nearest(doubt=str(error), sure=1.0)
     values = [edge.value for edge in edges.edges]
     below = max((value for value in values if value < own), default=None)
     above = min((value for value in values if value > own), default=None)

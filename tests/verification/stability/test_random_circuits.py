@@ -156,3 +156,26 @@ def test_an_edge_beside_a_pole_that_stays_at_zero_is_in_doubt() -> None:
             counts.add(sum(pole.real > 0.0 for pole in exact_poles(moved)))
         assert len(counts) == 2 or edge.value in found.near
     assert found.edges
+
+
+COUPLED = """\
+vcc vcc 0 15|vin in 0 1|rs in s 600|c1 s b1 4.7e-6|r1 vcc b1 1e5|r2 b1 0 2.2e4|rc1 vcc c1 6800
+re1 e1 0 1500|ce1 e1 0 4.7e-5|c3 c1 b2 4.7e-6|r3 vcc b2 6.8e4|r4 b2 0 1.5e4|rc2 vcc c2 3300
+re2 e2 0 820|ce2 e2 0 1e-4|reo eo 0 2200|c4 eo out 1e-4|rl out 0 600|rq1 b1 i1 100|rq2 b2 i2 100
+rq3 c2 i3 100|g100 c1 e1 c1 e1 1.53e-5|g101 c1 e1 i1 e1 0.0496|g111 i1 e1 i1 e1 0.000237
+cq10 c1 i1 1.67e-12|cq11 c1 e1 2.3e-15|cq12 i1 e1 2.1e-11|g200 c2 e2 c2 e2 2.72e-5
+g201 c2 e2 i2 e2 0.0892|g211 i2 e2 i2 e2 0.000421|cq20 c2 i2 1.55e-12|cq21 c2 e2 4e-15
+cq22 i2 e2 3.3e-11|g300 vcc eo vcc eo 3.44e-5|g301 vcc eo i3 eo 0.1165|g311 i3 eo i3 eo 0.00053
+cq30 vcc i3 1.35e-12|cq31 vcc eo 5.2e-15|cq32 i3 eo 4.1e-11"""
+
+
+def test_slow_poles_of_an_amplifier_with_coupling_capacitors_are_decided() -> None:
+    """Three transistors, linear, and poles from 11 /s to 2e10 /s: each has a bound of its own."""
+    cards = [card for line in COUPLED.split("\n") for card in line.split("|")]
+    found = answered(cards)
+    assert found is not None
+    assert_within(found, exact_poles(cards))
+    assert found.known_stable
+    size = np.abs(found.poles)
+    assert size.max() > 1e9 * size.min()
+    assert np.all(found.errors < 1e-6 * size)

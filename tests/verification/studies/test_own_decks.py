@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 import taction
+from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.poles import poles
 from taction.verification.studies.foreign_board import read_board
 from taction.verification.studies.measured_board import measure_board
+from taction.verification.studies.part_influence import _least, _Nearest
 
 READABLE = ("ngspice", "ltspice", "hspice")  # the dialects that ngspice can read
 LINEAR = ("integrator", "passive")
@@ -68,14 +70,30 @@ def test_a_deck_read_back_has_the_poles_and_readings_of_its_board(
                 assert abs(value.value - there.value) <= 1e-7 * abs(value.value) + apart + 1e-9
 
 
-def test_a_pole_near_the_axis_beyond_the_margin_leaves_the_margin_decided(
+def test_a_real_pole_that_crosses_beyond_the_margin_is_decided(
     tmp_path: Path, ngspice: str
 ) -> None:
-    """At 1/48 of Rf_2_2 a real pole comes close to zero; the margin of the board is 3.27."""
+    """The margin is 3.27; det(-K) in rational numbers changes its sign at 22.70 to 22.72 Rf_2_2."""
     place = tmp_path / "board.cir"
     place.write_text(taction.netlist("scenes/tuned-breadboard.toml").text)
     found = taction.check(place, checks="margin=2", ngspice=False)
     assert found.outcome.value == "pass"
     (check,) = found.checks
     assert check.value == pytest.approx(3.269, rel=1e-3)
-    assert any(row.doubt for row in found.parts)
+    (row,) = (row for row in found.parts if row.name == "Rf_2_2")
+    assert row.above is not None
+    assert 22.70 < row.above / row.value < 22.72
+    assert not any(row.doubt for row in found.parts)
+
+
+@pytest.mark.parametrize(("sure", "doubt"), [(1.5, "R1: a pole comes close"), (9.0, "")])
+def test_a_doubt_counts_within_the_margin_only(sure: float, doubt: str) -> None:
+    """A loop gain of 2 at R1/R2 = 1: the edge is at R2 of twice its value."""
+    cards = ["v1 in 0 1", "r1 in a 1e3", "c1 a 0 1e-9", "g1 0 a a 0 5e-4", "r2 a 0 1e6"]
+    board = LinearBoard(circuit_of(read_cards(cards), "negative", ["a"], {}, 15.0))
+    name = "G1"
+    edge = board.circuit.value(name) * 2.002
+    nearest = {name: _Nearest(above=edge), "R1": _Nearest(None, None, "a pole comes close", sure)}
+    least = _least(board, nearest, poles(board))
+    assert least.factor == pytest.approx(2.002, rel=1e-6)
+    assert least.doubt == doubt

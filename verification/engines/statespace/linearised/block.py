@@ -40,6 +40,9 @@ class Block:
         Size of A's elements to which their rounding is relative, 1/s.
     joined : tuple of Joined
         The modes that have no directions of their own.
+    measured : ndarray (n, n), optional
+        Bound on what is between each two of all modes, 1/s, where residuals of the equations tell
+        it: in the place of the rounding of A's elements.
     """
 
     kept: Complexes
@@ -49,6 +52,7 @@ class Block:
     coupled: Floats
     size: Floats
     joined: tuple[Joined, ...] = ()
+    measured: Floats | None = None
 
     @property
     def poles(self) -> Complexes:
@@ -133,6 +137,8 @@ class Block:
         Roundings are independent, so their squares add up: ``eps`` is three standard deviations of
         an element's rounding.
         """
+        if self.measured is not None:
+            return self.measured
         with np.errstate(over="ignore", invalid="ignore"):
             right = column_sizes(self.right, self.real) ** 2
             squares = self._left_sizes**2 @ (self.size**2 @ right)
@@ -182,7 +188,10 @@ class Block:
         if not math.isfinite(self.defect):
             return np.full(len(self.right), np.inf)
         count = len(self.kept)
-        E = UNITS * EPS * (self._left_sizes @ self.size @ column_sizes(self.right, self.real))
+        if self.measured is None:
+            E = UNITS * EPS * (self._left_sizes @ self.size @ column_sizes(self.right, self.real))
+        else:
+            E = self.measured.copy()
         E[np.diag_indices(len(E))] += both(self.coupled, self.real)
         centres = both(self.kept, self.real)
         gap = np.abs(centres[:count, None] - centres)

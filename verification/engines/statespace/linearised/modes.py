@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,13 @@ class Modes:
             even, odd = parts
             parts = [self.halves.join(even * self.halves.share[:, None], 0.5 * odd)]
         return parts[0].T[self._order]
+
+    def checked(self, between: Floats) -> Modes:
+        """Return the modes of one block with bounds between each two of them, (n, n), 1/s."""
+        (block,) = self.blocks
+        measured = np.empty_like(between)
+        measured[np.ix_(self._order, self._order)] = between
+        return replace(self, blocks=(replace(block, measured=measured),))
 
     @property
     def defect(self) -> float:

@@ -19,17 +19,20 @@ WORK = 2e9  # products of the solves; of a larger board the rightmost poles are 
 
 def pole_residuals(
     descriptor: Descriptor, slopes: Floats, modes: Modes, seen: Floats, charge: Floats
-) -> Floats:
+) -> tuple[Floats, Floats | None]:
     """Return bounds on the errors of the poles, (k,), rightmost first; 0 where modes are joined.
 
     `slopes` (m,) are the amplifiers', ``seen`` (size, n) the unknowns of the states, and `charge`
     (n, size) the states of the unknowns. The error of a pole s with the vectors w and v is, to
-    first order, ``w (s M - K) v / w M v``.
+    first order, ``w (s M - K) v / w M v``. Where all modes are alone, and all are checked, the
+    second is the bound between each two modes i and j, ``w_i (s_j M - K) v_j / w_i M v_i``, (n, n):
+    what the equations have beside ``diag(s)`` in the coordinates of the modes.
     """
     size, n = seen.shape
     count = min(n, max(1, int(WORK / size**3)))
+    unknown = np.full(count, np.inf)
     if not modes.defect < 1.0:
-        return np.full(count, np.inf)
+        return unknown, None
     M, K = descriptor.summed(lambda values: values.astype(np.longdouble), slopes)
     mass, pull = M.astype(np.float64), K.astype(np.float64)
     poles = modes.poles[:count]
@@ -42,14 +45,22 @@ def pole_residuals(
     try:
         turned = np.linalg.solve((pencils / scale).swapaxes(1, 2), rows[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
-        return np.full(count, np.inf)
+        return unknown, None
     left = turned / scale[:, :, 0]
     v, w, s = (part.astype(np.clongdouble) for part in (right, left, poles))
     charged = M @ v
-    residual = np.abs((w * (s * charged - K @ v).T).sum(axis=1))
+    missing = s * charged - K @ v
     sizes = np.abs(mass) @ np.abs(right) * np.abs(poles) + np.abs(pull) @ np.abs(right)
-    rounding = UNITS * EPS * (np.abs(left) * sizes.T).sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = (2.0 * residual + rounding) / np.abs((w * charged.T).sum(axis=1))
-    bounds = np.nan_to_num(found.astype(np.float64), nan=np.inf, posinf=np.inf)
-    return np.where(modes.alone[:count], bounds, 0.0)
+    norm = np.abs((w * charged.T).sum(axis=1))
+
+    def bounded(residual: Floats, size: Floats) -> Floats:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = (2.0 * residual + UNITS * EPS * size).T / norm
+        bound: Floats = np.nan_to_num(np.asarray(found.T, dtype=np.float64), nan=np.inf)
+        return bound
+
+    own = bounded(np.abs((w * missing.T).sum(axis=1)), (np.abs(left) * sizes.T).sum(axis=1))
+    bounds = np.where(modes.alone[:count], own, 0.0)
+    if count < n or not modes.alone.all():
+        return bounds, None
+    return bounds, bounded(np.abs(w @ missing), np.abs(left) @ sizes)

@@ -43,7 +43,11 @@ def column_sizes(X: Floats, real: int) -> Floats:
         squares, count = X**2, (X.shape[1] + real) // 2
     squares[:, real:count] += squares[:, count:]
     squares[:, count:] = squares[:, real:count]
-    return np.asarray(np.sqrt(squares))
+    sizes = np.asarray(np.sqrt(squares))
+    if not np.all(np.isfinite(sizes)):  # the square of a vector of any size may be too large
+        sizes = np.abs(X)
+        sizes[:, real:count] = sizes[:, count:] = np.hypot(X[:, real:count], X[:, count:])
+    return sizes
 
 
 def row_sizes(X: Floats, real: int) -> Floats:

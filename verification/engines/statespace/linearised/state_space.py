@@ -208,7 +208,13 @@ def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> State
             " last digit"
         )
     (block,) = found.blocks
-    errors = pole_residuals(descriptor, slopes, found.modes, block.C, block.charge)
+    modes = found.modes
+    errors, between = pole_residuals(descriptor, slopes, modes, block.C, block.charge)
+    if between is not None and np.all(np.isfinite(between)):
+        found.__dict__["modes"] = modes.checked(between)
+        if np.any(found.modes.pole_errors > np.abs(modes.poles).max(initial=0.0)):
+            raise EngineError(LOST)
+        return found
     stated = found.modes.pole_errors[: len(errors)]
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.nanmax(np.where(errors > stated, errors / stated, 1.0), initial=1.0)
