@@ -38,6 +38,8 @@ def pole_residuals(
     poles = modes.poles[:count]
     right = seen @ modes.right[:, :count]
     rows = modes.left[:count] @ charge
+    largest = np.abs(rows).max(axis=1, keepdims=True)
+    rows /= np.where(largest > 0.0, largest, 1.0)  # the size of a left vector says nothing
     aside = ASIDE * np.maximum(np.abs(poles), 1e-6 * np.abs(modes.poles).max(initial=0.0))
     pencils = (poles + aside)[:, None, None] * mass - pull
     scale = np.abs(pencils).max(axis=2, keepdims=True)
