@@ -3,7 +3,7 @@
 ngspice (``CKTterr``) chooses every step h of the trapezoidal rule such that the local error of each
 capacitor's charge q stays below a tolerance,
 
-    h² |q'''| / 72 <= truncation · max(|q'|, charge / h),
+    h² |q'''| / 72 <= truncation · max(|q'|, max(|q|, charge) / h),
 
 and never above a maximum step. The modes of a board give q at any time, so they give the step at
 any time and the number of steps. They also give the error of the outputs: a step multiplies each
@@ -67,9 +67,14 @@ def limited_exp(exponents: Complexes) -> Complexes:
     return np.asarray(np.exp(np.minimum(exponents.real, LARGEST) + 1j * exponents.imag))
 
 
+def real_part(growth: Complexes, shares: Complexes) -> Floats:
+    """Return ``Re(growth @ shares)``, computed in real arithmetic."""
+    return np.asarray(growth.real @ shares.real - growth.imag @ shares.imag)
+
+
 def real_magnitude(growth: Complexes, shares: Complexes) -> Floats:
-    """Return ``|Re(growth @ shares)|``, computed in real arithmetic."""
-    return np.abs(growth.real @ shares.real - growth.imag @ shares.imag)
+    """Return ``|Re(growth @ shares)|``."""
+    return np.abs(real_part(growth, shares))
 
 
 CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
@@ -136,6 +141,8 @@ class StepModel:
         Their amplitudes at the outputs, in step amplitudes.
     all_poles, charges : ndarray (m,) and (m, Q)
         All modes, and their amplitudes in every charge, 1/s and C.
+    rest : ndarray (Q,)
+        The charges at rest, C.
     charge : float
         Charge below which the truncation error is absolute, C.
     """
@@ -145,6 +152,7 @@ class StepModel:
     shares: Complexes
     all_poles: Complexes
     charges: Complexes
+    rest: Floats
     charge: float
 
     @classmethod
@@ -172,7 +180,9 @@ class StepModel:
             poles = -np.abs(poles.real) + 1j * poles.imag
         farads = np.ones(equations.size)
         farads[equations.node_count :] = STAGE_CAPACITANCE
-        charges = modes @ (equations.dense.mass.T * farads)
+        held = equations.dense.mass.T * farads
+        charges = modes @ held
+        charged = np.abs(charges).max(axis=0, initial=0.0) > 0.0
         outputs = [node for node in board.reported(None) if node in equations.places]
         shares = modes[:, [equations.places[node] for node in outputs]]
         amplitude = float(np.abs(shares.sum(axis=0).real).max(initial=0.0))
@@ -185,7 +195,8 @@ class StepModel:
             poles=poles[shown],
             shares=shares[shown] / amplitude,
             all_poles=poles,
-            charges=charges[:, np.abs(charges).max(axis=0, initial=0.0) > 0.0],
+            charges=charges[:, charged],
+            rest=(board.equilibrium.values @ held)[charged],
             charge=CHARGE * board.circuit.charged_capacitance * amplitude,
         )
 
@@ -209,7 +220,8 @@ class StepModel:
         growth = limited_exp(np.multiply.outer(self.time, self.all_poles))
         third = real_magnitude(growth, self.all_poles[:, None] ** 3 * self.charges)
         third = np.maximum(third, TINY)
-        by_charge = np.cbrt(CKTTERR * self.charge / third.max(axis=1, initial=TINY))
+        size = np.maximum(np.abs(real_part(growth, self.charges) + self.rest), self.charge)
+        by_charge = np.cbrt(CKTTERR * (size / third).min(axis=1, initial=self.charge / TINY))
         current = real_magnitude(growth, self.all_poles[:, None] * self.charges)
         by_current = np.sqrt(CKTTERR * (current / third).min(axis=1, initial=math.inf))
         return by_charge, by_current

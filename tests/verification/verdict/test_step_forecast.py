@@ -72,6 +72,29 @@ def test_ngspice_does_what_the_forecast_says(
     assert off >= 0.3 * error
 
 
+@pytest.mark.parametrize("error", [1e-4, 1e-5])
+@pytest.mark.parametrize("gain", ["1Mohm", "5Mohm"])
+def test_op_amps_hold_more_charge_than_small_capacitors(
+    ngspice: str, gain: str, error: float
+) -> None:
+    """A charge above the limit has a relative tolerance: ngspice then takes longer steps."""
+    values = {
+        "design.capacitance": "1pF",
+        "design.gain": gain,
+        "design.resistance": "182kohm",
+        "design.unit_conductance": "8.264uS",
+        "design.unit_voltage": "5V",
+        "design.opamp.base": "opa2134",
+    }
+    circuit = synthesise(with_values(load_scene(SCENES / "paper-breadboard.toml"), values))
+    model, stop = model_of(circuit)
+    assert np.abs(model.rest).max() > model.charge
+    forecast = model.cheapest(0.8 * error)
+    steps, off = run(circuit, stop, forecast)
+    assert steps == pytest.approx(forecast.steps, rel=0.1, abs=20)
+    assert 0.3 * error <= off <= error
+
+
 def test_the_steps_of_an_edge_of_oscillation(ngspice: str) -> None:
     """320 periods of ringing, which must keep their phase."""
     model, stop = model_of(breadboard(1e-11, 6.252e6))
