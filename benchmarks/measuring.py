@@ -50,6 +50,8 @@ class Figure:
         Unit of the measured value; empty for a ratio.
     least : bool
         Whether `wanted` is a lower limit.
+    load : float
+        Load average of the machine over the last minute.
     """
 
     what: str
@@ -59,6 +61,7 @@ class Figure:
     value: float | None = None
     unit: str = ""
     least: bool = False
+    load: float = field(default_factory=lambda: os.getloadavg()[0])
 
     @property
     def measured(self) -> float:

@@ -9,7 +9,6 @@ wall time. All other times are processor times.
 
 from __future__ import annotations
 
-import os
 import statistics
 import tempfile
 import time
@@ -102,15 +101,12 @@ def measure(extent: Extent) -> Result:
     figures += samples("paper-exponential", BOARDS[extent], rounds)
     figures.append(changes(FAILING[:1] if tiny else FAILING))
     figures.append(imports(rounds))
-    load = Table(
-        "Other work on the machine", ("", "processes"), [("load", f"{os.getloadavg()[0]:.1f}")]
-    )
     if tiny:
-        return Result(figures, [load])
+        return Result(figures)
     figures.append(corners("paper-exponential"))
     with tempfile.TemporaryDirectory() as place:
         large = large_boards(Path(place), rounds)
-    return Result(figures + large.figures, [*large.tables, load])
+    return Result(figures + large.figures, large.tables)
 
 
 def of_a_point(name: str, points: int, rounds: int) -> Figure:

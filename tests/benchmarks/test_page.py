@@ -15,10 +15,10 @@ from taction.system.processes import THREADS
 
 RESULT = Result(
     [
-        Figure("kept", "one", [1.0, 2.0, 3.0], wanted=2.0),
-        Figure("missed", "two", [0.5], wanted=1.0, least=True),
-        Figure("seconds", "three", [4.0], wanted=1.5, value=1.25, unit="s"),
-        Figure("free", "four", [1e-5]),
+        Figure("kept", "one", [1.0, 2.0, 3.0], wanted=2.0, load=0.5),
+        Figure("missed", "two", [0.5], wanted=1.0, least=True, load=9.25),
+        Figure("seconds", "three", [4.0], wanted=1.5, value=1.25, unit="s", load=1.0),
+        Figure("free", "four", [1e-5], load=0.0),
     ],
     [Table("Details", ("a", "b"), [("1", "2")])],
     {"a.png": lambda figure: None},
@@ -28,10 +28,10 @@ RESULT = Result(
 def test_a_section_has_its_docstring_figures_plots_and_tables() -> None:
     text = re.sub(" +", " ", page("title", [section("deck", deck, RESULT)]))
     assert "## deck\n\nHow long a deck takes to write" in text
-    assert "| kept | one | 2 (1.5 to 2.5) | 3 | at most 2 | 2 |\n" in text
-    assert "| missed | two | 0.5 (0.5 to 0.5) | 1 | at least 1 | **0.5** |\n" in text
-    assert "| seconds | three | 4 (4 to 4) | 1 | at most 1.5 s | 1.25 s |\n" in text
-    assert "| free | four | 1e-05 (1e-05 to 1e-05) | 1 | | 1e-05 |\n" in text
+    assert "| kept | one | 2 (1.5 to 2.5) | 3 | 0.5 | at most 2 | 2 |\n" in text
+    assert "| missed | two | 0.5 (0.5 to 0.5) | 1 | 9.2 | at least 1 | **0.5** |\n" in text
+    assert "| seconds | three | 4 (4 to 4) | 1 | 1.0 | at most 1.5 s | 1.25 s |\n" in text
+    assert "| free | four | 1e-05 (1e-05 to 1e-05) | 1 | 0.0 | | 1e-05 |\n" in text
     assert re.search(r"!\[How long a deck takes to write.*\]\(benchmarks-a.png\)\n", text)
     assert "Details:\n\n| a | b |\n| - | - |\n| 1 | 2 |\n" in text
 
