@@ -233,7 +233,8 @@ def _shares(
     poles: Complexes, right: Complexes, left: Complexes, direct: Floats
 ) -> tuple[Complexes, Floats, Floats]:
     """Return poles (m,), the shares of the pairs, real and imaginary, and the direct part."""
-    shares = (right.T[:, :, None] * left[:, None, :]).reshape(len(poles), -1)
+    products = right.T[:, :, None] * left[:, None, :]
+    shares = products.reshape(len(poles), len(right) * left.shape[1])  # also without poles
     shares[poles.imag == 0.0] *= 0.5
     return poles, np.concatenate([shares.real, -shares.imag]), direct
 
