@@ -2,8 +2,9 @@
 
     python scripts/check.py [REVISION]    what changed since REVISION; the default is HEAD
 
-The tests of a module are those whose files import it, the file that mirrors it first. What does not
-fit into the time is named; `make test` runs everything.
+The tests of a module are those whose files import it, the file that mirrors it first, and those of
+the folder that mirrors its folder. What does not fit into the time is named; `make test` runs
+everything.
 """
 
 from __future__ import annotations
@@ -43,10 +44,11 @@ def imported(file: Path) -> set[str]:
 
 
 def tests_of(files: Iterable[str]) -> list[Path]:
-    """Return the test files of changed files: themselves, mirrors, then those that import them.
+    """Return the test files of changed files: themselves, mirrors, those that import them.
 
-    A changed file that is no Python, such as a scene, has the tests that name it. Tests that need
-    a tool of their own are left out, as in `make test`.
+    Last come the others of the folder that mirrors a module's: commands and views are found by
+    their names, and no test imports them. A changed file that is no Python, such as a scene, has
+    the tests that name it. Tests that need a tool of their own are left out, as in `make test`.
     """
     names = {path.relative_to(ROOT).as_posix(): name for name, path in modules().items()}
     every = sorted((ROOT / "tests").rglob("test_*.py"))
@@ -66,6 +68,8 @@ def tests_of(files: Iterable[str]) -> list[Path]:
             if module in imports[file] if python else path.name in file.read_text("utf-8"):
                 mirror = file.name in {f"test_{path.stem}.py", f"test_{path.parent.name}.py"}
                 places[file] = min(places.get(file, 2), 1 if mirror else 2)
+            elif name in names and file.parent == (ROOT / "tests" / name).parent:
+                places.setdefault(file, 3)
     return sorted(places, key=lambda file: (places[file], file.stat().st_size))
 
 

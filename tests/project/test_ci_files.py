@@ -136,6 +136,11 @@ def test_a_check_before_a_commit_runs_the_tests_of_what_changed() -> None:
     assert names[0] == "cli/test_files.py"
     assert names[1].startswith("verification/verdict/test_verify")
     assert "verification/studies/test_sweep.py" not in names[:3]
+    # No test imports this module: the command loads it when it runs.
+    commands = {file.parent for file in check.tests_of(["cli/verify_scene.py"])}
+    assert commands == {ROOT / "tests" / "cli"}
+    views = [file.name for file in check.tests_of(["verification/report/views/verdict_screen.py"])]
+    assert views[0] == "test_verdict_screen.py"
 
 
 def test_the_hook_is_one_that_pre_commit_can_read() -> None:
