@@ -23,11 +23,17 @@ JOBS = ("taction.designs", "taction.transients", "taction.studies")
 
 def loaded_by(script: str) -> set[str]:
     """Run a script in a fresh Python and return the modules that it has loaded."""
-    text = f"{script}\nimport sys; print(*sys.modules)"
+    text = f"{script}\nimport sys; print(); print(*sys.modules)"
     run = subprocess.run(
         [sys.executable, "-c", text], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    return set(run.stdout.split())
+    return set(run.stdout.splitlines()[-1].split())
+
+
+def command_line(*words: str) -> str:
+    """A script that runs a command; click's own runner would load a debugger, and asyncio."""
+    run = f"from taction.cli.main import main\ntry:\n    main({list(words)!r})\n"
+    return f"{run}except SystemExit as end:\n    assert not end.code\n"
 
 
 @pytest.mark.parametrize("use", ["dir(taction)", "taction.sweep, taction.verify"])
@@ -36,11 +42,10 @@ def test_import_taction_and_its_jobs_load_nothing_heavy(use: str) -> None:
 
 
 def test_help_and_a_deck_load_no_study_and_no_terminal(tmp_path: Path) -> None:
-    run = "from click.testing import CliRunner; from taction.cli.main import main"
-    shown = loaded_by(f"{run}\nCliRunner().invoke(main, ['--help'])")
+    shown = loaded_by(command_line("--help"))
     assert not [name for name in shown if name.startswith(("taction.cli.boards", "numpy", "rich"))]
-    words = ["netlist", str(SCENES / "tuned-breadboard.toml"), "-o", str(tmp_path / "a.cir")]
-    made = loaded_by(f"{run}\nCliRunner().invoke(main, {words!r})")
+    scene = str(SCENES / "tuned-breadboard.toml")
+    made = loaded_by(command_line("netlist", scene, "-o", str(tmp_path / "a.cir")))
     assert (tmp_path / "a.cir").exists()
     unused = ("rich", "asyncio", "taction.cli.studies", "taction.verification.verdict.verify")
     assert not made & {*unused, "taction.verification.report.blocks"}
