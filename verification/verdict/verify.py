@@ -9,13 +9,10 @@ from functools import cached_property, partial
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.part_warnings import part_warnings
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
-from taction.netlist_gen.scene.questions import questions
 from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.netlist_gen.topologies.frame.laws import Law
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
-from taction.spice_models.input_errors import not_known
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
 from taction.system.errors import TactionError
@@ -69,10 +66,9 @@ from taction.verification.verdict.simulation import (
     is_exact,
 )
 from taction.verification.verdict.warnings import (
+    all_warnings,
     find_contradiction,
-    find_warnings,
     missing_witness,
-    notes,
 )
 
 
@@ -210,7 +206,7 @@ class Verdict(Result):
     def warnings(self) -> tuple[str, ...]:
         """What makes no check fail, but may be wrong."""
         failures, nothing = list(self.failures), tuple[str, ...]()
-        found = partial(_warnings, self.evidence, self.recording)
+        found = partial(all_warnings, self.evidence, self.recording)
         return (*attempt("the warnings", found, nothing, failures.append), *failures)
 
     def __str__(self) -> str:
@@ -502,16 +498,3 @@ def _judged(
         failures=tuple(failures),
         timing=clock.seconds,
     )
-
-
-def _warnings(evidence: Evidence, recording: Recording) -> tuple[str, ...]:
-    design = recording.design
-    remarks = (
-        *questions(design.scene),
-        *recording.ends.flags,
-        *design.plan.notes,
-        *part_warnings(design.circuit, design.rest),
-        *notes(design.circuit),
-        *not_known(design.circuit.models.values()),
-    )
-    return find_warnings(evidence, remarks)

@@ -13,14 +13,32 @@ from collections.abc import Iterator
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.part_warnings import part_warnings
+from taction.netlist_gen.scene.questions import questions
 from taction.spice_models.imported import ImportedOpAmp
+from taction.spice_models.input_errors import not_known
 from taction.system.array_types import Floats
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.checks import Evidence
+from taction.verification.verdict.recording import Recording
 
 WELL_ABOVE = 10.0  # a tolerance should be this many times the error of the simulation
+
+
+def all_warnings(evidence: Evidence, recording: Recording) -> tuple[str, ...]:
+    """Return the warnings of the scene, the parts, the plan, the engine and the readings."""
+    design = recording.design
+    remarks = (
+        *questions(design.scene),
+        *recording.ends.flags,
+        *design.plan.notes,
+        *part_warnings(design.circuit, design.rest),
+        *notes(design.circuit),
+        *not_known(design.circuit.models.values()),
+    )
+    return find_warnings(evidence, remarks)
 
 
 def find_warnings(evidence: Evidence, notes: tuple[str, ...] = ()) -> tuple[str, ...]:
