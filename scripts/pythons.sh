@@ -2,8 +2,7 @@
 # Run tests with the newest Python on this machine that is newer than the one of .venv: the pinned
 # packages go into .venv-VERSION, beside .venv. Says so where there is none. With --all (the first
 # argument) it runs all tests with every newer Python; one that is missing is asked of uv, apt and
-# pyenv's folders, and named where none has it. With --prepare it only fills that .venv. Other arguments
-# go to pytest.
+# pyenv's folders, and named where none has it. Other arguments go to pytest.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/system.sh
@@ -16,13 +15,10 @@ NEWER=(3.14 3.13 3.12)
 TESTS=(tests/verification/engines tests/verification/readings tests/verification/reference)
 TESTS+=(tests/verification/studies/running tests/netlist_gen/deck tests/system)
 TESTS+=(tests/cli/test_contract.py)
-all= prepare=
+all=
 if [ "${1-}" = --all ]; then
     shift
     all=yes TESTS=(tests)
-elif [ "${1-}" = --prepare ]; then
-    shift
-    prepare=yes
 fi
 
 is_version() { [ "$("$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)" = "$2" ]; }
@@ -74,7 +70,6 @@ for version in "${NEWER[@]}"; do
     fi
     found=$version
     prepare "$python" ".venv-$version"
-    [ -z "$prepare" ] || break
     say "tests with Python $version"
     ".venv-$version/bin/python" -m pytest "${TESTS[@]}" "$@" || status=1
     [ -n "$all" ] || break
