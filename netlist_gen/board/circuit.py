@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from taction.netlist_gen.board.wires import Wires, at_ports
 from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor
@@ -327,9 +328,18 @@ class ResistorMatrix:
     minus: tuple[str, ...]  # driving nodes of negative entries, "" where there is no such entry
     sinks: tuple[str, ...]  # summing nodes, one per index of the other axis
     opposite: bool = False  # the sinks are the other inputs: every entry counts as negative
+    wires: Wires | None = None  # between the entries and the nodes; None: ideal
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether its resistors are between nodes of one kind."""
+        return self.plus == self.sinks
 
     def elements(self) -> Iterator[tuple[int, int, str, str, float]]:
-        """Yield ``(k, n, driving node, summing node, ohms)`` of every resistor by rows, from 0."""
+        """Yield ``(k, n, driving node, summing node, ohms)`` of every resistor by rows, from 0.
+
+        The nodes are those at the ports, also where there are wires in between.
+        """
         finite = np.isfinite(self.ohms)
         for k, n in zip(*(index.tolist() for index in np.nonzero(finite)), strict=True):
             drive, sink = (n, k) if self.by_column else (k, n)
@@ -461,6 +471,23 @@ class Circuit(Result):
             if matrix.name in names:
                 return matrix
         raise ValueError(f"topology {self.topology!r} states no {role}")
+
+    def joined(self) -> Iterator[tuple[str, str, float]]:
+        """Yield both nodes and ohms of every resistor, those of the matrices last.
+
+        A matrix with wires stands there by the resistors between its ports that draw the same
+        currents: power, noise and loads at the ports are those of the wired array.
+        """
+        for part in self.resistors:
+            yield part.a, part.b, part.ohms
+        for matrix in self.port_matrices:
+            for _, _, source, sink, ohms in matrix.elements():
+                yield source, sink, ohms
+
+    @property
+    def port_matrices(self) -> tuple[ResistorMatrix, ...]:
+        """The matrices as they are seen from their ports; see `wires.at_ports`."""
+        return tuple(each for matrix in self.matrices for each in at_ports(matrix))
 
     @property
     def shape(self) -> tuple[int, int]:

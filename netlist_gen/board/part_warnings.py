@@ -291,11 +291,10 @@ def _at_rest(circuit: Circuit, rest: Rest | None) -> Iterator[_Values]:
         or not circuit.models[cell.model].output_resistance
     }
     amps = dict.fromkeys(judged.values(), 0.0)
-    groups = (circuit.resistors, *(matrix.resistors() for matrix in circuit.matrices))
-    for part in (part for group in (groups if judged else ()) for part in group):
-        for near, far in ((part.a, part.b), (part.b, part.a)):
+    for a, b, ohms in circuit.joined() if judged else ():
+        for near, far in ((a, b), (b, a)):
             if near in judged:
-                amps[judged[near]] += (rest(near) - rest(far)) / part.ohms
+                amps[judged[near]] += (rest(near) - rest(far)) / ohms
     yield _named(_CURRENT, {name: abs(value) for name, value in amps.items()})
     common = {c.card: c.noninverting for c in circuit.opamps if c.noninverting != "0"}
     yield _named(_COMMON, {name: abs(rest(n)) / circuit.supply for name, n in common.items()})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from taction.netlist_gen.board.circuit import NEEDED, Circuit
+from taction.netlist_gen.board.wires import Wires, with_wires
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
@@ -27,4 +28,9 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
     circuit = topology_of(scene).synthesise(scene, problem)
     for name in NEEDED:
         circuit.value(name)
-    return circuit
+    chosen = scene.wires
+    if chosen.ideal:
+        return circuit
+    wires = Wires(**chosen.model_dump(exclude={"compensate"}))
+    series = scene.design.resistor_series
+    return with_wires(circuit, wires, compensate=chosen.compensate, series=series)

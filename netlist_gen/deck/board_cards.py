@@ -12,6 +12,7 @@ from itertools import groupby
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, ResistorMatrix
+from taction.netlist_gen.board.wires import wire_branches
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
@@ -20,10 +21,16 @@ from taction.system.array_types import Floats
 
 
 def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
-    """Return one line per resistor, by matrices and rows: ``Rf_3_5`` is row 3, column 5."""
+    """Return one line per resistor, by matrices and rows: ``Rf_3_5`` is row 3, column 5.
+
+    The wires of a matrix follow its resistors.
+    """
     lines: list[str] = []
     printed: dict[int, list[list[str]]] = {}  # forward and feedback resistors are one array
     for matrix in matrices:
+        if matrix.wires is not None:
+            lines += [f"{name} {a} {b} {ohms!r}" for name, a, b, ohms in wire_branches(matrix)]
+            continue
         if id(matrix.ohms) not in printed:
             printed[id(matrix.ohms)] = _printed(matrix.ohms)
         for k, row in enumerate(printed[id(matrix.ohms)]):
@@ -73,6 +80,8 @@ def header_lines(circuit: Circuit) -> list[str]:
     )
     lines.append("outputs: " + outputs + (", ..." if len(circuit.outputs) > 3 else ""))
     lines.append("Rf_k_n, Rb_k_n: forward and feedback resistor of row k, column n of T")
+    for wires in {each.wires.described for each in circuit.matrices if each.wires is not None}:
+        lines.append(wires)
     lines += [f"left out: {item.what}; {item.why}" for item in circuit.omissions]
     return ["* " + line for line in lines]
 

@@ -107,6 +107,8 @@ def _not_drawn(circuit: Circuit) -> Iterator[str]:
     others = len(circuit.signal_nodes) - 1
     if others:
         yield f"{others} other channels: their signals are global labels"
+    if any(matrix.wires is not None for matrix in circuit.matrices):
+        yield "the wires of the arrays, which are no parts"
     for model in circuit.models.values():
         if model.external_part:
             yield f"the {model.external_part} of each op-amp"

@@ -27,6 +27,7 @@ from taction.netlist_gen.scene.problem import (
     TactileProblem,
     in_memory,
 )
+from taction.netlist_gen.scene.wires import WiresTable
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.picture import plot
 from taction.system.plugins import cached
@@ -72,6 +73,7 @@ class Scene(StatedProblem):
     """Problem, design, analysis and checks; file names are relative to `folder`."""
 
     design: Design = Design()
+    wires: WiresTable = WiresTable()
     analysis: AnalysisChoice = AnalysisChoice()
     checks: Checks = Checks()
     tolerances: Tolerances = Tolerances()

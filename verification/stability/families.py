@@ -285,7 +285,12 @@ def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:
         for c in (moved, second)
     )  # fmt: skip
     same = values.shape == others.shape and moved.models == second.models
+    same = same and _wires(moved) == _wires(second)
     return same and bool(np.allclose(values, others, rtol=SAME, atol=0.0))
+
+
+def _wires(circuit: Circuit) -> list[Hashable]:
+    return [each.wires and each.wires.resistances for each in circuit.matrices]
 
 
 def unrounded(scene: Scene, key: str) -> dict[str, Value]:
@@ -309,6 +314,7 @@ def all_but_a_knob(circuit: Circuit, knob: Knob) -> Hashable:
         tuple(circuit.models.items()),
         circuit.opamps,
         tuple(matrices),
+        tuple(_wires(circuit)),
         tuple(
             replace(part, ohms=part.ohms / own) if part.card in names else part
             for part in circuit.resistors

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of_materials
-from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.results import Result
@@ -104,7 +102,8 @@ def board_power(board: LinearBoard) -> BoardPower:
     0.741
     """
     circuit, rest = board.circuit, board.equilibrium
-    ends, ohms = zip(*_resistors(circuit), strict=True)
+    joined = list(circuit.joined())
+    ends, ohms = [(a, b) for a, b, _ in joined], [value for *_, value in joined]
     nodes = sorted({node for pair in ends for node in pair})
     volts = np.array([rest[node] for node in nodes])
     number = {node: place for place, node in enumerate(nodes)}
@@ -124,12 +123,3 @@ def board_power(board: LinearBoard) -> BoardPower:
         resistors=float(across @ current),
         supply_current=quiet + float(max(sourced.sum(), sunk.sum())),
     )
-
-
-def _resistors(circuit: Circuit) -> Iterator[tuple[tuple[str, str], float]]:
-    """Yield the nodes and the value, ohm, of every resistor."""
-    for part in circuit.resistors:
-        yield (part.a, part.b), part.ohms
-    for matrix in circuit.matrices:
-        for _, _, source, sink, ohms in matrix.elements():
-            yield (source, sink), ohms

@@ -7,9 +7,9 @@ Each part is the signed difference of two solutions that follow each other, for 
 the parts add up to the difference of the record's end and the true stress. Noise has no sign: it
 stands beside the sum.
 
-The first board between the ideal network and the board as built has ideal op-amps, so that only its
-resistors are as built. Each link gives the op-amps some more figures, and the last board is the one
-that is simulated.
+The first board between the ideal network and the board as built has ideal op-amps and wires, so
+that only its resistors are as built; wires are a link of their own. Each further link gives the
+op-amps some more figures, and the last board is the one that is simulated.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.wires import without_wires
 from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
 from taction.spice_models.opamp import OpAmp
@@ -189,9 +190,9 @@ def predicted_change(design: PlannedBoard) -> Floats | None:
         It has no equilibrium.
     """
     chosen = design.scene.design.model_copy(update={"resistor_series": "exact"})
-    scene = design.scene.model_copy(update={"design": chosen})
+    scene = design.scene.model_copy(update={"design": chosen, "wires": type(design.scene.wires)()})
     exact = with_ideal_stages(synthesise(scene, design.problem))
-    built = with_ideal_stages(design.circuit)
+    built = with_ideal_stages(without_wires(design.circuit))
     wanted, found = resistances(exact), resistances(built)
     if wanted.keys() != found.keys():
         return None
@@ -379,12 +380,19 @@ def error_budget(
         chain.solves += 1
     stages = with_ideal_stages(design.circuit)
     plain = design.board if stages is design.circuit else LinearBoard(stages)
+    straight = without_wires(stages)
     chain.solve(
         "resistors",
         "board as built, with ideal op-amps, against that answer",
-        partial(outputs_at_rest, LinearBoard(with_ideal_opamps(stages))),
+        partial(outputs_at_rest, LinearBoard(with_ideal_opamps(straight))),
         partial(predicted_change, design),
     )
+    if straight is not stages:
+        how = "wires of the arrays: equilibrium with against without"
+        if design.scene.wires.compensate:
+            how = f"{how}, after their compensation"
+        board = LinearBoard(with_ideal_opamps(stages))
+        chain.solve("wires", how, partial(outputs_at_rest, board))
     for link, board in opamp_stages(plain):
         find = partial(outputs_at_rest, board)
         if board is design.board:  # its equilibrium is known

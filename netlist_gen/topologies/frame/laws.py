@@ -57,10 +57,7 @@ def one_pole_matrix(circuit: Circuit) -> Floats:
     """Return S: the inputs' differences ``v+ - v-`` over the outputs of all op-amps, (P, P)."""
     places = {cell.output: place for place, cell in enumerate(circuit.opamps)}
     weights: defaultdict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
-    ends = [(part.a, part.b, part.ohms) for part in circuit.resistors]
-    for matrix in circuit.matrices:
-        ends += [(source, sink, ohms) for _, _, source, sink, ohms in matrix.elements()]
-    for a, b, ohms in ends:
+    for a, b, ohms in circuit.joined():
         for node, other in ((a, b), (b, a)):
             weights[node][other] += 1.0 / ohms
     S = np.zeros((len(places), len(places)))

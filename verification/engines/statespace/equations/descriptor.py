@@ -51,7 +51,8 @@ class Coupling:
 
     `conductance` (S, D), in S, adds ``G z[drivers]`` to the rows of the sinks, and
     ``G^T z[sinks]`` to the rows of the `loaded` drivers, whose voltage no ideal source determines.
-    The local stamps contain the diagonal.
+    The local stamps contain the diagonal. Conductances among nodes of one kind, as wires make them,
+    have these nodes as sinks and as drivers; G then has both triangles, and no driver is `loaded`.
     """
 
     sinks: Ints
@@ -286,7 +287,7 @@ class Stamper:
         self.fixed: set[int] = set()
         self.moved: dict[int, int] = {}
         self.currents, self.laws, self.mass = Entries(), Entries(), Entries()
-        self.couplings: list[tuple[Ints, Ints, Floats]] = []
+        self.couplings: list[tuple[Ints, Ints, Floats, bool]] = []
         self.constant_currents: list[tuple[Ints, Floats]] = []
         self.constant_laws: list[tuple[Ints, Floats]] = []
         self.switched: list[tuple[Ints, Floats]] = []
@@ -306,6 +307,9 @@ class Stamper:
 
     def matrix(self, matrix: ResistorMatrix) -> None:
         """Stamp a resistor matrix: arrays off the diagonal, sums on the diagonal."""
+        if matrix.is_mesh:
+            self._mesh(matrix)
+            return
         G = np.divide(1.0, matrix.ohms)
         G, negative = (G, matrix.negative) if matrix.by_column else (G.T, matrix.negative.T)
         live = np.flatnonzero(G.any(axis=1))  # the node of an empty row may not exist
@@ -319,7 +323,19 @@ class Stamper:
         for places, axis in ((sinks, 1), (drivers, 0)):
             self.currents.add(places, places, -np.sort(G, axis=axis).sum(axis=axis))
         driven = drivers != GROUND
-        self.couplings.append((sinks, drivers[driven], G[:, driven]))
+        self.couplings.append((sinks, drivers[driven], G[:, driven], False))
+
+    def _mesh(self, matrix: ResistorMatrix) -> None:
+        """Stamp resistors among the nodes of one kind, whose voltages sources may determine."""
+        upper = np.divide(1.0, matrix.ohms)
+        G = upper + upper.T
+        live = np.flatnonzero(G.any(axis=1))
+        G, nodes = G[np.ix_(live, live)], self.nodes(matrix.sinks[k] for k in live.tolist())
+        self.currents.add(nodes, nodes, -G.sum(axis=1))
+        free = np.array([place not in self.fixed for place in nodes.tolist()], dtype=np.bool_)
+        driven = nodes != GROUND
+        if free.any():
+            self.couplings.append((nodes[free], nodes[driven], G[np.ix_(free, driven)], True))
 
     def sources(self, devices: Devices) -> tuple[Floats, Floats]:
         """Stamp the laws of ideal sources; return b: switched and constant part, (size,)."""

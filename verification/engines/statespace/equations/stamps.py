@@ -78,7 +78,7 @@ def stamp(circuit: Circuit) -> Descriptor:
     stamper.nodes(source.node for source in circuit.voltages)
     stamper.nodes(node for part in circuit.branches for node in part.nodes)
     _claim_rows(stamper)
-    for matrix in circuit.matrices:
+    for matrix in circuit.port_matrices:
         stamper.matrix(matrix)
     node_count = len(stamper.places)
     stamp_imported(stamper, imported, foreign)
@@ -100,11 +100,12 @@ def _finish(stamper: Stamper, node_count: int, devices: Devices) -> Descriptor:
     free = board & np.append(~determined, False)
     laws, currents = stamper.laws.triplets(board), stamper.currents.triplets(free)
     couplings = []
-    for sinks, drivers, G in stamper.couplings:
+    for sinks, drivers, G, among in stamper.couplings:
         live = sinks != GROUND
         if determined[sinks[live]].any():
             raise EngineError("an ideal source drives a summing node of a resistor matrix")
-        couplings.append(Coupling(sinks[live], drivers, G[live], ~determined[drivers]))
+        loaded = np.zeros_like(determined[drivers]) if among else ~determined[drivers]
+        couplings.append(Coupling(sinks[live], drivers, G[live], loaded))
     names = tuple(stamper.places)
     return Descriptor(
         names=names,

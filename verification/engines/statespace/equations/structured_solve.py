@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.descriptor import Coupling, Descriptor
 
 KEPT, COMPLEX = 3e8, 16  # bytes of all solvers that are kept, and of a number in them
 SMALL = 400  # unknowns of a board whose Schur complement alone is quicker with full matrices
@@ -89,12 +89,27 @@ class Structure:
         }
         self.couplings: list[tuple[Ints, Ints, Floats, Floats]] = []
         for part in self.descriptor.couplings:
-            if np.isin(part.drivers, o).any():
-                raise EngineError("a summing node drives a resistor matrix, which joins the cells")
             if len(np.unique(part.drivers)) < len(part.drivers):
                 raise EngineError("a node drives a resistor matrix twice")
-            load = part.conductance * part.loaded
-            self.couplings.append((place[part.sinks], place[part.drivers], part.conductance, load))
+            summing = np.isin(part.drivers, o)
+            self._among(part, summing, place)
+            drivers, G = part.drivers[~summing], part.conductance[:, ~summing]
+            if drivers.size:
+                load = G * part.loaded[~summing]
+                self.couplings.append((place[part.sinks], place[drivers], G, load))
+
+    def _among(self, part: Coupling, chosen: Bools, place: Ints) -> None:
+        """Add the conductances from `chosen` drivers, which are summing nodes, to K there."""
+        from scipy import sparse
+
+        if not chosen.any():
+            return
+        sinks, drivers = place[part.sinks], place[part.drivers[chosen]]
+        mass, K = self.parts["oo"]
+        more, G = np.zeros(K.shape), part.conductance[:, chosen]
+        more[np.ix_(sinks, drivers)] += G
+        more[np.ix_(drivers, sinks)] += (G * part.loaded[chosen]).T
+        self.parts["oo"] = mass, K + sparse.csr_array(more)
 
     def _cells(self) -> list[_Group]:
         from scipy.sparse import csgraph

@@ -93,9 +93,7 @@ def flicker_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
 
 
 def _resistors(density: Floats, circuit: Circuit, descriptor: Descriptor) -> None:
-    parts = [(part.a, part.b, part.ohms) for part in circuit.resistors]
-    for matrix in circuit.matrices:
-        parts += [element[2:] for element in matrix.elements()]
+    parts = list(circuit.joined())
     a = _places(descriptor, (end for end, _, _ in parts))
     b = _places(descriptor, (end for _, end, _ in parts))
     _between(density, a, b, THERMAL / np.array([ohms for _, _, ohms in parts]))

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.circuit import GROUND, Circuit, ResistorMatrix
+from taction.netlist_gen.board.wires import entry_voltages
 from taction.spice_models.input_errors import CHANGES
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
@@ -73,6 +74,10 @@ class RestSensitivity:
         for matrix in self.board.circuit.matrices:
             elements = list(matrix.elements())
             names = [f"{matrix.name}_{k + 1}_{n + 1}" for k, n, *_ in elements]
+            if matrix.wires is not None:
+                k, n = np.array([element[:2] for element in elements]).T
+                found |= dict(zip(names, self._wired(matrix)[k, n], strict=True))
+                continue
             ends = [(a, b) for _, _, a, b, _ in elements]
             found |= self._branches(names, ends, [ohms for *_, ohms in elements])
         parts = self.board.circuit.resistors
@@ -111,6 +116,19 @@ class RestSensitivity:
             for name, _ in model.varying:
                 found[f"{cell.name}.{name}"] = slopes[CHANGES.get(name, name)]
         return found
+
+    def _wired(self, matrix: ResistorMatrix) -> Floats:
+        """Return the sensitivities to the resistors of a matrix behind its wires, (M, N, outputs).
+
+        Wires are reciprocal: the adjoint solution has voltages behind them as the board has.
+        """
+        descriptor = self.board.descriptor
+        felt = np.append(self.adjoint, np.zeros((len(self.adjoint), 1)), axis=1)
+        felt = felt[:, descriptor.balance_rows]
+        rows = np.concatenate([self.board.equilibrium.values[None], felt[:, :-1]])
+        volts = {name: rows[:, place] for name, place in descriptor.places.items()}
+        across = entry_voltages(matrix, volts)
+        return np.asarray(-across[..., 1:] * across[..., :1] / matrix.ohms[..., None])
 
     def _branches(
         self, names: list[str], ends: list[tuple[str, str]], ohms: list[float]
