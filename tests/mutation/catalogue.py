@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from taction.netlist_gen.board.wires import PortConductances, Wires
 from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -30,7 +31,7 @@ from tests.mutation.planting import (
 )
 
 MATRIX, ELEVEN, TUNED = "custom-matrix", "eleven-channel", "tuned-breadboard"
-KNOWN = "known-readings"
+KNOWN, WIRED = "known-readings", "wired"
 PAPER, ENTROPY, SKEW = "paper-breadboard", "paper-exponential", "tangential-exponential"
 STATE_SPACE, NGSPICE = "statespace", "ngspice"
 STEADY, SETTLES, RISES = "steady_state", "settling_time", "rise_time"
@@ -114,6 +115,12 @@ def of_equations(fault: str, change: CircuitChange, scene: str) -> Mutation:
     return Mutation(fault, "equations of the state space", plant, scene, NGSPICE, (AGREE,))
 
 
+def of_reduction(fault: str, change: Callable[[PortConductances], PortConductances]) -> Mutation:
+    """Change the conductances that the state-space engine has at the ports of an array."""
+    plant = planting.in_a_method(Wires, "at_ports", change)
+    return Mutation(fault, "reduction of the wires", plant, WIRED, NGSPICE, (AGREE,))
+
+
 def of_readings(fault: str, plant: Plant) -> Mutation:
     """Change what the measures read with."""
     return Mutation(fault, "measures", plant, MATRIX, STATE_SPACE, (SETTLES,))
@@ -139,6 +146,7 @@ HALF_R, HALF_LAMBDA = {"R": 0.5}, {"lambda": 0.5}
 CAPACITORS, STRAYS = ("capacitors", "c_"), ("capacitors", "stray_")
 NO_SECOND_POLE = figures(second_pole=math.inf)
 OTHER_OPAMP = planting.other_model("c_2", "op27")
+OTHER_CORNER = planting.with_other_wires(corner="top-left")
 OTHER_STAGE = scaled("amplifiers", "a_", u_scale=1.01)
 
 SYNTHESIS = (
@@ -183,6 +191,8 @@ CIRCUIT = (
     of_board("one strain current missing", planting.without_current, MATRIX, STEADY),
     of_board("two outputs swapped", planting.swapped_outputs, MATRIX, STEADY),
     of_board("sign of one output", planting.negated_output, MATRIX, STEADY),
+    of_board("wires without their compensation", planting.uncompensated, WIRED, STEADY),
+    of_board("word lines of 5 % more", planting.with_other_wires(word_line=63.0), WIRED, STEADY),
 )
 THIRD_WITNESS = (
     of_deck("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX),
@@ -216,6 +226,12 @@ FIRST_WITNESS = (
 SECOND_WITNESS = (
     of_equations("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX),
     of_equations("gain-bandwidth product off by 20 %", figures(gbw=12.9e6), SKEW),
+    of_equations("ports of an array at another corner", OTHER_CORNER, WIRED),
+    of_reduction("conductances among the lines of an array left out", planting.without_detours),
+    of_reduction(
+        "conductances at the ports of an array off by 0.5 %",
+        lambda ports: replace(ports, across=1.005 * ports.across),
+    ),
     Mutation(
         "the strongest mode left out of the exact solution",
         "modes of the state space",

@@ -13,6 +13,7 @@ import pytest
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit, Fact
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.wires import PortConductances, without_wires
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.open_tables import OPAMPS
@@ -339,14 +340,41 @@ def in_a_method(owner: type, name: str, change: Callable[[Any], Any]) -> Plant:
     original = getattr(owner, name)
     get = {property: "fget", cached_property: "func"}.get(type(original))
 
-    def changed(self: Any, *given: Any) -> Any:
-        return change((getattr(original, get) if get else original)(self, *given))
+    def changed(self: Any, *given: Any, **named: Any) -> Any:
+        return change((getattr(original, get) if get else original)(self, *given, **named))
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
         patch.setattr(owner, name, property(changed) if get else changed)
         return verify(scene)
 
     return plant
+
+
+def with_other_wires(**changes: Any) -> CircuitChange:
+    """Change fields of the wires of every matrix."""
+
+    def change(circuit: Circuit) -> Circuit:
+        wired = [each for each in circuit.matrices if each.wires is not None]
+        assert wired
+        matrices = tuple(
+            replace(each, wires=replace(each.wires, **changes)) if each.wires else each
+            for each in circuit.matrices
+        )
+        return replace(circuit, matrices=matrices)
+
+    return change
+
+
+def uncompensated(circuit: Circuit) -> Circuit:
+    """Give every matrix the resistors that it would have with ideal wires."""
+    straight = without_wires(circuit).matrices
+    pairs = zip(circuit.matrices, straight, strict=True)
+    return replace(circuit, matrices=tuple(replace(a, ohms=b.ohms) for a, b in pairs))
+
+
+def without_detours(ports: PortConductances) -> PortConductances:
+    """Leave out the conductances among the lines of one kind."""
+    return replace(ports, words=0.0 * ports.words, bits=0.0 * ports.bits)
 
 
 def in_the_measures(change: Callable[[Measurements], Measurements]) -> Plant:
