@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from taction.netlist_gen.board.wires import Wires, at_ports
+from taction.netlist_gen.board.wires import Wires
 from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor
@@ -471,23 +471,6 @@ class Circuit(Result):
             if matrix.name in names:
                 return matrix
         raise ValueError(f"topology {self.topology!r} states no {role}")
-
-    def joined(self) -> Iterator[tuple[str, str, float]]:
-        """Yield both nodes and ohms of every resistor, those of the matrices last.
-
-        A matrix with wires stands there by the resistors between its ports that draw the same
-        currents: power, noise and loads at the ports are those of the wired array.
-        """
-        for part in self.resistors:
-            yield part.a, part.b, part.ohms
-        for matrix in self.port_matrices:
-            for _, _, source, sink, ohms in matrix.elements():
-                yield source, sink, ohms
-
-    @property
-    def port_matrices(self) -> tuple[ResistorMatrix, ...]:
-        """The matrices as they are seen from their ports; see `wires.at_ports`."""
-        return tuple(each for matrix in self.matrices for each in at_ports(matrix))
 
     @property
     def shape(self) -> tuple[int, int]:

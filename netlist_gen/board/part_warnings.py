@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, Resistor, Role
+from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.system.array_types import Floats
 from taction.system.quantities import show
 
@@ -291,7 +292,7 @@ def _at_rest(circuit: Circuit, rest: Rest | None) -> Iterator[_Values]:
         or not circuit.models[cell.model].output_resistance
     }
     amps = dict.fromkeys(judged.values(), 0.0)
-    for a, b, ohms in circuit.joined() if judged else ():
+    for a, b, ohms in joined_resistors(circuit) if judged else ():
         for near, far in ((a, b), (b, a)):
             if near in judged:
                 amps[judged[near]] += (rest(near) - rest(far)) / ohms

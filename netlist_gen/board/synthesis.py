@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
-from taction.netlist_gen.board.circuit import NEEDED, Circuit
-from taction.netlist_gen.board.wires import Wires, with_wires
+from dataclasses import replace
+
+import numpy as np
+
+from taction.netlist_gen.board.circuit import NEEDED, Circuit, ResistorMatrix
+from taction.netlist_gen.board.preferred_values import nearest
+from taction.netlist_gen.board.wired_arrays import as_ohms
+from taction.netlist_gen.board.wires import Wires, compensated
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
@@ -28,9 +34,18 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
     circuit = topology_of(scene).synthesise(scene, problem)
     for name in NEEDED:
         circuit.value(name)
-    chosen = scene.wires
-    if chosen.ideal:
+    if scene.wires.ideal:
         return circuit
-    wires = Wires(**chosen.model_dump(exclude={"compensate"}))
-    series = scene.design.resistor_series
-    return with_wires(circuit, wires, compensate=chosen.compensate, series=series)
+    return replace(circuit, matrices=tuple(_wired(each, scene) for each in circuit.matrices))
+
+
+def _wired(matrix: ResistorMatrix, scene: Scene) -> ResistorMatrix:
+    """Return a matrix with the wires of its scene, and with resistors that compensate them."""
+    wires = Wires(**scene.wires.model_dump(exclude={"compensate"}))
+    if not scene.wires.compensate:
+        return replace(matrix, wires=wires)
+    siemens = np.where(matrix.negative, -1.0, 1.0) / matrix.ohms
+    ohms = as_ohms(np.abs(compensated(siemens, wires, by_column=matrix.by_column)))
+    ohms = nearest(ohms, scene.design.resistor_series)
+    scale = np.divide(ohms, matrix.ohms, out=np.ones_like(ohms), where=np.isfinite(ohms))
+    return replace(matrix, ohms=ohms, wires=replace(wires, scale=scale))

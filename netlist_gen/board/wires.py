@@ -24,18 +24,13 @@ The deck has every wire as a resistor, so ngspice shares none of this.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taction.netlist_gen.board.preferred_values import nearest
 from taction.system.array_types import Floats
-
-if TYPE_CHECKING:
-    from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
 
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 STEPS, GAIN = 60, 0.97  # of a compensation, which ends where a step leaves more of its error
@@ -124,7 +119,7 @@ class PortConductances:
     def admittance(self) -> Floats:
         """Return the currents into word, then bit lines over their voltages, (M + N, M + N)."""
         joined = np.block([[self.words, self.across], [self.across.T, self.bits]])
-        return np.diag(joined.sum(axis=1)) - joined
+        return np.asarray(np.diag(joined.sum(axis=1)) - joined)
 
     def through(self, word: float, bit: float) -> PortConductances:
         """Return them behind a resistance, ohm, at every port of a word line and of a bit line."""
@@ -222,128 +217,6 @@ class Crossbar:
         return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SignedArray:
-    """The array that a matrix of resistors has for its entries of one sign.
-
-    Attributes
-    ----------
-    negative : bool
-        Whether it is that of the negative entries.
-    siemens : ndarray (M, N)
-        Its entries; zero where there is none.
-    words, bits : tuple of str
-        The nodes at which its lines end.
-    """
-
-    negative: bool
-    siemens: Floats
-    words: Sequence[str]
-    bits: Sequence[str]
-
-
-def signed_arrays(matrix: ResistorMatrix) -> Iterator[SignedArray]:
-    """Yield the arrays of a matrix, that of the positive entries first; only those with entries."""
-    siemens = 1.0 / matrix.ohms
-    for negative, drives in ((False, matrix.plus), (True, matrix.minus)):
-        here = np.where(matrix.negative == negative, siemens, 0.0)
-        if here.any():
-            ends = (matrix.sinks, drives) if matrix.by_column else (drives, matrix.sinks)
-            yield SignedArray(negative, here, *ends)
-
-
-def at_ports(matrix: ResistorMatrix) -> tuple[ResistorMatrix, ...]:
-    """Return the matrices of resistors between the ports of an array that draw the same currents.
-
-    A matrix without wires is its own. Resistors between two lines of a kind are in a matrix whose
-    driving and summing nodes are the same ones.
-    """
-    if matrix.wires is None:
-        return (matrix,)
-    found = []
-    for array in signed_arrays(matrix):
-        ports = matrix.wires.at_ports(array.siemens, by_column=matrix.by_column)
-        signs = np.full(matrix.ohms.shape, array.negative)
-        found.append(replace(matrix, ohms=_ohms(ports.across), negative=signs, wires=None))
-        for nodes, mesh in ((array.words, ports.words), (array.bits, ports.bits)):
-            if mesh.any():
-                ends = {"plus": tuple(nodes), "minus": ("",) * len(nodes), "sinks": tuple(nodes)}
-                none = np.zeros(mesh.shape, dtype=np.bool_)
-                mesh = _ohms(np.triu(mesh))
-                found.append(
-                    replace(matrix, ohms=mesh, negative=none, by_column=True, wires=None, **ends)
-                )
-    return tuple(found)
-
-
-def _ohms(siemens: Floats) -> Floats:
-    with np.errstate(divide="ignore"):
-        return np.asarray(1.0 / siemens)
-
-
-def wire_branches(matrix: ResistorMatrix) -> Iterator[tuple[str, str, str, float]]:
-    """Yield name, both nodes and ohms of every entry of a wired matrix, then of its wires.
-
-    ``Rfw_3_5`` and ``Rfb_3_5`` lead from the crossing of word line 3 and bit line 5 towards the
-    ports of both; the nodes at this crossing are ``fw_3_5`` and ``fb_3_5``. A wire of 0 ohm is one
-    node.
-    """
-    wires = matrix.wires or Wires()
-    along, down = wires.distances(matrix.ohms.shape)
-    word, bit = wires.terminals(matrix.by_column)
-    entries, segments = [], []
-    for array in signed_arrays(matrix):
-        rows, nodes = array.siemens > 0.0, dict[tuple[str, int, int], str]()
-        lines = (
-            ("w", array.words, rows, along, wires.word_line, word),
-            ("b", array.bits, rows.T, down, wires.bit_line, bit),
-        )
-        for letter, ports, present, distance, pitch, terminal in lines:
-            for number, port in enumerate(ports):
-                node, before, more = port, 0.0, terminal
-                places = np.flatnonzero(present[number])
-                for place in places[np.argsort(distance[places])].tolist():
-                    k, n = (number, place) if letter == "w" else (place, number)
-                    name = f"{letter}_{k + 1}_{n + 1}"
-                    ohms = more + pitch * float(distance[place] - before)
-                    if ohms:
-                        there = f"{matrix.name[1:]}{name}"
-                        segments.append((f"{matrix.name}{name}", node, there, ohms))
-                        node = there
-                    nodes[letter, k, n], before, more = node, float(distance[place]), 0.0
-        for k, n in np.argwhere(rows).tolist():
-            ends = nodes["w", k, n], nodes["b", k, n]
-            drive, sink = reversed(ends) if matrix.by_column else ends
-            entries.append(
-                (f"{matrix.name}_{k + 1}_{n + 1}", drive, sink, float(matrix.ohms[k, n]))
-            )
-    yield from entries
-    yield from segments
-
-
-def entry_voltages(matrix: ResistorMatrix, volts: Mapping[str, Floats]) -> Floats:
-    """Return the voltages of all entries, from the driving to the summing line, (M, N, k).
-
-    `volts` has those of the nodes at the ports, (k,) each; places without an entry have zeros.
-    """
-    width = next(iter(volts.values())).shape
-    found, wires = np.zeros((*matrix.ohms.shape, *width)), matrix.wires or Wires()
-    terminals = wires.terminals(matrix.by_column)
-    for array in signed_arrays(matrix):
-        ends, nothing = [], np.zeros(width)
-        for nodes in (array.words, array.bits):
-            ends.append(np.array([volts.get(node, nothing) for node in nodes]))
-        lost = wires.at_ports(array.siemens, by_column=matrix.by_column).admittance()
-        lost = np.split(lost @ np.concatenate(ends), [len(ends[0])])
-        at_lines = (
-            end - ohms * amps for end, ohms, amps in zip(ends, terminals, lost, strict=True)
-        )
-        across = Crossbar(array.siemens, wires).entry_voltages(*at_lines)
-        across *= (array.siemens > 0.0).reshape(*matrix.ohms.shape, *(1 for _ in width))
-        found += -across if matrix.by_column else across
-    return found
-
-
 def compensated(siemens: Floats, wires: Wires, *, by_column: bool) -> Floats:
     """Return conductances (M, N), S, with which a wired array has those of `siemens` at its ports.
 
@@ -390,40 +263,3 @@ def _compensated(
             break
         now = now * np.maximum(1.0 + np.sign(siemens) * lacking / own, LEAST)
     return best
-
-
-def with_wires(circuit: Circuit, wires: Wires, *, compensate: bool, series: str) -> Circuit:
-    """Return `circuit` with `wires` in every matrix.
-
-    Parameters
-    ----------
-    compensate : bool
-        Whether the resistors are those that give the matrices at the ports; then values of the
-        `series` again.
-    """
-    return replace(
-        circuit,
-        matrices=tuple(_wired(each, wires, compensate, series) for each in circuit.matrices),
-    )
-
-
-def _wired(matrix: ResistorMatrix, wires: Wires, compensate: bool, series: str) -> ResistorMatrix:
-    if not compensate:
-        return replace(matrix, wires=wires)
-    siemens = np.where(matrix.negative, -1.0, 1.0) / matrix.ohms
-    ohms = _ohms(np.abs(compensated(siemens, wires, by_column=matrix.by_column)))
-    ohms = nearest(ohms, series)
-    scale = np.divide(ohms, matrix.ohms, out=np.ones_like(ohms), where=np.isfinite(ohms))
-    return replace(matrix, ohms=ohms, wires=replace(wires, scale=scale))
-
-
-def without_wires(circuit: Circuit) -> Circuit:
-    """Return `circuit` as it would be with ideal wires: without them and their compensation."""
-    if all(each.wires is None for each in circuit.matrices):
-        return circuit
-    return replace(circuit, matrices=tuple(map(_straight, circuit.matrices)))
-
-
-def _straight(matrix: ResistorMatrix) -> ResistorMatrix:
-    scale = None if matrix.wires is None else matrix.wires.scale
-    return replace(matrix, wires=None, ohms=matrix.ohms if scale is None else matrix.ohms / scale)

@@ -12,7 +12,7 @@ from itertools import groupby
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, ResistorMatrix
-from taction.netlist_gen.board.wires import wire_branches
+from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit

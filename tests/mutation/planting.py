@@ -13,7 +13,8 @@ import pytest
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit, Fact
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.wires import PortConductances, without_wires
+from taction.netlist_gen.board.wired_arrays import without_wires
+from taction.netlist_gen.board.wires import PortConductances
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.open_tables import OPAMPS

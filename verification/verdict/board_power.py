@@ -8,6 +8,7 @@ import numpy as np
 
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of_materials
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -102,7 +103,7 @@ def board_power(board: LinearBoard) -> BoardPower:
     0.741
     """
     circuit, rest = board.circuit, board.equilibrium
-    joined = list(circuit.joined())
+    joined = list(joined_resistors(circuit))
     ends, ohms = [(a, b) for a, b, _ in joined], [value for *_, value in joined]
     nodes = sorted({node for pair in ends for node in pair})
     volts = np.array([rest[node] for node in nodes])

@@ -24,7 +24,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.wires import without_wires
+from taction.netlist_gen.board.wired_arrays import without_wires
 from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
 from taction.spice_models.opamp import OpAmp

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Complexes, Floats
 
@@ -57,7 +58,7 @@ def one_pole_matrix(circuit: Circuit) -> Floats:
     """Return S: the inputs' differences ``v+ - v-`` over the outputs of all op-amps, (P, P)."""
     places = {cell.output: place for place, cell in enumerate(circuit.opamps)}
     weights: defaultdict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
-    for a, b, ohms in circuit.joined():
+    for a, b, ohms in joined_resistors(circuit):
         for node, other in ((a, b), (b, a)):
             weights[node][other] += 1.0 / ohms
     S = np.zeros((len(places), len(places)))

@@ -13,14 +13,8 @@ import pytest
 
 import taction
 from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
-from taction.netlist_gen.board.wires import (
-    CORNERS,
-    Wires,
-    at_ports,
-    compensated,
-    entry_voltages,
-    wire_branches,
-)
+from taction.netlist_gen.board.wired_arrays import at_ports, entry_voltages, wire_branches
+from taction.netlist_gen.board.wires import CORNERS, Wires, compensated
 from taction.netlist_gen.deck.board_cards import header_lines, matrix_lines
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.wired_arrays import port_matrices
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.branch_stamps import stamp_branches
 from taction.verification.engines.statespace.equations.cell_stamps import (
@@ -78,7 +79,7 @@ def stamp(circuit: Circuit) -> Descriptor:
     stamper.nodes(source.node for source in circuit.voltages)
     stamper.nodes(node for part in circuit.branches for node in part.nodes)
     _claim_rows(stamper)
-    for matrix in circuit.port_matrices:
+    for matrix in port_matrices(circuit):
         stamper.matrix(matrix)
     node_count = len(stamper.places)
     stamp_imported(stamper, imported, foreign)

@@ -32,6 +32,7 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.spice_models.thermal_noise import THERMAL
 from taction.spice_models.transistor import ELECTRON, NOMINAL
 from taction.system.array_types import EPS, Complexes, Floats, Ints
@@ -93,7 +94,7 @@ def flicker_intensities(circuit: Circuit, descriptor: Descriptor) -> Floats:
 
 
 def _resistors(density: Floats, circuit: Circuit, descriptor: Descriptor) -> None:
-    parts = list(circuit.joined())
+    parts = list(joined_resistors(circuit))
     a = _places(descriptor, (end for end, _, _ in parts))
     b = _places(descriptor, (end for _, end, _ in parts))
     _between(density, a, b, THERMAL / np.array([ohms for _, _, ohms in parts]))

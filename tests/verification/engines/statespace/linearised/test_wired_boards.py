@@ -12,7 +12,7 @@ import pytest
 import taction
 from taction.netlist_gen.board.circuit import Circuit, Resistor
 from taction.netlist_gen.board.variation import with_resistors_at
-from taction.netlist_gen.board.wires import wire_branches
+from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.equations.structured_solve import Structure
