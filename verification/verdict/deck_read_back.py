@@ -5,7 +5,8 @@ to another node or wrote with another number makes them two boards. Values are c
 because the text has all digits. An op-amp's subcircuit has other parts than its model has figures:
 it is read by the reader of decks, and both have to respond alike at their pins.
 
-Not read: functions of behavioural amplifiers, limits of op-amps, and netlists of vendors. The check
+Not read: functions of behavioural amplifiers, limits of op-amps, and netlists of vendors; and where
+the wires of an array lie, which the writer and the reader have from one function. The check
 ``engines_agree`` is their witness.
 """
 
@@ -28,6 +29,7 @@ from taction.netlist_gen.board.circuit import (
     VoltageSource,
     common_facts,
 )
+from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.deck.flat_cards import CardError, read_cards
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import PORTS
@@ -130,6 +132,10 @@ def _read(board: Sequence[str]) -> Iterator[tuple[str, Said]]:
 def _stated(circuit: Circuit) -> Iterator[tuple[str, Said]]:
     """Yield what the card of each part of the circuit has to say."""
     for matrix in circuit.matrices:
+        if matrix.wires is not None:
+            for name, a, b, ohms in wire_branches(matrix):
+                yield name, ((a, b), ohms)
+            continue
         for k, n, drive, sink, ohms in matrix.elements():
             yield f"{matrix.name}_{k + 1}_{n + 1}", ((drive, sink), ohms)
     for cell in circuit.opamps:
