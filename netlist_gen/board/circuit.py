@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from taction.netlist_gen.board.devices import Device
 from taction.netlist_gen.board.wires import Wires
 from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
@@ -329,6 +330,7 @@ class ResistorMatrix:
     sinks: tuple[str, ...]  # summing nodes, one per index of the other axis
     opposite: bool = False  # the sinks are the other inputs: every entry counts as negative
     wires: Wires | None = None  # between the entries and the nodes; None: ideal
+    device: Device | None = None  # what the entries are; None: resistors
 
     @property
     def is_mesh(self) -> bool:

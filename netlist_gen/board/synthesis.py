@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import NEEDED, Circuit, ResistorMatrix
+from taction.netlist_gen.board.devices import Device, load_devices
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.board.wired_arrays import as_ohms
 from taction.netlist_gen.board.wires import Wires, compensated
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.system.errors import Complaint, InputError, listed
 
 
 def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
@@ -34,18 +37,60 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
     circuit = topology_of(scene).synthesise(scene, problem)
     for name in NEEDED:
         circuit.value(name)
-    if scene.wires.ideal:
+    device = _device(scene)
+    if scene.wires.ideal and device is None:
         return circuit
-    return replace(circuit, matrices=tuple(_wired(each, scene) for each in circuit.matrices))
+    matrices = tuple(_realised(each, scene, device) for each in circuit.matrices)
+    return replace(circuit, matrices=matrices)
 
 
-def _wired(matrix: ResistorMatrix, scene: Scene) -> ResistorMatrix:
-    """Return a matrix with the wires of its scene, and with resistors that compensate them."""
-    wires = Wires(**scene.wires.model_dump(exclude={"compensate"}))
-    if not scene.wires.compensate:
-        return replace(matrix, wires=wires)
-    siemens = np.where(matrix.negative, -1.0, 1.0) / matrix.ohms
-    ohms = as_ohms(np.abs(compensated(siemens, wires, by_column=matrix.by_column)))
-    ohms = nearest(ohms, scene.design.resistor_series)
-    scale = np.divide(ohms, matrix.ohms, out=np.ones_like(ohms), where=np.isfinite(ohms))
-    return replace(matrix, ohms=ohms, wires=replace(wires, scale=scale))
+def _realised(matrix: ResistorMatrix, scene: Scene, device: Device | None) -> ResistorMatrix:
+    """Return a matrix with the wires and devices of its scene, and with what compensates wires."""
+    wires, ohms = None, matrix.ohms
+    if not scene.wires.ideal:
+        wires = Wires(**scene.wires.model_dump(exclude={"compensate"}))
+        if scene.wires.compensate:
+            siemens = np.where(matrix.negative, -1.0, 1.0) / ohms
+            ohms = as_ohms(np.abs(compensated(siemens, wires, by_column=matrix.by_column)))
+            ohms = nearest(ohms, scene.design.resistor_series)
+    if device is not None:
+        ohms = as_ohms(device.settable(1.0 / ohms))
+    if wires is not None and scene.wires.compensate:
+        scale = np.divide(ohms, matrix.ohms, out=np.ones_like(ohms), where=np.isfinite(ohms))
+        wires = replace(wires, scale=scale)
+    return replace(matrix, ohms=ohms, wires=wires, device=device)
+
+
+def _device(scene: Scene) -> Device | None:
+    """Return the devices of a scene; None for resistors.
+
+    Raises
+    ------
+    InputError
+        An unknown name, or a window or levels that are none.
+    """
+    asked = scene.devices
+    if not asked.model_fields_set:
+        return None
+    known = load_devices()
+    if asked.cell is not None and asked.cell not in known:
+        text = f"unknown device; expected one of {listed(known)}"
+        raise InputError(scene.file, Complaint("devices.cell", repr(asked.cell), text))
+    device = known.get(asked.cell or "", Device())
+    error = asked.programming_error
+    device = replace(
+        device,
+        least=asked.least_conductance or device.least,
+        most=asked.most_conductance or device.most,
+        levels=asked.cell_levels or device.levels,
+        programming_error=device.programming_error if error is None else (error,),
+    )
+    if not device.least < device.most:
+        text = f"not above the least conductance of {device.least:g} S"
+        raise InputError(
+            scene.file, Complaint("devices.most_conductance", f"{device.most:g}", text)
+        )
+    if device.levels and not math.isfinite(device.most):
+        text = "levels need 'most_conductance', or a 'cell'"
+        raise InputError(scene.file, Complaint("devices.cell_levels", repr(device.levels), text))
+    return device

@@ -22,6 +22,7 @@ from taction.system.errors import Complaint, InputError
 
 TEMPERATURE = "temperature"  # name and kind
 INPUT_ERROR = "input_error"  # kind
+DEVICE = "device"  # kind: an entry of an array that is programmed
 BRANCHES = {"L": "coil", "E": "gain", "F": "gain", "G": "gain", "H": "gain"}
 """Kinds of the branches that vary, by their letter; no table of a scene has them."""
 
@@ -31,7 +32,7 @@ class Parameter:
     """A value that varies: of an element of the deck, an op-amp's figure, or the temperature."""
 
     name: str  # "Rf_3_5", "Rr_1", "Cc_1", "v_1.gbw", "v_1.offset_voltage", "temperature"
-    kind: str  # key of `Tolerances`, or `INPUT_ERROR`
+    kind: str  # key of `Tolerances`, `INPUT_ERROR` or `DEVICE`
     tolerance: float  # fraction; of the temperature K; of an input error V, A or a ratio
 
 
@@ -48,8 +49,11 @@ def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...
         known = difflib.get_close_matches(unknown[0], pairs, n=1, cutoff=0.0)
         text = f"the board has no such part; the nearest name is {known[0]!r}"
         raise InputError("scene", Complaint(f"tolerances.parts.{unknown[0]}", "", text))
+    spreads = device_spreads(circuit)
     every = (
-        Parameter(name, kind, own.get(name, getattr(tolerances, kind, 0.0)))
+        Parameter(name, DEVICE, math.expm1(MOST * spreads[name]))
+        if kind == DEVICE and name not in own
+        else Parameter(name, kind, own.get(name, getattr(tolerances, kind, 0.0)))
         for name, kind in pairs.items()
     )
     tolerated = (parameter for parameter in every if parameter.tolerance > 0)
@@ -59,16 +63,17 @@ def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...
 def varying_parts(circuit: Circuit) -> Iterator[tuple[str, str]]:
     """Yield the names and kinds of the values that a tolerance can have."""
     for matrix in circuit.matrices:
+        kind = "resistor" if matrix.device is None else DEVICE
         for k, n in np.argwhere(np.isfinite(matrix.ohms)).tolist():
-            yield f"{matrix.name}_{k + 1}_{n + 1}", "resistor"
+            yield f"{matrix.name}_{k + 1}_{n + 1}", kind
     for resistor in circuit.resistors:
         yield resistor.label, "resistor"
     strays = circuit.named(Role.STRAY)
     for capacitor in circuit.capacitors:
         yield capacitor.label, "stray" if capacitor.card in strays else "capacitor"
     for branch in circuit.branches:
-        if kind := BRANCHES.get(branch.letter):
-            yield branch.label, kind
+        if found := BRANCHES.get(branch.letter):
+            yield branch.label, found
     for cell in circuit.opamps:
         if circuit.models[cell.model].imported is not None:
             continue  # a vendor's netlist is as it is
@@ -76,6 +81,17 @@ def varying_parts(circuit: Circuit) -> Iterator[tuple[str, str]]:
             yield f"{cell.name}.gbw", "opamp_gbw"
         yield f"{cell.name}.dc_gain", "opamp_gain"
     yield TEMPERATURE, TEMPERATURE
+
+
+def device_spreads(circuit: Circuit) -> dict[str, float]:
+    """Return the standard deviation of every programmed conductance, over itself, by its name."""
+    found = {}
+    for matrix in circuit.matrices:
+        if matrix.device is not None:
+            relative = matrix.device.spread(1.0 / matrix.ohms) * matrix.ohms
+            for k, n in np.argwhere(np.isfinite(matrix.ohms)).tolist():
+                found[f"{matrix.name}_{k + 1}_{n + 1}"] = float(relative[k, n])
+    return found
 
 
 def _input_errors(circuit: Circuit) -> Iterator[Parameter]:
@@ -89,11 +105,11 @@ def draw(tolerances: Tolerances, varied: Sequence[Parameter], seed: int, sample:
     """Return the z of one sample, one of each of the parameters `varied`.
 
     Each sample has its own random stream, so a single sample can be drawn again, bit for bit
-    (versions of NumPy may differ in their normal distributions). Input errors are normal whatever
-    the distribution of the parts is.
+    (versions of NumPy may differ in their normal distributions). Input errors and devices are
+    normal whatever the distribution of the parts is.
     """
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sample,)))
-    errors = [parameter.kind == INPUT_ERROR for parameter in varied]
+    errors = [parameter.kind in (INPUT_ERROR, DEVICE) for parameter in varied]
     if tolerances.distribution == "uniform":
         z = random.uniform(-1.0, 1.0, len(varied))
         z[errors] = random.standard_normal(sum(errors)) / MOST
@@ -118,8 +134,9 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     scale = {
         p.name: math.exp(shift[p.name] * math.log1p(p.tolerance))
         for p in varied
-        if p.kind != INPUT_ERROR
+        if p.kind not in (INPUT_ERROR, DEVICE)
     }
+    deviations = {p.name: shift[p.name] for p in varied if p.kind == DEVICE}
     kelvin = shift.get(TEMPERATURE, 0.0) * tolerances.temperature
     hot_r = math.exp(kelvin * tolerances.resistor_drift)
     hot_c = math.exp(kelvin * tolerances.capacitor_drift)
@@ -132,7 +149,9 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
         return _opamp(drawn(model, errors), cell.name, faster, gain)
 
     return replace(
-        with_resistors_at(_with_own_models(circuit, varied_opamp), scale, hot_r),
+        with_resistors_at(
+            with_devices_at(_with_own_models(circuit, varied_opamp), deviations), scale, hot_r
+        ),
         temperature=circuit.temperature + kelvin,
         capacitors=tuple(
             replace(part, farads=part.farads * scale.get(part.label, 1.0) * hot_c)
@@ -161,6 +180,30 @@ def with_input_errors_at(circuit: Circuit, deviations: Mapping[str, float]) -> C
         return drawn(model, errors, name=f"{model.name}_{cell.name}")
 
     return _with_own_models(circuit, own)
+
+
+def with_devices_at(circuit: Circuit, deviations: Mapping[str, float]) -> Circuit:
+    """Return `circuit` with programmed devices, off by so many of `MOST` standard deviations.
+
+    By their names; a positive deviation is a larger resistance, and without one a device is what it
+    was aimed at. What is programmed varies no more.
+    """
+    return replace(
+        circuit, matrices=tuple(_programmed(each, deviations) for each in circuit.matrices)
+    )
+
+
+def _programmed(matrix: ResistorMatrix, deviations: Mapping[str, float]) -> ResistorMatrix:
+    if matrix.device is None:
+        return matrix
+    off = np.zeros(matrix.ohms.shape)
+    for k, n in np.argwhere(np.isfinite(matrix.ohms)).tolist():
+        off[k, n] = -MOST * deviations.get(f"{matrix.name}_{k + 1}_{n + 1}", 0.0)
+    siemens = 1.0 / matrix.ohms
+    ohms = matrix.ohms.copy()
+    moved = np.isfinite(ohms) & (off != 0.0)
+    ohms[moved] = 1.0 / matrix.device.programmed(siemens, off)[moved]
+    return replace(matrix, ohms=ohms, device=None)
 
 
 def with_resistors_at(circuit: Circuit, scale: Mapping[str, float], every: float = 1.0) -> Circuit:

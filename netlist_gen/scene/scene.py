@@ -11,6 +11,7 @@ from pydantic import Field, PrivateAttr, model_validator
 from taction.netlist_gen.card import facts_card
 from taction.netlist_gen.scene.checks import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, OpAmpChoice
+from taction.netlist_gen.scene.devices import DevicesTable
 from taction.netlist_gen.scene.fields import (
     Model,
     Positive,
@@ -74,6 +75,7 @@ class Scene(StatedProblem):
 
     design: Design = Design()
     wires: WiresTable = WiresTable()
+    devices: DevicesTable = DevicesTable()
     analysis: AnalysisChoice = AnalysisChoice()
     checks: Checks = Checks()
     tolerances: Tolerances = Tolerances()

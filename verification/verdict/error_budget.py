@@ -35,7 +35,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.answer_error import AnswerError
-from taction.verification.verdict.input_spread import InputSpread
+from taction.verification.verdict.input_spread import DEVICES, InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.pruning import pruning_effect
@@ -190,7 +190,9 @@ def predicted_change(design: PlannedBoard) -> Floats | None:
         It has no equilibrium.
     """
     chosen = design.scene.design.model_copy(update={"resistor_series": "exact"})
-    scene = design.scene.model_copy(update={"design": chosen, "wires": type(design.scene.wires)()})
+    given = design.scene
+    plain = {"wires": type(given.wires)(), "devices": type(given.devices)()}
+    scene = given.model_copy(update={"design": chosen, **plain})
     exact = with_ideal_stages(synthesise(scene, design.problem))
     built = with_ideal_stages(without_wires(design.circuit))
     wanted, found = resistances(exact), resistances(built)
@@ -326,6 +328,8 @@ def difference(name: str, how: str, before: Floats, after: Floats) -> ErrorPart:
 
 def around(design: Design, change: str) -> str:
     """Return where a board must work, as far as a change of its errors depends on it."""
+    if change == DEVICES:
+        return "as every device is programmed by itself, to first order"
     if change == "supply_rejection":
         return f"at supplies of ±{design.supply:g} V ± {100.0 * design.supply_tolerance:g} %"
     return f"at {design.temperature}"

@@ -15,7 +15,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import with_input_errors_at, with_resistors_at
+from taction.netlist_gen.board.variation import (
+    device_spreads,
+    with_input_errors_at,
+    with_resistors_at,
+)
 from taction.spice_models.input_errors import CHANGES
 from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
@@ -25,6 +29,7 @@ from taction.verification.engines.statespace.linearised.rest_sensitivity import 
 SHARE = 0.95  # of the boards, which keep the stated distance
 PROBED = 2.0  # standard deviations: where the first order is compared with an equilibrium
 STEPS = 60  # halvings of the interval in which the distance lies
+DEVICES = "programming"  # the kind of change that devices of arrays are
 NO_SPREAD = 1e-30  # V: a channel with less is beyond a distance, or it is not
 
 
@@ -45,8 +50,8 @@ class InputSpread:
     moved : ndarray (N,)
         What the changes add to the mean, V; without them the board rests there, too.
     changes : dict of str to float
-        How far each kind of change (`CHANGES`, and ``"resistor_drift"``) by itself moves an output
-        in all but 5 % of the boards, V.
+        How far each kind of change (`CHANGES`, ``"resistor_drift"``, `DEVICES`) moves an output by
+        itself in all but 5 % of the boards, V.
     """
 
     mean: Floats
@@ -76,19 +81,22 @@ class InputSpread:
         Costs one dense factorisation of all unknowns, and one equilibrium.
         """
         models = board.circuit.models
-        if not resistors and not any(model.varying for model in models.values()):
+        devices = device_spreads(board.circuit)
+        if not (resistors or devices or any(model.varying for model in models.values())):
             return None
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
             board = LinearBoard(replace(board.circuit, models=small))
         sensitivity = RestSensitivity.of(board)
         slopes, own = sensitivity.input_errors(), _resistor_slopes(sensitivity, resistors)
+        programmed = _device_slopes(sensitivity, devices)
         spreads = {
             f"{cell.name}.{figure}": (each, _value(models[cell.model], figure))
             for cell in board.circuit.opamps
             for figure, each in models[cell.model].varying
         } | dict.fromkeys(own, (Spread(0.0, resistors), 0.0))
-        slopes |= own
+        spreads |= {f"{name}.{DEVICES}": (Spread(0.0, s), 0.0) for name, s in devices.items()}
+        slopes |= own | programmed
         shifts = np.array([slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()])
         mean = _outputs(board) + shifts.sum(axis=0)
         parts = np.array([slopes[name] * each.sigma for name, (each, _) in spreads.items()])
@@ -100,13 +108,16 @@ class InputSpread:
             z = PROBED * parts[:, worst] / sigma[worst]
             deviations = dict(zip(spreads, z.tolist(), strict=True))
             scale = {name: math.exp(resistors * deviations[name]) for name in own}
+            for name, relative in devices.items():
+                off = math.exp(relative * deviations[f"{name}.{DEVICES}"])
+                scale[name] = scale.get(name, 1.0) * off
             there = with_input_errors_at(with_resistors_at(board.circuit, scale), deviations)
             off = _outputs(LinearBoard(there)) - mean - parts.T @ z
             curvature = float(np.abs(off).max()) / (PROBED * float(sigma[worst]))
         assumed = any(each.assumed for each, _ in spreads.values())
         kinds = np.array(["resistor_drift" if n in own else n.split(".")[1] for n in spreads])
         moved, changes = np.zeros(len(sigma)), {}
-        for kind in (*CHANGES, "resistor_drift"):
+        for kind in (*CHANGES, "resistor_drift", DEVICES):
             if (here := kinds == kind).any():
                 shift, deviation = shifts[here].sum(axis=0), (parts[here] ** 2).sum(axis=0)
                 moved += shift
@@ -146,6 +157,12 @@ class InputSpread:
 def _resistor_slopes(sensitivity: RestSensitivity, sigma: float) -> dict[str, Floats]:
     """Return the slopes with the logarithms of the resistors, V, (N,); none without a spread."""
     return sensitivity.resistors() if sigma else {}
+
+
+def _device_slopes(sensitivity: RestSensitivity, spreads: Mapping[str, float]) -> dict[str, Floats]:
+    """Return the slopes with the logarithms of the devices, V, (N,), by names of their own."""
+    slopes = sensitivity.resistors() if spreads else {}
+    return {f"{name}.{DEVICES}": slopes[name] for name in spreads}
 
 
 def _value(model: OpAmp, figure: str) -> float:

@@ -13,7 +13,7 @@ from typing import Annotated
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import INPUT_ERROR, Parameter
+from taction.netlist_gen.board.variation import DEVICE, INPUT_ERROR, Parameter
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -42,7 +42,7 @@ def rest_slopes(board: Varied) -> Floats:
     sensitivity = RestSensitivity.of(LinearBoard(board.nominal))
     resistors, errors, rows = sensitivity.resistors(), sensitivity.input_errors(), []
     for place, parameter in enumerate(board.varied):
-        if parameter.kind == "resistor":
+        if parameter.kind in ("resistor", DEVICE):
             rows.append(resistors[parameter.name] * math.log1p(parameter.tolerance))
         elif parameter.kind == INPUT_ERROR:
             rows.append(errors[parameter.name] * parameter.tolerance)

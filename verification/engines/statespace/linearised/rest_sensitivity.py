@@ -136,7 +136,8 @@ class RestSensitivity:
         """Return the sensitivities to resistors between `ends`."""
         descriptor, size = self.board.descriptor, self.board.descriptor.size
         places = {GROUND: size} | descriptor.places
-        a, b = np.array([[places[node] for node in pair] for pair in ends]).reshape(-1, 2).T
+        at = [[places[node] for node in pair] for pair in ends]
+        a, b = np.array(at, dtype=np.int64).reshape(-1, 2).T
         z = np.append(self.board.equilibrium.values, 0.0)
         # A source to ground takes up the current into its node.
         felt = np.append(self.adjoint, np.zeros((len(self.adjoint), 1)), axis=1)
