@@ -244,7 +244,7 @@ def _truth(entry: Mapping[str, Any], value: Any) -> tuple[str, Mapping[str, Any]
 
 def _word_or_number(entry: Mapping[str, Any], value: Any) -> tuple[str, Mapping[str, Any]]:
     """Leave all but a known word and a number within the limits to the models."""
-    if value not in entry["names"] and _number(entry, value)[0]:
+    if value not in entry["names"] and (_number(entry, value)[0] or _out_of_range(value)):
         raise UndecidedError
     return "", {}
 
