@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -122,14 +123,18 @@ def share_of(text: str, option: str = "--check") -> float:
 
 def _expected(text: str) -> Expected:
     name, _, value = (part.strip() for part in text.partition("="))
-    value, _, tolerance = (part.strip() for part in value.partition("@"))
+    value, at, tolerance = (part.strip() for part in value.partition("@"))
     node = name.lower().removeprefix("v(").removesuffix(")")
     try:
         volts = parse(value, "V")
-        if not tolerance or tolerance.endswith("%"):
-            share = share_of(tolerance, "--expect") if tolerance else SHARE
-            return Expected(node, volts, share * abs(volts))
-        return Expected(node, volts, parse(tolerance, "V"))
+        if not at or tolerance.endswith("%"):
+            share = share_of(tolerance, "--expect") if at else SHARE
+            accepted = share * abs(volts)
+        else:
+            accepted = parse(tolerance, "V")
+        if not 0.0 <= accepted < math.inf:
+            raise ValueError("a tolerance is finite and not negative")
+        return Expected(node, volts, accepted)
     except ValueError as error:
-        accepted = f"{error}; expected v(NODE)=VALUE@TOLERANCE, such as v(out)=1.25@0.1%"
-        raise InputError("--expect", Complaint("value", repr(text), accepted)) from None
+        usual = f"{error}; expected v(NODE)=VALUE@TOLERANCE, such as v(out)=1.25@0.1%"
+        raise InputError("--expect", Complaint("value", repr(text), usual)) from None

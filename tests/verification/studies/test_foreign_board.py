@@ -356,3 +356,9 @@ def test_a_transimpedance_stage_in_closed_form(read: Read) -> None:
     total = Rf * (Cd + Cf)
     exact = np.roots([total, 1.0 + total * w / A + w * Rf * Cf, w / A + w])
     assert abs(found.rightmost - exact[exact.imag > 0.0][0]) < 1e-9 * abs(found.rightmost)
+
+
+@pytest.mark.parametrize("text", ["v(out)=1@-5%", "v(out)=1@-1mV", "out=1@", "v(out)=1@nan%"])
+def test_a_tolerance_of_an_expected_value_is_a_number_that_is_not_negative(text: str) -> None:
+    with pytest.raises(InputError, match="--expect"):
+        wanted(expect=[text])
