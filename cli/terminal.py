@@ -116,11 +116,12 @@ class StageLine:
             self._show(stage)
         elif stage not in self._said:
             self._said.add(stage)
-            say(stage)
+            with self.aside():
+                say(stage)
 
     @contextmanager
     def aside(self) -> Iterator[None]:
-        """Take the bar away while something is printed on stdout."""
+        """Take the bar away while a line is printed."""
         if self._bar is None:
             yield
             return

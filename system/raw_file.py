@@ -22,6 +22,7 @@ from taction.system.waveforms import Waveforms
 
 DOUBLE, COMPLEX = np.dtype("<f8"), np.dtype("<c16")
 _LONGEST_HEADER = 1 << 24
+_LONGEST_START = 1 << 20  # bytes that are read of a file that is still written
 _MOST_DIGITS = 18  # of a count
 _END = b"\nBinary:\n"  # of the header
 
@@ -82,6 +83,23 @@ def read_raw(path: Path, *, partial: bool = False) -> Plot:
     if not partial:
         _check_size(path, content, header.size, promised * header.width)
     return _plot(content, header, promised, points)
+
+
+def last_instant(path: Path) -> float | None:
+    """Return the first value of the last whole point of a file that ngspice still writes, or None.
+
+    No memory map: the writer may cut the file at any time.
+    """
+    try:
+        with open_regular(path) as file:
+            header = _read_header(file.read(_LONGEST_START), path)
+            points = (os.fstat(file.fileno()).st_size - header.size) // header.width
+            if points < 1:
+                return None
+            file.seek(header.size + (points - 1) * header.width)
+            return float(np.frombuffer(file.read(DOUBLE.itemsize), DOUBLE)[0])
+    except (BadEvidence, UnusableFileError, OSError, ValueError):
+        return None
 
 
 def read_complex(path: Path) -> tuple[str, tuple[str, ...], Complexes]:

@@ -310,9 +310,10 @@ def record_transient(
     clock = Clock(progress)
     design = design_board(scene, clock, problem=problem)
     clock.begin("simulation")
-    pending = begin(design)
-    ideal = ideal_answer(design.network, design.scene)
-    waveforms = pending.result().filled
+    with clock.listening():
+        pending = begin(design)
+        ideal = ideal_answer(design.network, design.scene)
+        waveforms = pending.result().filled
     clock.begin("measures")
     measurements = measure_outputs(design, ideal, waveforms)
     return MeasuredTransient(design.circuit, design.transient, waveforms, measurements)

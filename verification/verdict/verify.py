@@ -263,10 +263,11 @@ def verify(
         No engine was found, or the simulation or the reference solution failed.
     """
     clock = Clock(progress)
-    design = design_board(scene, clock, problem=problem, circuit=circuit)
-    pending, ideal = _begin(design, clock, ideal=ideal)
-    evidence, recording = _evidence(design, ideal, pending, clock, effort)
-    return _judged(evidence, recording, ideal, clock, effort)
+    with clock.listening():
+        design = design_board(scene, clock, problem=problem, circuit=circuit)
+        pending, ideal = _begin(design, clock, ideal=ideal)
+        evidence, recording = _evidence(design, ideal, pending, clock, effort)
+        return _judged(evidence, recording, ideal, clock, effort)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -394,7 +395,7 @@ def _begin(
     """Start the simulation; solve the problem while it runs."""
     clock.begin("simulation", remark=design.plan.remark)
     pending = pending or begin(design)
-    clock.begin("reference", beside="simulation", remark=design.plan.remark)
+    clock.begin("reference", beside="simulation")
     return pending, ideal or ideal_answer(design.network, design.scene)
 
 

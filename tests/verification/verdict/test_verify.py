@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from dataclasses import replace
 from functools import cache
@@ -14,8 +15,10 @@ import pytest
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.system import progress
 from taction.system.errors import SimulatorNotFound, TimedOut
 from taction.system.progress import Clock
+from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
@@ -205,6 +208,26 @@ def test_progress_is_told_by_stage() -> None:
     verify(shipped("tuned-breadboard", analysis={"engine": "statespace"}), told.append)
     assert told[:3] == ["synthesis", "poles", "simulation"]
     assert "reference (while the simulation runs)" in told
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize(
+    ("name", "engine"), [("paper-breadboard", "ngspice"), ("paper-exponential", "statespace")]
+)
+def test_a_long_simulation_tells_its_share(
+    name: str, engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here every share is told: no second is waited for."""
+    monkeypatch.setattr(progress, "FIRST_SHARE", 0.0)
+    monkeypatch.setattr(progress, "BETWEEN_SHARES", 0.0)
+    monkeypatch.setattr(process, "LOOK_INTERVAL", 0.02)
+    told: list[str] = []
+    verify(shipped(name, analysis={"engine": engine}), told.append)
+    shares = [re.match(r"simulation, (\d+) of 100 %", line) for line in told]
+    percent = [int(share[1]) for share in shares if share]
+    assert percent[0] < 50 < percent[-1] <= 100
+    assert percent == sorted(percent)
+    assert any(line.endswith(" s left") for line in told)
 
 
 @pytest.fixture(scope="module")

@@ -35,6 +35,8 @@ from taction.system.errors import (
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_ends
 from taction.system.own_folders import keep_folder, make_own_folder, remove_own_folder
 from taction.system.processes import end_orphans, guard
+from taction.system.progress import reached
+from taction.system.raw_file import last_instant
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.evidence import (
     Ending,
@@ -264,6 +266,7 @@ class Run:
         try:
             while not (ended := process.wait(min(end - time.perf_counter(), LOOK_INTERVAL))):
                 flooded = process.flooded_file()
+                self._say_share()
                 if flooded or time.perf_counter() >= end:
                     break
         finally:  # also on Ctrl-C, which reaches no other process group
@@ -288,6 +291,12 @@ class Run:
         else:
             remove_own_folder(self.folder)
         return result
+
+    def _say_share(self) -> None:
+        """Say which share of a transient is done, by the last instant that ngspice has written."""
+        stop: float | None = getattr(self._deck.analysis, "stop", None)
+        if stop and (now := last_instant(self.folder / "out.raw")) is not None:
+            reached(now / stop)
 
     def cancel(self) -> None:
         """End the process group and remove the run folder, unless `result` was called."""

@@ -28,6 +28,7 @@ from taction.system.errors import (
     SimulatorNotFound,
     SimulatorTooOld,
 )
+from taction.system.progress import StageShares, shares_to
 from taction.system.quantities import quantity
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -299,10 +300,12 @@ def confirmations(
             confirmation = TransientTest(None, reason)
     findings = []
     for number, edge in enumerate(scanned.edges, start=1):
-        progress(f"transients beside crossing {number} of {len(scanned.edges)}")
+        stage = f"transients beside crossing {number} of {len(scanned.edges)}"
+        progress(stage)
         if simulator is not None and timeout is not None:
-            confirmation = confirm(
-                boards.board, edge, simulator, logarithmic=scanned.logarithmic, timeout=timeout
-            )
+            with shares_to(StageShares(progress, stage)):
+                confirmation = confirm(
+                    boards.board, edge, simulator, logarithmic=scanned.logarithmic, timeout=timeout
+                )
         findings.append(CheckedEdge(edge, confirmation, scanned.complete))
     return tuple(findings)

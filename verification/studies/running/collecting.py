@@ -198,19 +198,21 @@ def for_each_file(
     ['b1', 'a2']
     """
     results: list[R | BaseException | None] = [None] * len(files)
-    processes = min(jobs or cores(), len(files))
+    processes, pace, left = min(jobs or cores(), len(files)), Pace(), ""
     try:
         if processes <= 1:
             for number, path in enumerate(files):
-                progress(f"{number + 1} of {len(files)}: {path.stem}")
+                progress(f"{number + 1} of {len(files)}: {path.stem}{left}")
                 results[number] = function(path, *arguments[number])
+                left = pace.ended(len(files) - number - 1)
             return results
         calls = ((k, (path, *arguments[k])) for k, path in enumerate(files))
         with local(processes) as workers:
             progress(f"{len(files)} files in {processes} processes")
             for done, (number, result) in enumerate(collected(workers, function, calls), 1):
                 results[number] = result
-                progress(f"{done} of {len(files)} done: {files[number].stem}")
+                left = pace.ended(len(files) - done)
+                progress(f"{done} of {len(files)} done: {files[number].stem}{left}")
     except KeyboardInterrupt:
         pass
     return results

@@ -13,7 +13,7 @@ import numpy as np
 from taction.netlist_gen.scene.axes import with_values
 from taction.system.array_types import Bools, Floats, Indices
 from taction.system.errors import TactionError
-from taction.system.progress import Clock
+from taction.system.progress import Clock, duration
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.sweep.hybrid import has_order, next_to_the_boundary, sample
 from taction.verification.studies.sweep.plan import ENGINE, Plan
@@ -358,16 +358,3 @@ def wall_time(forecast: CostForecast, places: Mapping[str, Bools], workers: Work
     longest = max(float(cost.max(initial=0.0)) for cost in costs)
     processes = max(workers.processes(), 1)
     return forecast.slowness * (workers.start_up + max(total / processes, longest))
-
-
-def duration(seconds: float) -> str:
-    """Return a duration for people, about two digits.
-
-    Examples
-    --------
-    >>> [duration(seconds) for seconds in (0.3, 42.4, 700.0, 9000.0)]
-    ['1 s', '42 s', '12 min', '2.5 h']
-    """
-    if seconds < 100.0:
-        return f"{max(round(seconds), 1)} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"

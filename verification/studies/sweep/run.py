@@ -19,7 +19,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Bools
 from taction.system.errors import MACHINE_FAILURES, Interrupted, TactionError
-from taction.system.progress import Notice, Progress
+from taction.system.progress import Notice, Progress, duration
 from taction.verification.studies.running.collecting import collected_together, together
 from taction.verification.studies.running.versions import digest, own_code, own_versions
 from taction.verification.studies.running.worker import Workers
@@ -28,7 +28,6 @@ from taction.verification.studies.sweep.forecast import (
     CostForecast,
     RemainingTime,
     announcement,
-    duration,
     forecast_costs,
     wall_time,
 )

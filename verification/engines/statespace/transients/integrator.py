@@ -20,6 +20,7 @@ import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
+from taction.system.progress import reached
 from taction.verification.engines.statespace.transients.steps import (
     STAGES,
     TABLE,
@@ -229,6 +230,7 @@ class RadauIntegrator:
             longest = np.ceil(np.log2((now.stop - now.t) / now.base)).astype(np.int64)
             now.level = np.minimum(now.level, longest)
             self._attempt()
+            reached(float((now.t / now.stop).min()))
             self._end(max_steps)
         return self.out
 
@@ -240,6 +242,7 @@ class RadauIntegrator:
             places = self.present.place.tolist()
             self.present.level = np.array([levels[k][self.out[k].steps] for k in places])
             self._attempt()
+            reached(min(self.out[k].steps / len(levels[k]) for k in places))
             self._end(MAX_STEPS)
         return self.out
 
