@@ -81,16 +81,41 @@ def _instead(error: click.ClickException) -> str:
         about = ARGUMENTS.get(place, getattr(error.param, "help", None) or "")
         kind = "" if error.ctx is None else f" {error.param.make_metavar(error.ctx)}"
         return f"Expected{kind}: {about}\n" if about else ""
-    if "unexpected extra argument" in error.format_message():
-        return "Expected one word after each option: --over C=1pF:1nF:3, with '=' and no blank.\n"
+    text, context = error.format_message(), getattr(error, "ctx", None)
+    if isinstance(error, click.BadParameter) and error.param is not None:
+        return _number_instead(error.param.type) if "is not a valid" in text else ""
+    if context is None:
+        return ""
+    if "unexpected extra argument" in text:
+        options = {parameter.name for parameter in context.command.params}
+        if "over" in options:
+            return (
+                "Expected one word after each option: --over C=1pF:1nF:3, with '=' and no blank.\n"
+            )
+        return "Expected no further word; text with blanks needs quotes.\n"
+    if "No such command" in text and "Did you mean" not in text:
+        return f"Expected one of {', '.join(context.command.list_commands(context))}.\n"
     return ""
 
 
+def _number_instead(kind: click.ParamType) -> str:
+    """Return what number an option takes, where click names the type of a programmer."""
+    if not isinstance(kind, click.IntRange | click.FloatRange | click.types.IntParamType):
+        return ""
+    whole = "a whole number" if isinstance(kind, click.types.IntParamType) else "a number"
+    limits = kind._describe_range() if isinstance(kind, click.IntRange | click.FloatRange) else ""
+    return f"Expected {whole}{f' in {limits}' if limits else ''}.\n"
+
+
+TWO_BOARDS = "two boards: scenes, decks (.cir), records (.raw), or stored verdicts (.json)"
 ARGUMENTS = {
     "scene": "a scene file, such as board.toml; `taction new board.toml` writes one",
     "folder": "a folder with scene files",
-    "first": "two scene files, or stored verdicts (.json)",
-    "second": "two scene files, or stored verdicts (.json)",
+    "first": TWO_BOARDS,
+    "second": TWO_BOARDS,
+    "deck": "a SPICE deck, such as filter.cir",
+    "file": "a vendor's netlist with the op-amp as a subcircuit",
+    "name": "the name of a preset; `taction parts` lists them",
 }
 """What the arguments of the commands are, by name."""
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Any
 
@@ -21,7 +22,7 @@ from taction.cli.command import (
     load,
     signature,
 )
-from taction.cli.ending import of_stdout
+from taction.cli.ending import ARGUMENTS, of_stdout
 from taction.cli.terminal import STATUS, console, display, print_json, say
 from taction.system.after_result import attempt
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
@@ -70,10 +71,10 @@ def run(command: Command, given: dict[str, Any]) -> None:
     unset -= {name for name in unset if known[name] is inspect.Parameter.empty}
     call = Call(asked | {name: known[name] for name in unset}, given)
     _check(command, job, given)
-    if given.get("scene") is not None:
-        _ask(given["scene"])
     if job.before is not None:
         job.before(call)
+    if given.get("scene") is not None:
+        _ask(given["scene"])
     result, interrupted = _result(job, call)
     status = status_of(result)
     for name in job.files(result, call) if job.files is not None else ():
@@ -124,6 +125,9 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
     for output in command.outputs:
         if output.check is not None and given[output.name] is not None:
             load(output.check)(given[output.name])
+    for parameter in command.every:
+        if parameter.reads:
+            _refuse_missing(parameter, _names(given[parameter.name]))
     for name in BOARDS:
         if str(given.get(name)).endswith(".toml"):
             from taction.netlist_gen.scene.loading import load_scene
@@ -143,6 +147,15 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
         if given[output.name] is not None and output.name not in able:
             complaint = Complaint("FILE", repr(given[output.name]), job.lacks)
             raise InputError(f"--{output.name}", complaint)
+
+
+def _refuse_missing(parameter: CommandParameter, names: Iterable[str]) -> None:
+    """Refuse a file that does not exist, where the command says what it expects there."""
+    expected = ARGUMENTS.get(parameter.name.removesuffix("s"))
+    for name in names:
+        if expected and not os.path.lexists(name):
+            text = f"No such file or directory; expected {expected}"
+            raise InputError(name, Complaint("file", "", text))
 
 
 def _names(value: Any) -> Iterator[str]:

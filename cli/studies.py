@@ -75,8 +75,17 @@ CORNERS = Command(
 )
 
 
+def _look_at_ranges(call: Call) -> None:
+    from taction.netlist_gen.scene.axes import look_at_ranges
+    from taction.netlist_gen.scene.loading import load_scene
+
+    given = call.arguments
+    look_at_ranges(load_scene(given["scene"]), given["over"].split(","))
+
+
 TUNE = Command(
     function="tune",
+    before=_look_at_ranges,
     outputs=(picture("settling time against overshoot"), REPORT),
     files=own_file,
     parameters=(
@@ -93,16 +102,24 @@ TUNE = Command(
 
 def _ask_limits(call: Call) -> None:
     """Ask on stderr what may be a slip in the limits of the options; name the database."""
+    from taction.netlist_gen.scene.axes import LIMITS, look_at_limits
     from taction.netlist_gen.scene.checks import unitless_times
+    from taction.netlist_gen.scene.loading import load_scene
+    from taction.netlist_gen.scene.open_tables import refuse_unknown
     from taction.netlist_gen.scene.questions import value_questions
-    from taction.verification.design.choice_plan import base_of, request_of
 
     given = call.arguments
-    names = ("settling", "rise", "overshoot", "noise", "margin", "supply")
+    read, own = load_scene(given["scene"]), ("settling", "rise", "noise", "supply")
+    look_at_limits(read, {name: given[name] for name in own})
+    for name in (given["opamps"] or "").split(","):
+        if name.strip():
+            refuse_unknown(name.strip(), "--opamps")
+    from taction.verification.design.choice_plan import base_of, request_of
+
     request = request_of(
         given["opamps"], given["c_range"], given["gain_range"], given["points"],
         given["topology"],
-        **{name: given[name] for name in names},
+        **{name: given[name] for name in LIMITS},
     )  # fmt: skip
     scene, base = base_of(given["scene"], request)
     given["scene"] = scene
@@ -136,7 +153,7 @@ CHOOSE = Command(
         option("rise", metavar="TIME"),
         option("overshoot", metavar="SHARE"),
         option("noise", metavar="VOLTS"),
-        option("margin", metavar="FACTOR"),
+        option("margin", metavar="FACTOR", type=click.FloatRange(1, 100)),
         option("supply", metavar="VOLTS"),
         option("opamps", metavar="A,B,C"),
         option("topology", metavar="A,B,C"),
@@ -166,12 +183,12 @@ SCALE = Command(
 
 
 def _ask_axis(call: Call) -> None:
-    from taction.netlist_gen.scene.axes import look_at_keys
+    from taction.netlist_gen.scene.axes import look_at_axes
     from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.questions import axis_questions
 
     given = call.arguments
-    look_at_keys(load_scene(given["scene"]), [given["over"]])
+    look_at_axes(load_scene(given["scene"]), [given["over"]], bare=True)
     from taction.verification.studies.onset.onset import planned
 
     given["scene"], axis = planned(given["scene"], given["over"])
@@ -220,12 +237,14 @@ CHECK = Command(
 
 def _check_sweep(call: Call) -> None:
     """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
-    from taction.netlist_gen.scene.axes import look_at_keys
+    from taction.netlist_gen.scene.axes import fixed_values, look_at_axes
     from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.questions import axis_questions
 
     given = call.arguments
-    look_at_keys(load_scene(given["scene"]), given["over"])
+    scene = load_scene(given["scene"])
+    look_at_axes(scene, given["over"])
+    fixed_values(scene, given["fix"])
     from taction.verification.studies.sweep.plan import plan_sweep
 
     given["retry_failed"] = given["retry_failed"] is not None

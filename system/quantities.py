@@ -199,15 +199,18 @@ def readable(text: str) -> str:
     return MICRO.sub("µ", OHM.sub("Ω", text))
 
 
+TERMS = {"noise": "output noise"}  # strain and op-amps have noise, too (docs/glossary.md)
+
+
 def spaced(name: str) -> str:
     """Return the name of a figure or a check in words.
 
     Examples
     --------
-    >>> spaced("settling_time")
-    'settling time'
+    >>> spaced("settling_time"), spaced("noise")
+    ('settling time', 'output noise')
     """
-    return name.replace("_", " ")
+    return TERMS.get(name, name.replace("_", " "))
 
 
 def counted(number: int, noun: str, nouns: str = "") -> str:

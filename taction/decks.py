@@ -107,6 +107,7 @@ def check(
     >>> found.outcome.value, round(found.poles.rightmost.real)
     ('pass', -1000000)
     """
+    _refuse_scene(deck)
     from taction.verification.studies.board_check import check_board
     from taction.verification.studies.foreign_board import read_board
     from taction.verification.studies.varied_deck import Samples
@@ -159,6 +160,15 @@ def _with_reference(
     nodes = [out.node for out in board.circuit.outputs]
     wanted, notes = BoardReference(matrix, strain, *settings).expected(nodes)
     return replace(asked, expected=(*asked.expected, *wanted)), notes
+
+
+def _refuse_scene(deck: str | Path) -> None:
+    """Refuse a scene before the modules of decks are loaded: another command takes it."""
+    from taction.system.errors import Complaint, InputError
+
+    if str(deck).endswith(".toml"):
+        text = "a scene; `taction verify` takes it; expected a SPICE deck, such as filter.cir"
+        raise InputError(deck, Complaint("deck", "", text))
 
 
 def _listed(given: str | Iterable[str]) -> tuple[str, ...]:

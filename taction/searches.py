@@ -363,6 +363,9 @@ def new(
         if matrix is None and value is not None:
             raise InputError(option, Complaint("value", repr(value), "needs --matrix"))
     refuse_existing(path, force=force)
+    from taction.netlist_gen.scene.open_tables import refuse_unknown
+
+    refuse_unknown(opamp, "--opamp")
     from taction.netlist_gen.scene.loading import load_scene
     from taction.system.atomic_files import write_atomically
     from taction.verification.design.fresh_scene import NewScene, fresh_scene
@@ -397,12 +400,7 @@ def new(
 def _template(opamp: str) -> str:
     """Return the scene with comments for an op-amp, at a supply that it allows."""
     from taction.netlist_gen.scene.open_tables import OPAMPS
-    from taction.system.errors import Complaint, InputError, nearest_question
 
-    if opamp not in OPAMPS:
-        hint = nearest_question(opamp, tuple(OPAMPS), 0.6)
-        text = f"no preset; {hint}known: {', '.join(OPAMPS)}"
-        raise InputError("--opamp", Complaint("NAME", repr(opamp), text))
     text = Path(__file__).with_name("scene_template.toml").read_text(encoding="utf-8")
     head, key, tail = text.partition('\nopamp = { base = "')
     text = f"{head}{key}{opamp}{tail[tail.index(chr(34)) :]}"

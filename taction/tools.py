@@ -116,15 +116,12 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     >>> taction.opamp("ua741").opamp.name
     'ua741'
     """
-    from taction.netlist_gen.scene.open_tables import OPAMPS
-    from taction.system.errors import Complaint, InputError, nearest_question
+    from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
     from taction.system.progress import Notice
+
+    refuse_unknown(name, "parts show")
     from taction.verification.characterise.characterise import opamp_figures
 
-    if name not in OPAMPS:
-        hint = nearest_question(name, tuple(OPAMPS), 0.6)
-        text = f"{name!r} is no preset; {hint}known: {', '.join(OPAMPS)}"
-        raise InputError("models show", Complaint("NAME", "", text))
     return opamp_figures(OPAMPS[name], lambda text: progress(Notice(text)))
 
 

@@ -387,20 +387,30 @@ def diff(
         progress("decks")
         return compare_circuits(first, second, agree)
     from taction.system.documents import plain
+    from taction.verification.reference.ideal_answer import read_scene
     from taction.verification.verdict.verify import Verdict
 
     def document(one: str | Path | Scene | Verdict) -> tuple[dict[str, Any], Curves | None]:
-        if isinstance(one, str | Path) and str(one).lower().endswith(".json"):
+        if isinstance(one, str | Path) and _is_stored(one):  # else it is read
             return stored_verdict(one), None
         found = one if isinstance(one, Verdict) else verify(one, engine=engine, progress=progress)
         return dict(plain(found)), lambda: (found.waveforms.time, found.u)
 
-    (one, curve), (two, other) = document(first), document(second)
+    read = [
+        one if isinstance(one, Verdict) or _is_stored(one) else read_scene(one, engine)
+        for one in (first, second)
+    ]  # both, before one is simulated
+    (one, curve), (two, other) = map(document, read)
     name, named = (
         str(given) if isinstance(given, str | Path) else str(found["scene"])
         for given, found in ((first, one), (second, two))
     )
     return compare_verdicts(one, two, (name, named), (curve, other))
+
+
+def _is_stored(one: str | Path | Scene) -> bool:
+    """Whether a board is the document of a verdict."""
+    return isinstance(one, str | Path) and str(one).lower().endswith(".json")
 
 
 def explore(

@@ -90,24 +90,46 @@ def parse_axes(
             lengths = ", ".join(f"{axis.name} has {len(axis)}" for axis in group)
             raise _wrong(text, f"keys that change together need the same length; {lengths}")
         groups.append(group)
-    paths = [axis.key.path for group in groups for axis in group]
-    for path in paths:
-        if paths.count(path) > 1:
-            raise _wrong(path, "the key occurs twice; give all its values at once")
+    _refuse_twice([axis.key.path for group in groups for axis in group])
     return groups
 
 
-def look_at_keys(scene: Scene, over: Iterable[str]) -> None:
-    """Refuse keys of axes that the scene does not have, before anything is loaded that computes.
+def _refuse_twice(paths: Sequence[str]) -> None:
+    for path in paths:
+        if paths.count(path) > 1:
+            raise _wrong(path, "the key occurs twice; give all its values at once")
+
+
+def look_at_axes(scene: Scene, over: Iterable[str], *, bare: bool = False) -> None:
+    """Refuse axes that are wrong as they are written, before anything is loaded that computes.
+
+    With `bare` a real key may stand alone.
 
     Raises
     ------
     InputError
-        An unknown key; the message has the nearest known key.
+        As `parse_axis`, which also tries the values on the scene.
     """
+    paths: list[str] = []
     for text in over:
         for one in _NEXT_KEY.split(text.strip()):
-            find_key(scene, one.partition("=")[0].strip())
+            key, _, body = _stated(scene, one, bare=bare)
+            paths.append(key.path)
+            if body:
+                _range_or_values(key, one, body, POINTS)
+    _refuse_twice(paths)
+
+
+def _stated(scene: Scene, text: str, *, bare: bool) -> tuple[Key, str, str]:
+    """Return the key of ``KEY=VALUES``, its name, and the values; none if the key may be alone."""
+    name, equals, body = (part.strip() for part in text.partition("="))
+    key = find_key(scene, name)
+    if not body and (equals or not bare or key.kind != "real"):
+        example = "=1pF:1nF:31 or =1pF,2pF" if key.unit == "F" else "=LOW:HIGH:POINTS or =A,B,C"
+        if key.kind == "choice":
+            example = "=A,B,C"
+        raise _wrong(text, f"expected values, {name}{example}")
+    return key, name, body
 
 
 def _as_text(name: str, values: str | Iterable[Value]) -> str:
@@ -141,26 +163,97 @@ def parse_axis(
         An unknown key (with the nearest known key), a value that the key does not accept, or a
         wrong range.
     """
-    name, equals, body = (part.strip() for part in text.partition("="))
-    key = find_key(scene, name)
-    if not equals and around is not None and key.kind == "real":
-        return _default_axis(scene, key, name, around, points)
+    key, name, body = _stated(scene, text, bare=around is not None)
     if not body:
-        example = "=1pF:1nF:31 or =1pF,2pF" if key.unit == "F" else "=LOW:HIGH:POINTS or =A,B,C"
-        raise _wrong(text, f"expected values, {name}{example}")
+        return _default_axis(scene, key, name, around or 1.0, points)
     values, scale = range_values(key, text, body, points)
     tried = values if scale == "list" else (values[0], values[-1])
     for value in tried:
-        with_value(scene, key.path, value)
+        _tried(scene, {key.path: value}, "--over")
     return SweepAxis(key, name, values, scale)
+
+
+def _tried(scene: Scene, changes: Point, option: str) -> Scene:
+    """Return the scene with other values; a mistake is one of the option, not of the file."""
+    try:
+        return with_values(scene, changes)
+    except InputError as error:
+        raise InputError(option, *error.complaints) from None
+
+
+def look_at_ranges(scene: Scene, over: Iterable[str]) -> None:
+    """Refuse keys and ranges ``KEY[=LOW:HIGH]`` of a search, before anything that computes loads.
+
+    Raises
+    ------
+    InputError
+        An unknown key, or an end that it does not accept, or a range that does not rise.
+    """
+    for text in over:
+        name, _, body = (part.strip() for part in text.partition("="))
+        path = find_key(scene, name).path
+        if body:
+            rising_ends(scene, path, body)
+
+
+def rising_ends(scene: Scene, path: str, body: str) -> tuple[float, float]:
+    """Return the ends of ``"LOW:HIGH"``, above zero; raises `InputError`."""
+    low, high = read_ends(scene, path, body)
+    if not 0.0 < low < high:
+        swapped = "; are the two swapped?" if low > high > 0.0 else ""
+        text = f"expected a range above zero, LOW below HIGH: {path}=LOW:HIGH{swapped}"
+        raise InputError("--over", Complaint(path, repr(body), text))
+    return low, high
+
+
+def read_ends(scene: Scene, path: str, body: str) -> tuple[float, float]:
+    """Return the ends of ``"LOW:HIGH"``, of a single value twice; raises `InputError`."""
+    key, (low, colon, high) = find_key(scene, path), body.partition(":")
+    return float(read_value(key, low)), float(read_value(key, high if colon else low))
+
+
+LIMITS = {
+    "settling": "checks.settling_time.max",
+    "rise": "checks.rise_time.max",
+    "overshoot": "checks.overshoot.max",
+    "noise": "checks.noise.max",
+    "margin": "checks.stability.margin",
+    "supply": "design.supply",
+}
+"""Options of a choice that stand for a value of the scene, and its key."""
+
+
+def look_at_limits(scene: Scene, given: Mapping[str, Value | None]) -> None:
+    """Refuse values of `LIMITS` by their options, before anything that computes is loaded."""
+    for name, value in given.items():
+        if value is not None:
+            _tried(scene, {LIMITS[name]: value}, f"--{name}")
 
 
 def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, ...], Scale]:
     """Return the values of ``LOW:HIGH:POINTS`` or ``A,B,C`` in base units, and their spacing."""
+    stated = _range_or_values(key, text, body, points)
+    if isinstance(stated, list):
+        return tuple(stated), "list"
+    low, high, count, scale = stated
+    import numpy as np  # a wrong range is refused without it
+
+    spaced = np.geomspace if scale == "log" else np.linspace
+    grid = spaced(low, high, count).tolist()
+    grid[0], grid[-1] = low, high
+    if key.kind == "integer":
+        return tuple(dict.fromkeys(round(value) for value in grid)), scale
+    return tuple(grid), scale
+
+
+def _range_or_values(
+    key: Key, text: str, body: str, points: int
+) -> tuple[float, float, int, Scale] | list[Value]:
+    """Return the ends of a range in base units, its number of points and spacing; or the values."""
     if key.kind == "choice" or ":" not in body:
         if key.kind != "choice":
             _refuse_other_range(key, text, body)
-        return tuple(read_value(key, part.strip()) for part in body.split(",")), "list"
+        return [read_value(key, part.strip()) for part in body.split(",")]
     parts = [part.strip() for part in body.split(":")]
     scale: Scale = "lin" if parts[-1] == "lin" else "log"
     if parts[-1] in ("lin", "log"):
@@ -173,14 +266,7 @@ def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Val
         raise _wrong(text, "a logarithmic range must be above zero; append :lin for a linear one")
     if low == high:
         raise _wrong(text, f"both ends are {low!r}; expected one value, or two different ends")
-    import numpy as np  # a wrong range is refused without it
-
-    spaced = np.geomspace if scale == "log" else np.linspace
-    grid = spaced(low, high, count).tolist()
-    grid[0], grid[-1] = low, high
-    if key.kind == "integer":
-        return tuple(dict.fromkeys(round(value) for value in grid)), scale
-    return tuple(grid), scale
+    return low, high, count, scale
 
 
 def _refuse_other_range(key: Key, text: str, body: str) -> None:
@@ -363,4 +449,4 @@ def with_settings(scene: Scene, settings: Iterable[str]) -> Scene:
                 changes[key.path] = read_value(key, body)
         except InputError as error:
             raise InputError("--set", *error.complaints) from None
-    return with_values(scene, changes)
+    return _tried(scene, changes, "--set")

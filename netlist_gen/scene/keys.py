@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Any, Literal, get_args
 from pydantic import BaseModel
 
 from taction.netlist_gen.scene.field_values import Unit
+from taction.netlist_gen.scene.key_mistakes import impossible
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import number as plain_number
@@ -27,6 +29,7 @@ SYMBOLS = {
     "opamp": "design.opamp.base",
 }
 # Tables that are searched for a name without a path, in this order.
+FILES = ("problem.matrix", "problem.strain", "problem.stress", "problem.load.file")
 SECTIONS = ("", "design", "design.opamp", "problem", "problem.load", "problem.noise", "analysis")
 
 Value = float | int | str | bool
@@ -115,6 +118,7 @@ def read_value(key: Key, text: str) -> Value:
         if key.kind == "choice":
             return {"true": True, "false": False}.get(text, text)
         if key.unit:
+            _refuse_impossible(key, text)
             return parse(text, key.unit)
         read = plain_number(text)
         number = int(text) if key.kind == "integer" else read
@@ -125,6 +129,17 @@ def read_value(key: Key, text: str) -> Value:
     if not math.isfinite(number):
         raise InputError("--over", Complaint(key.path, repr(text), "expected a finite number"))
     return number
+
+
+def _refuse_impossible(key: Key, text: str) -> None:
+    """Refuse a quantity that no board has, as in a scene file."""
+    section, _, name = key.path.rpartition(".")
+    try:
+        value: float | str = plain_number(text)
+    except ValueError:
+        value = text
+    for complaint in impossible({section: {name: value}}):
+        raise InputError("--over", complaint)
 
 
 def own_value(scene: Scene, key: Key) -> float | None:
@@ -144,3 +159,12 @@ def own_value(scene: Scene, key: Key) -> float | None:
         facts = topology_of(scene).facts(scene).values()
         value = next((fact.value for fact in facts if fact.key == key.path), None)
     return float(value) if isinstance(value, int | float) else None
+
+
+def files_of(scene: Scene) -> dict[str, object]:
+    """Return the file names in a scene by key; None where the scene has no such key or file."""
+    top: Any = scene
+    return {
+        path: functools.reduce(lambda at, key: getattr(at, key, None), path.split("."), top)
+        for path in FILES
+    }

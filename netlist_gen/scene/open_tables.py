@@ -15,7 +15,7 @@ from taction.netlist_gen.scene.field_values import plain_validator
 from taction.spice_models.amplifier import KINDS, AmplifierKind
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import load_presets
-from taction.system.errors import listed, nearest_question
+from taction.system.errors import Complaint, InputError, listed, nearest_question
 from taction.system.plugins import OpenTable, names
 
 if TYPE_CHECKING:
@@ -105,3 +105,17 @@ def _default(keys: type[Model]) -> Model | None:
         return keys()
     except ValidationError:  # it has a key that the scene must give
         return None
+
+
+def refuse_unknown(opamp: str, option: str) -> None:
+    """Refuse an op-amp that is no preset.
+
+    Raises
+    ------
+    InputError
+        The message has the nearest preset, and all of them.
+    """
+    if opamp not in OPAMPS:
+        hint = nearest_question(opamp, tuple(OPAMPS), 0.6)
+        text = f"no preset; {hint}known: {', '.join(OPAMPS)}"
+        raise InputError(option, Complaint("NAME", repr(opamp), text))

@@ -39,7 +39,9 @@ def problem_tables(matrix: Path, strain: Path) -> tuple[ProblemTable, ProblemTab
         T, eps = fitted(T, (None, None)), fitted(eps, (None,))
     except ValueError as error:
         wrong = strain if T.ndim == 2 and T.size else matrix
-        raise InputError(wrong, Complaint("shape", "", str(error))) from None
+        swapped = wrong is strain and eps.ndim == 2 and min(eps.shape) > 1
+        hint = "; are matrix and strain swapped?" if swapped else ""
+        raise InputError(wrong, Complaint("numbers", "", f"{error}{hint}")) from None
     changes = ["the first row is a header"] if header else []
     if len(eps) != T.shape[0]:
         if len(eps) != T.shape[1]:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import Point, SweepAxis, with_values
+from taction.netlist_gen.scene.axes import LIMITS, Point, SweepAxis, read_ends, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.open_tables import OPAMPS
@@ -30,7 +30,7 @@ from taction.system.errors import (
     NoVerdictError,
 )
 from taction.system.quantities import number
-from taction.verification.design.ranges import SearchRange, read_ends
+from taction.verification.design.ranges import SearchRange
 from taction.verification.design.scaling import SHARE, SMALLER, rescaled
 from taction.verification.design.trials import (
     at_small_signal,
@@ -104,13 +104,10 @@ def request_of(
     names, topologies = (
         text.split(",") if isinstance(text, str) else text for text in (opamps, topology)
     )
+    numbers = ("overshoot", "margin")
     values = {
-        "checks.settling_time.max": limits["settling"],
-        "checks.rise_time.max": limits["rise"],
-        "checks.overshoot.max": _number("--overshoot", limits["overshoot"]),
-        "checks.noise.max": limits["noise"],
-        "checks.stability.margin": _number("--margin", limits["margin"]),
-        "design.supply": limits["supply"],
+        path: _number(f"--{name}", limits[name]) if name in numbers else limits[name]
+        for name, path in LIMITS.items()
     }
     return ChoiceRequest(
         opamps=[name.strip() for name in names if name.strip()],

@@ -114,7 +114,7 @@ def controls(scene: Scene, problem: InverseProblem) -> tuple[Control, ...]:
     strain = float(np.mean(problem.strain**2)) or 1.0
     for path, symbol, name, low, high in (
         (STRAY, "stray", "capacitance", LEAST_STRAY, MOST_STRAY),
-        (VARIANCE, "σ²", "noise variance", LEAST_NOISE * strain, MOST_NOISE * strain),
+        (VARIANCE, "σ²", "strain noise variance", LEAST_NOISE * strain, MOST_NOISE * strain),
     ):
         control = _control(scene, path, symbol, name, 10.0)
         if control.own > 0.0:

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taction.netlist_gen.board.preferred_values import buyable, series_of, values_between
-from taction.netlist_gen.scene.keys import find_key, own_value, read_value
+from taction.netlist_gen.scene.axes import rising_ends
+from taction.netlist_gen.scene.keys import find_key, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
 
@@ -117,15 +118,5 @@ def _range(scene: Scene, path: str, body: str, reach: float) -> SearchRange:
         raise InputError("--over", Complaint(path, repr(own), text))
     if not body:
         return found
-    low, high = read_ends(scene, path, body)
-    if not 0.0 < low < high:
-        swapped = "; are the two swapped?" if low > high > 0.0 else ""
-        text = f"expected a range above zero, LOW below HIGH: {path}=LOW:HIGH{swapped}"
-        raise InputError("--over", Complaint(path, repr(body), text))
+    low, high = rising_ends(scene, path, body)
     return replace(found, low=low, high=high)
-
-
-def read_ends(scene: Scene, path: str, body: str) -> tuple[float, float]:
-    """Return the ends of ``"LOW:HIGH"``, of a single value twice; raises `InputError`."""
-    key, (low, colon, high) = find_key(scene, path), body.partition(":")
-    return float(read_value(key, low)), float(read_value(key, high if colon else low))

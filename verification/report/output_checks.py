@@ -50,7 +50,7 @@ def _read(name: str) -> list[str | Path]:
         scene = load_scene(path)
     except InputError:  # the command itself will report the mistakes
         return [name]
-    from taction.verification.studies.running.versions import files_of  # loads numpy
+    from taction.netlist_gen.scene.keys import files_of  # it loads the models of scenes
 
     return [
         name,

@@ -89,12 +89,15 @@ def sweep_board(
     knob = folded.get(name.lower())
     own = c.value(knob.name) if knob else None
     unit = c.facts[knob.name].unit if knob else ""
+    known = ", ".join(each.name for each in folded.values())
+    if not (body or knob):
+        accepted = f"expected {name}=LOW:HIGH:POINTS, or one of {known}"
+        raise InputError("--over", Complaint("name", repr(name), accepted))
     values, logarithmic = _values(name, text, body, own, unit)
     if knob is not None:
         family = Family.of(board, knob)
     else:
         if build is None:
-            known = ", ".join(each.name for each in folded.values())
             raise InputError("--over", Complaint("name", repr(name), f"expected one of {known}"))
         family = Family.over(build(name.lower(), values))
     if family.ports is not None and logarithmic:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.mistakes import validated
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import parse
 
@@ -63,11 +64,7 @@ def wanted(
     for text in checks:
         name, keys = _check_of(text)
         tables.setdefault(name, {}).update(keys)
-    try:
-        limits = Checks.model_validate(tables)
-    except ValueError as error:
-        text = "; ".join(str(error).splitlines()[1:3]).strip()
-        raise InputError("--check", Complaint("check", ", ".join(checks), text)) from None
+    limits = validated(Checks, tables, "--check")
     return Wanted(limits, tuple(tables), tuple(map(_expected, expect)), tuple(over))
 
 

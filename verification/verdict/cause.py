@@ -22,7 +22,7 @@ SAYING = {
     "overshoot": "overshoots by {}",
     "undershoot": "undershoots by {}",
     "stability": "has a stability margin of {}",
-    "noise": "has a noise of {}",
+    "noise": "has an output noise of {}",
     "engines_agree": "differs by {} between two engines",
 }
 """What a failed check says of the board; for another one, or without a value, its reason does."""

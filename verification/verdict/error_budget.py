@@ -364,7 +364,7 @@ def error_budget(
     """
     network, chain = design.network, ErrorChain(answer.stress)
     if answer.clean is None:
-        how = "regularised answer against the true stress (regularisation and noise)"
+        how = "regularised answer against the true stress (regularisation and strain noise)"
         chain.link("ill_posedness", how, ideal.target)
     else:
         how = "regularised answer for a strain without noise against the true stress"

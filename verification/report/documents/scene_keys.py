@@ -10,13 +10,12 @@ from typing import Annotated, Any
 import numpy as np
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
-from taction.netlist_gen.scene.keys import Key, Value, all_keys, own_value
+from taction.netlist_gen.scene.keys import Key, Value, all_keys, files_of, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import OPTIONAL
 from taction.system.errors import TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.output_files import printable
-from taction.verification.studies.running.versions import files_of
 from taction.verification.verdict.record import finite
 
 

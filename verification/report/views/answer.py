@@ -81,8 +81,8 @@ def _truth(answer: AnswerError, subject: str, *, short: bool = False) -> str:
 def _causes(answer: AnswerError) -> str:
     """Return the causes with their shares, the larger one first; they add up to the error."""
     if answer.regularisation is None or answer.noise is None:
-        return "regularisation and noise (their shares are not known)"
-    shares = {"regularisation": answer.regularisation, "noise": answer.noise}
+        return "regularisation and strain noise (their shares are not known)"
+    shares = {"regularisation": answer.regularisation, "strain noise": answer.noise}
     first, second = sorted(shares, key=lambda name: -shares[name])
     if not shares[second]:
         return f"{first} alone"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from taction.system.quantities import show
 from taction.verification.report.blocks import (
     BOTH,
     Bars,
@@ -106,13 +107,13 @@ def _outputs(found: BoardCheck) -> Iterator[Block]:
         "rises": lambda each: _with(each.rise_time, each.rise_bound, "s"),
         "overshoot": lambda each: number_cell(each.overshoot, "step"),
         "undershoot": lambda each: number_cell(each.undershoot, "step"),
-        "noise": lambda each: _with(each.noise, each.noise_bound, "V"),
+        "output noise": lambda each: _with(each.noise, each.noise_bound, "V"),
     }
     step = quantity(found.amplitude, "V")
     note = f"Shares of the largest step, {step}. A value without ± is known to 10 ppm or better."
     yield Table.of("", found.outputs, columns, note)
     if found.noise_unknown:
-        yield Notes("", (f"noise: {found.noise_unknown}",))
+        yield Notes("", (f"output noise: {found.noise_unknown}",))
 
 
 def _with(value: float | None, error: float | None, unit: str) -> Cell:
@@ -220,9 +221,11 @@ def _response(found: BoardCheck) -> Chart | None:
         if row.rest is not None and found.poles.stable
     )
     summary = "Outputs over time after the step at t = 0; dotted: where they come to rest."
-    return Chart(
-        "Step response", Axis("time", "s"), Axis("output", "V"), (*curves, *rests), "", summary
-    )
+    settled = [row.settling_time for row in found.outputs if row.settling_time is not None]
+    title = f"Step response: settled at {show(max(settled), 's')}" if settled else "Step response"
+    if not found.poles.stable:
+        title = "Step response: it grows"
+    return Chart(title, Axis("time", "s"), Axis("output", "V"), (*curves, *rests), "", summary)
 
 
 def _witness(found: BoardCheck) -> str:

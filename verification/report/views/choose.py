@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.foreign_text import shortened
 from taction.verification.design.choice_plan import CAPACITANCE, FEEDBACK, G0, GAIN, NAMES, U0
 from taction.verification.design.choose import Choice, ChosenDesign, Confirmation
 from taction.verification.report.blocks import (
@@ -36,9 +37,10 @@ from taction.verification.report.texts import (
     spaced,
 )
 from taction.verification.report.views.verdict import view as verdict_report
-from taction.verification.verdict.record import finite
+from taction.verification.verdict.record import ERROR, finite
 from taction.verification.verdict.verify import Verdict, verify
 
+LONGEST_ERROR = 60  # characters of an error in a table
 SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
 MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
@@ -178,7 +180,10 @@ def _outcome(design: ChosenDesign) -> Cell:
     """Return the outcome with the check that decides it, or what cannot be bought."""
     if design.refused:
         return Cell(f"no parts: {readable(design.refused)}", None, "fail")
-    check = spaced(design.reason.split("\n")[0].partition(": ")[0])
+    line = design.reason.split("\n")[0]
+    if design.outcome == ERROR:  # file, key and value, then what is wrong with it
+        line = shortened(line.rpartition(": ")[2], LONGEST_ERROR)
+    check = spaced(line.partition(" (limit")[0])
     return outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
 
 
@@ -189,12 +194,12 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesig
         "outcome": _outcome,
         "settling": lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
-        "headroom": lambda each: number_cell(each.headroom, "step", 3),
-        "noise": lambda each: number_cell(each.noise, "V", 3),
+        "op-amp load": lambda each: number_cell(each.headroom, "step", 3),
+        "output noise": lambda each: number_cell(each.noise, "V", 3),
         "worst": lambda each: number_cell(each.worst if each.shares else None, "", 3),
     }
     if all(design.noise is None for design in designs):
-        del columns["noise"]
+        del columns["output noise"]
     return columns
 
 

@@ -6,12 +6,12 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
+from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.report.blocks import Facts, Section
 from taction.verification.studies.running.versions import (
     describe_machine,
     digest,
-    files_of,
     own_code,
 )
 

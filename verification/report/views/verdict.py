@@ -205,7 +205,7 @@ def channel_table(channels: Sequence[Channel], noise: Sequence[float] = ()) -> T
     for name, known in READINGS.items():
         columns[known.short if name in TIMES else name] = partial(_reading, name)
     if noise:
-        columns["noise, rms"] = lambda each: number_cell(noise[each.index - 1], "V", 3)
+        columns["output noise, rms"] = lambda each: number_cell(noise[each.index - 1], "V", 3)
     columns["state"] = lambda each: each.state
     note = f"{' and '.join(EXCURSIONS).capitalize()} are in % of the step of the network."
     return Table.of("Channels", channels, columns, note)

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from taction.netlist_gen.scene.keys import all_keys
+from taction.netlist_gen.scene.keys import all_keys, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.document_schema import unknown_keys
@@ -27,7 +27,6 @@ from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.quantities import written
 from taction.system.reading_definitions import READINGS
-from taction.verification.studies.running.versions import files_of
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict

@@ -25,13 +25,11 @@ import numpy as np
 from pydantic import BaseModel
 
 from taction import netlist_gen, spice_models, system, verification
-from taction.netlist_gen.scene.scene import Scene
 from taction.system import plugins
 from taction.system.errors import SimulationError, SimulatorNotFound, SimulatorTooOld
 from taction.system.processes import THREADS
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 
-FILES = ("problem.matrix", "problem.strain", "problem.stress", "problem.load.file")
 PLAIN = frozenset((type(None), bool, int, float, str))
 
 
@@ -95,15 +93,6 @@ def _fields(kind: Any) -> Callable[[Any], tuple[object, ...]] | None:
     if len(names) > 1:
         return operator.attrgetter(*names)
     return lambda value: tuple(getattr(value, name) for name in names)
-
-
-def files_of(scene: Scene) -> dict[str, object]:
-    """Return the file names in a scene by key; None where the scene has no such key or file."""
-    top: Any = scene
-    return {
-        path: functools.reduce(lambda at, key: getattr(at, key, None), path.split("."), top)
-        for path in FILES
-    }
 
 
 @plugins.cached

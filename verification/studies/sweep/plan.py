@@ -21,13 +21,13 @@ from taction.netlist_gen.scene.axes import (
     points,
     with_values,
 )
-from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.keys import Value, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.ideal_answer import read_scene
-from taction.verification.studies.running.versions import digest, files_of, own_code, simulator_name
+from taction.verification.studies.running.versions import digest, own_code, simulator_name
 from taction.verification.verdict.simulation import choose_engine
 
 ENGINE = "analysis.engine"
