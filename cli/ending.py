@@ -98,7 +98,7 @@ def _instead(error: click.ClickException) -> str:
     return ""
 
 
-def _number_instead(kind: click.ParamType) -> str:
+def _number_instead(kind: click.ParamType[Any]) -> str:
     """Return what number an option takes, where click names the type of a programmer."""
     if not isinstance(kind, click.IntRange | click.FloatRange | click.types.IntParamType):
         return ""
@@ -107,7 +107,7 @@ def _number_instead(kind: click.ParamType) -> str:
     return f"Expected {whole}{f' in {limits}' if limits else ''}.\n"
 
 
-TWO_BOARDS = "two boards: scenes, decks (.cir), records (.raw), or stored verdicts (.json)"
+TWO_BOARDS = "two scene files, decks (.cir), records (.raw), or stored verdicts (.json)"
 ARGUMENTS = {
     "scene": "a scene file, such as board.toml; `taction new board.toml` writes one",
     "folder": "a folder with scene files",

@@ -150,10 +150,13 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
 
 
 def _refuse_missing(parameter: CommandParameter, names: Iterable[str]) -> None:
-    """Refuse a file that does not exist, where the command says what it expects there."""
+    """Refuse a file that does not exist, where the command says what it expects there.
+
+    A scene is refused where it is read, as in Python.
+    """
     expected = ARGUMENTS.get(parameter.name.removesuffix("s"))
     for name in names:
-        if expected and not os.path.lexists(name):
+        if expected and not (name.endswith(".toml") or os.path.lexists(name)):
             text = f"No such file or directory; expected {expected}"
             raise InputError(name, Complaint("file", "", text))
 

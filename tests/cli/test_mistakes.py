@@ -137,7 +137,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("verify", "ok.toml", "--jobs", "0"): ("'--jobs'", "0", "1<=x"),
     ("netlist", "ok.toml", "-o", "ok.toml"): ("-o", "an input of the same command", "another"),
     ("netlist", "T.csv"): ("T.csv", "line 1, column 5", "`taction new` writes one"),
-    ("explore", "none.toml"): ("none.toml", "No such file", "`taction new board.toml`"),
+    ("explore", "none.toml"): ("none.toml", "No such file", "`taction new` writes one"),
     ("explore", "ok.toml", "--port", "abc"): ("'--port'", "'abc'", "a whole number in 0<=x"),
     ("explore", "ok.toml", "ok.toml"): ("extra argument (ok.toml)", "Expected no further word"),
     # design: design, onset, sweep, yield, build, export
@@ -180,7 +180,8 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("check", "rc.cir", "-o", "rc.cir"): ("-o", "an input of the same command"),
     ("regress", "none", "--baseline", "b.json"): ("none", "a folder with scene files"),
     ("regress", "empty", "--baseline", "T.csv"): ("T.csv", "no JSON", "`--update` writes"),
-    ("diff", "ok.toml", "none.toml"): ("none.toml", "No such file", "two boards"),
+    ("diff", "ok.toml", "none.toml"): ("none.toml", "No such file", "`taction new` writes one"),
+    ("diff", "ok.toml", "none.json"): ("none.json", "No such file", "two scene files"),
     ("diff", "ok.toml", "T.csv"): ("T.csv", "line 1, column 5", "`taction new` writes one"),
     ("diff", "ok.toml", "ok.toml", "--agree", "abc"): ("'--agree'", "'abc'", "a number in 0<x"),
     ("reproduce", "--quik"): ("'--quik'", "Did you mean '--quick'?"),
@@ -232,7 +233,7 @@ AT_ONCE = (
     ("sweep", "ok.toml", "--over", "C=1pF:1nF:0"),
     ("sweep", "ok.toml", "--over", "C=1pF:1nF:3", "--fix", "lamda"),
     ("check", "none.cir"),
-    ("diff", "ok.toml", "none.toml"),
+    ("diff", "ok.toml", "none.json"),
     ("parts", "show", "tl704"),
 )
 
