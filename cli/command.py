@@ -72,8 +72,8 @@ class CommandParameter:
 
     @property
     def option(self) -> str:
-        """What a message calls it: its first flag, or ``argument``."""
-        return self.flags[0] if self.flags else "argument"
+        """What a message calls it: its first flag, or ``FILE``."""
+        return self.flags[0] if self.flags else "FILE"
 
 
 def option(name: str, *flags: str, **attributes: Any) -> CommandParameter:

@@ -121,7 +121,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     (*GOOD, "--noise", "0.0001"): ("--noise", "SIGMA = 0.0001", "the strain shows --noise"),
     (*GOOD, "--noise", "much"): ("--noise", "'much'", "1% of the largest strain"),
     # start: new, verify, netlist, explore
-    ("new", "none/y.toml"): ("argument", "'none/y.toml'", "its folder does not exist"),
+    ("new", "none/y.toml"): ("FILE", "'none/y.toml'", "its folder does not exist"),
     ("new", "y.toml", "--from", "none.toml"): ("none.toml", "No such file", "a scene file"),
     (*GOOD, "--lambda", "-1"): ("'--lambda'", "-1.0", "x>0"),
     (*GOOD, "--prune", "2"): ("'--prune'", "2.0", "0<=x<1"),

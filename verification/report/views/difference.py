@@ -150,7 +150,7 @@ def _waveforms(difference: VerdictDifference) -> Iterator[Chart]:
             yield Curve(*shown, names[n], look, line, width=width, label=where)
 
     yield Chart(
-        "Outputs",
+        "Outputs of A and B over each other",
         Axis("time", "s"),
         Axis("output", "V"),
         (*curves(time, u, "solid", 2.2, label), *curves(other, v, "dash", 1.2, "")),

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.quantities import readable, show
+from taction.system.quantities import counted, readable, show
 from taction.verification.report.blocks import (
     BOTH,
     Block,
@@ -64,7 +64,7 @@ RATES = (
 def view(onset: Onset) -> Page:
     """Return the page of an onset."""
     name, unit, samples = onset.axis.name, onset.axis.key.unit, onset.scan.samples
-    stable = _ranges(onset.scan.stable_ranges, unit) or "nowhere in the examined range"
+    stable = _stable(onset)
     examined = f"{quantity(samples[0].value, unit)} to {quantity(samples[-1].value, unit)}"
     default = " (default range)" if onset.axis.default else ""
     return Page(
@@ -80,6 +80,11 @@ def view(onset: Onset) -> Page:
         ),
         sheet=lambda: _sheet(onset, stable),
     )
+
+
+def _stable(onset: Onset) -> str:
+    found = _ranges(onset.scan.stable_ranges, onset.axis.key.unit)
+    return found or "nowhere in the examined range"
 
 
 def _ranges(ranges: Sequence[tuple[float, float]], unit: str) -> str:
@@ -242,6 +247,7 @@ def _damping(onset: Onset, modes: Modes) -> Chart:
         (*marks, *_dots(value, damping, onset, modes), *_labels(onset)),
         summary=f"The damping ratio of every ringing mode over {onset.axis.name}. {LOOKS}",
         legend="inside",
+        message=f"stable for {onset.axis.name}: {_stable(onset)}",
         height=340,
     )
 
@@ -258,6 +264,11 @@ def _frequency(onset: Onset, modes: Modes) -> Chart:
     ringing = [each.crossing for each in onset.findings if each.crossing.frequency]
     x, y = np.array([(c.value, c.frequency) for c in ringing] or np.zeros((0, 2))).T
     rings = Curve(x, y, "crossing", "ink", "", "circle-open", size=8.0, label="")
+    ends = (
+        tuple(dict.fromkeys(quantity(float(each), "Hz") for each in (y.min(), y.max())))
+        if len(y)
+        else ()
+    )
     return Chart(
         "Frequency over the value",
         _values(onset),
@@ -265,6 +276,7 @@ def _frequency(onset: Onset, modes: Modes) -> Chart:
         (*_on_values(onset), *_dots(value, hertz, onset, modes), rings, *_labels(onset)),
         summary=f"The frequency of every ringing mode over {onset.axis.name}. {LOOKS}",
         legend="inside",
+        message=f"{' to '.join(ends)} at the crossings" if ends else "no mode crosses",
         height=340,
     )
 
@@ -286,6 +298,7 @@ def _map(onset: Onset, modes: Modes) -> Chart:
         ),
         Curve(np.zeros(len(hertz)), hertz, "crossing", "fail", "", "circle-open", size=9.0),
     )  # fmt: skip
+    number = len(onset.findings)
     return Chart(
         "Pole map",
         Axis("real part", "1/s"),
@@ -296,6 +309,7 @@ def _map(onset: Onset, modes: Modes) -> Chart:
             " line a mode grows. On a thin line the damping ratio is"
             f" {', '.join(f'{each:g}' for each in DAMPING)}, from the axis to the left."
         ),
+        message=f"{counted(number, 'crossing')} of the axis" if number else "no crossing",
         views=(
             View("near the crossings", (left, right), (0.0, top / math.tau)),
             View("all ringing poles", (leftmost, right), (0.0, most / math.tau)),

@@ -146,10 +146,11 @@ def _tradeoff(tuning: Tuning) -> Chart:
         if math.isfinite(candidate.settling_time + candidate.overshoot):
             title = f"{name}: {quantity(candidate.settling_time, 's')}"
             texts = (text(candidate),)
+            moved = name == "after" or candidate.values != tuning.after.values
             marks.append(
                 Curve(
                     *_places(candidate), title, outcome, "", mark, size=13.0, hover=texts,
-                    written=(f"{name}: {texts[0]}",),
+                    written=(f"{name}: {texts[0]}" if moved else "",),
                 )
             )  # fmt: skip
     return Chart(
@@ -204,4 +205,6 @@ def _gain(tuning: Tuning) -> str:
     before, after = tuning.before.settling_time, tuning.after.settling_time
     if not (math.isfinite(before) and after > 0.0):
         return f"it settles in {figure(after, 's')}"
+    if f"{before / after:.3g}" == "1":
+        return "no design that was tried settles faster"
     return f"it settles {before / after:.3g} times as fast"
