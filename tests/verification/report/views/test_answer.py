@@ -38,7 +38,7 @@ def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5
     ("eps", "lam", "end"),
     [
         # 0.9 / 1.25 = 0.72: 0.2 lost by lambda, 0.08 by noise.
-        (0.9, 0.25, "28 % from the true stress, because of regularisation (20 %) and noise (8 %)"),
+        (0.9, 0.25, "28 % from the true stress, because of regularisation (20 %) and strain noise (8 %)"),
         # 1.1 / 1.25 = 0.88: 0.2 lost by lambda, 0.08 won back.
         (
             1.1,
@@ -50,16 +50,16 @@ def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5
         (
             1.5,
             0.25,
-            "20 % from the true stress, because of noise (40 %), partly cancelled by"
+            "20 % from the true stress, because of strain noise (40 %), partly cancelled by"
             " regularisation (20 %)",
         ),
         # 0.5 / 1.25 = 0.4.
-        (0.5, 0.25, "60 % from the true stress, because of noise (40 %) and regularisation (20 %)"),
+        (0.5, 0.25, "60 % from the true stress, because of strain noise (40 %) and regularisation (20 %)"),
         (1.0, 0.25, "20 % from the true stress, because of regularisation alone"),
-        (1.1, 1e-9, "10 % from the true stress, because of noise (10 %), partly cancelled by"
+        (1.1, 1e-9, "10 % from the true stress, because of strain noise (10 %), partly cancelled by"
                     " regularisation (under 1 ppm)"),
         (1.0 + 1e-10, 1.0, "50 % from the true stress, because of regularisation (50 %), partly"
-                           " cancelled by noise (under 1 ppm)"),
+                           " cancelled by strain noise (under 1 ppm)"),
         (1.0, 1e-9, "the true stress within 1 ppm"),
         (1.25, 0.25, "the true stress within 1 ppm"),  # noise cancels lambda
     ],
