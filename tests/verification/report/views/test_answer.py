@@ -38,13 +38,14 @@ def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5
     ("eps", "lam", "end"),
     [
         # 0.9 / 1.25 = 0.72: 0.2 lost by lambda, 0.08 by noise.
-        (0.9, 0.25, "28 % from the true stress, because of regularisation (20 %) and strain noise (8 %)"),
+        (0.9, 0.25, "28 % from the true stress, because of regularisation (20 %) and"
+                     " strain noise (8 %)"),
         # 1.1 / 1.25 = 0.88: 0.2 lost by lambda, 0.08 won back.
         (
             1.1,
             0.25,
             "12 % from the true stress, because of regularisation (20 %), partly cancelled by"
-            " noise (8 %)",
+            " strain noise (8 %)",
         ),
         # 1.5 / 1.25 = 1.2: noise of 0.4, of which lambda takes 0.2.
         (
@@ -54,7 +55,8 @@ def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5
             " regularisation (20 %)",
         ),
         # 0.5 / 1.25 = 0.4.
-        (0.5, 0.25, "60 % from the true stress, because of strain noise (40 %) and regularisation (20 %)"),
+        (0.5, 0.25, "60 % from the true stress, because of strain noise (40 %) and"
+                     " regularisation (20 %)"),
         (1.0, 0.25, "20 % from the true stress, because of regularisation alone"),
         (1.1, 1e-9, "10 % from the true stress, because of strain noise (10 %), partly cancelled by"
                     " regularisation (under 1 ppm)"),
