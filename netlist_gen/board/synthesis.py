@@ -15,7 +15,7 @@ from taction.netlist_gen.board.wires import Wires, compensated
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.system.errors import Complaint, InputError, listed
+from taction.system.errors import Complaint, InputError
 
 
 def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
@@ -67,16 +67,12 @@ def _device(scene: Scene) -> Device | None:
     Raises
     ------
     InputError
-        An unknown name, or a window or levels that are none.
+        A window or levels that are none.
     """
     asked = scene.devices
     if not asked.model_fields_set:
         return None
-    known = load_devices()
-    if asked.cell is not None and asked.cell not in known:
-        text = f"unknown device; expected one of {listed(known)}"
-        raise InputError(scene.file, Complaint("devices.cell", repr(asked.cell), text))
-    device = known.get(asked.cell or "", Device())
+    device = Device() if asked.cell is None else load_devices()[asked.cell]
     error = asked.programming_error
     device = replace(
         device,

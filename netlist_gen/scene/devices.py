@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -14,7 +14,9 @@ Levels = Annotated[int, Field(strict=True, ge=2, le=65536)]
 class DevicesTable(Model):
     """Devices in the place of the arrays' resistors; without any key there are resistors."""
 
-    cell: str | None = Field(None, description="a device by its name, whose figures hold")
+    cell: Literal["rram-wan", "rram-milo", "pcm-joshi"] | None = Field(
+        None, description="a device by its name, whose figures hold"
+    )
     least_conductance: Siemens | None = Field(None, description="a smaller entry of T has this one")
     most_conductance: Siemens | None = Field(None, description="a larger entry of T has this one")
     cell_levels: Levels | None = Field(

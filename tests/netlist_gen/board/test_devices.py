@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.devices import Device, load_devices
+from taction.netlist_gen.scene.known_keys import table
+from taction.netlist_gen.scene.scene import Scene
 
 # By hand, from the formulas in the sources, in uS: conductance and standard deviation.
 PRINTED = {
@@ -19,6 +21,7 @@ WINDOWS = {"rram-wan": (1.0, 39.26), "rram-milo": (50.0, 225.0), "pcm-joshi": (0
 def test_every_device_has_its_window_its_error_and_its_source() -> None:
     devices = load_devices()
     assert devices.keys() == PRINTED.keys()
+    assert table(Scene)["keys"]["devices"]["keys"]["cell"]["names"] == list(devices)
     for name, device in devices.items():
         assert (device.least, device.most) == pytest.approx([1e-6 * x for x in WINDOWS[name]])
         assert "CrossSim" in device.source
