@@ -29,12 +29,16 @@ class AmplifierKind:
     `expression` is ``g`` as an ngspice B-source expression of ``{x}``, which stands for ``v / Ve``;
     it is a product or a call, so that a minus sign before it negates the whole. It is empty for the
     linear kind, an op-amp. `biased` is the default for a bias current I_b = Ve / R: with
-    exponential amplifiers the current turns ``sum (u log u - u)`` into the entropy.
+    exponential amplifiers the current turns ``sum (u log u - u)`` into the entropy. `ridge` tells
+    that g has the slope 1 wherever it is not flat: then its regulariser contains a ridge term
+    ``sum u^2 / 2``, which a resistor can remove
+    (`design.ridge_share`).
     """
 
     name: str
     expression: str
     biased: bool
+    ridge: bool = False
 
 
 # Above x = 30 the exponential continues along its tangent, as in diode models. The slope is
@@ -52,6 +56,11 @@ _SINH = "sinh(max(min({x},30),-30))*(1+max(abs({x})-30,0))"
 # a step from 0 does not converge. Below -36 the value is 0, right to 1e-16 of U0.
 _SOFTPLUS = "(ln(1+exp(min({x},30)))+max({x}-30,0))"
 
+# Of straight pieces, so both engines have them exactly; max and min stand in every dialect.
+_DEADZONE = "(max({x}-1,0)-max(-1-{x},0))"
+_RECTIFIER = "max({x},0)"
+_SATURATION = "max(min({x},1),-1)"
+
 KINDS: dict[str, AmplifierKind] = {
     kind.name: kind
     for kind in (
@@ -60,6 +69,9 @@ KINDS: dict[str, AmplifierKind] = {
         AmplifierKind("sinh", _SINH, biased=False),
         AmplifierKind("softplus", _SOFTPLUS, biased=False),
         AmplifierKind("tanh", "tanh({x})", biased=False),
+        AmplifierKind("deadzone", _DEADZONE, biased=False, ridge=True),
+        AmplifierKind("rectifier", _RECTIFIER, biased=False, ridge=True),
+        AmplifierKind("saturation", _SATURATION, biased=False, ridge=True),
     )
 }
 """The kinds of taction by name; `netlist_gen.scene.open_tables.AMPLIFIERS` has those of others."""

@@ -39,6 +39,7 @@ class Role:
     SIGNAL_RESISTOR = "resistor R of a signal node"
     BIAS_RESISTOR = "resistor of a bias current"
     CONSTRAINT_RESISTOR = "resistor s of a constraint amplifier"
+    RIDGE_RESISTOR = "resistor from u that removes a share of the ridge term"
     INVERTER_RESISTOR = "resistor of an inverter"
     STRAIN_RESISTOR = "resistor 1/G0 from a strain voltage"
     STAGE = "part of an antilog stage"

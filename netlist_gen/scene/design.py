@@ -208,6 +208,11 @@ class Design(Model):
     unit_voltage: Volts = 1.0
     exponential_slope: Volts | None = None
     bias: StrictBool | None = Field(None, description="bias current I_b = Ve/R")
+    ridge_share: Annotated[Real, Field(ge=0, le=1)] = Field(
+        1.0,
+        description="of the amplifiers deadzone, rectifier and saturation: the share of the ridge"
+        " term sum u^2/2 that stays; a resistor from u to every signal node removes the rest",
+    )
     antilog: AntilogChoice = Field(
         AntilogChoice(), description="exponential amplifiers: ideal, or of transistors"
     )

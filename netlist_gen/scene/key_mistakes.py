@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.field_values import Rule, TemperatureRange, Unit, in_range
-from taction.netlist_gen.scene.open_tables import NAMES
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES
 from taction.spice_models.transistor import pair_names
 from taction.system.errors import Complaint, listed, nearest_question
 from taction.system.plugins import names
@@ -292,6 +292,10 @@ def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         for key in ("exponential_slope", "bias"):
             if design.get(key) is not None:
                 yield key, "needs a nonlinear amplifier, such as 'exponential'"
+    kind = AMPLIFIERS.get(str(design.get("amplifier", "linear")))
+    if design.get("ridge_share", 1.0) != 1.0 and not (kind and kind.ridge):
+        accepted = listed(name for name, each in AMPLIFIERS.items() if each.ridge)
+        yield "ridge_share", f"needs an amplifier whose ridge term can be removed: {accepted}"
     if design.get("temperature_coefficient") and design.get("temperature") is None:
         yield "temperature_coefficient", "needs temperature, such as '0..70degC'"
     for name, keys in design.items():

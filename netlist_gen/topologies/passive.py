@@ -35,7 +35,7 @@ class Passive(Planes):
             The matrix loads the node so much that R would be negative, or there is a bias current.
         """
         parts, v, scene, resistance = board.parts, f"v_{n}", board.scene, board.facts["R"].value
-        load = float(np.sum(1.0 / board.ohms[:, n - 1]))
+        load = float(np.sum(1.0 / board.ohms[:, n - 1])) + 1.0 / board.ridge_ohms
         left = 1.0 / resistance - load
         if left <= 0:
             text = (

@@ -50,6 +50,7 @@ class IdealNetwork:
     Ve: float = 1.0  # slope of a nonlinear amplifier, V; unused by the linear amplifier
     bias: bool = False  # whether ``I_b = Ve / R`` flows
     solver: Callable[[Problem], Solution] = solve
+    ridge: float = 1.0  # share of the ridge term that stays
 
     @property
     def flows(self) -> bool:
@@ -80,7 +81,7 @@ class IdealNetwork:
     @property
     def problem(self) -> Problem:
         """Problem that the network's rest state solves."""
-        return Problem(self.T, self.eps, self.lam, self.amplifier, self.bias)
+        return Problem(self.T, self.eps, self.lam, self.amplifier, self.bias, self.ridge)
 
 
 def lambda_times_resistance(
@@ -107,6 +108,7 @@ def lambda_times_resistance(
     return volts / REGULARISERS[amplifier].weight / G0 / G0 / s
 
 
+HALVINGS = 24  # of a step in which a piecewise linear amplifier changes its piece
 SECTIONS, ROUNDS = 64, 9  # 64^9 is 2^54: an interval is divided down to its rounding
 
 
@@ -279,24 +281,27 @@ class ScaledNetwork:
 
     def __init__(self, network: IdealNetwork) -> None:
         self.T, self.eps, self.mu = network.T, network.eps, network.mu
-        self.beta = float(network.bias)
+        self.beta, self.removed = float(network.bias), 1.0 - network.ridge
         self.g: Regulariser = REGULARISERS[network.amplifier]
         self.gram = self.T.T @ self.T / self.mu
 
     def slope(self, _: float, x: Floats) -> Floats:
         """dx/dt for x (N,) or (N, K)."""
-        misfit = (self.T @ self.g.g(x)).T - self.eps
-        return np.asarray(-(x + self.beta) - (misfit @ self.T).T / self.mu)
+        u = self.g.g(x)
+        misfit = (self.T @ u).T - self.eps
+        return np.asarray(-(x + self.beta) + self.removed * u - (misfit @ self.T).T / self.mu)
 
     def jacobian(self, _: float, x: Floats) -> Floats:
         """Return the derivative of `slope`, shape (N, N)."""
-        return np.asarray(-self.gram * self.g.slope(x) - np.eye(len(x)))
+        slope = self.g.slope(x)
+        return np.asarray(-self.gram * slope - np.diag(1.0 - self.removed * slope))
 
     def energy(self, x: Floats) -> float:
         """Return the dimensionless energy P of x (N,), up to a constant."""
         u = self.g.g(x)
         misfit = self.T @ u - self.eps
-        return float(misfit @ misfit / (2.0 * self.mu) + np.sum(self.g.energy(x) + self.beta * u))
+        penalty = self.g.energy(x) + self.beta * u - 0.5 * self.removed * u * u
+        return float(misfit @ misfit / (2.0 * self.mu) + np.sum(penalty))
 
     def energy_residual(self, steps: Floats, dense: Callable[[Floats], Floats]) -> float:
         """Compare the energy lost with the energy dissipated, by Gauss quadrature in each step.
@@ -315,12 +320,22 @@ class ScaledNetwork:
             trajectory of the ideal network (the descent proof of theorem 3.1, with the energy
             as a function of u).
         """
+        steps = self._divided(steps, dense)
         half = 0.5 * np.diff(steps)
         x = dense((steps[:-1, None] + half[:, None] * (1.0 + _GAUSS_NODES)).ravel())
         power = np.sum(self.g.slope(x) * self.slope(0.0, x) ** 2, axis=0)
         dissipated = float(np.sum(power * np.outer(half, _GAUSS_WEIGHTS).ravel()))
         lost = self.energy(dense(steps[:1])[:, 0]) - self.energy(dense(steps[-1:])[:, 0])
         return abs(dissipated - lost) / abs(lost) if lost != 0.0 else abs(dissipated)
+
+    def _divided(self, steps: Floats, dense: Callable[[Floats], Floats]) -> Floats:
+        """Return `steps` with those divided in which a g of straight pieces changes its piece."""
+        for _ in range(HALVINGS if self.g.pieces is not None else 0):
+            slopes = self.g.slope(dense(steps))
+            changed = np.flatnonzero(np.any(slopes[:, 1:] != slopes[:, :-1], axis=0))
+            middles = 0.5 * (steps[changed] + steps[changed + 1])
+            steps = np.insert(steps, changed + 1, middles)
+        return steps
 
     def stiffness(self, x: Floats) -> float:
         """Return fastest over slowest rate; a similar matrix is symmetric, so rates are real."""

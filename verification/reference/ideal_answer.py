@@ -126,6 +126,7 @@ def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
         amplifier=kind,
         Ve=slope,
         bias=is_biased(scene),
+        ridge=design.ridge_share,
     )
 
 
@@ -198,7 +199,7 @@ def _solve_cached(network: IdealNetwork) -> Solution:
     problem = network.problem
     T, eps = problem.T, problem.eps
     content = (T.shape, T.tobytes(), eps.tobytes())
-    kind = problem.regulariser, problem.bias
+    kind = problem.regulariser, problem.bias, problem.ridge
     return _solve_content(*content, problem.lam, *kind, network.solver)
 
 
@@ -211,10 +212,11 @@ def _solve_content(
     lam: float,
     regulariser: str,
     bias: bool,
+    ridge: float,
     solver: Callable[[Problem], Solution],
 ) -> Solution:
     matrix = np.frombuffer(T).reshape(shape)
-    return solver(Problem(matrix, np.frombuffer(eps), lam, regulariser, bias))
+    return solver(Problem(matrix, np.frombuffer(eps), lam, regulariser, bias, ridge))
 
 
 def _linear_residual(network: IdealNetwork, response: Response) -> float:
@@ -287,7 +289,8 @@ def resolve_lambda(scene: Scene) -> Scene:
     if RULES[rule].needs_truth and inverse.stress is None:
         text = "the rule needs the true stress: problem.stress"
         raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
-    problem = Problem(inverse.matrix, inverse.strain, 1.0, scene.design.amplifier, is_biased(scene))
+    kind = scene.design.amplifier, is_biased(scene), scene.design.ridge_share
+    problem = Problem(inverse.matrix, inverse.strain, 1.0, *kind)
     choice = choose(problem, rule, RuleInputs(variance=variance, truth=inverse.stress))
     if choice.at_edge:
         raise SolverError(

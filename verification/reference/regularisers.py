@@ -23,6 +23,68 @@ Function = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True, slots=True)
+class Pieces:
+    """The convex function ``phi(u) = size |u| + u^2 / 2`` within bounds, a regulariser's pieces.
+
+    Attributes
+    ----------
+    size : float
+        Slope of ``|u|``.
+    low, high : float
+        Bounds of u.
+    """
+
+    size: float = 0.0
+    low: float = -math.inf
+    high: float = math.inf
+
+    def g(self, v: Floats) -> Floats:
+        """Return the inverse of the derivative of phi: the proximal map of its other parts."""
+        u = v - np.clip(v, -self.size, self.size)
+        return np.asarray(np.clip(u, self.low, self.high))
+
+    def regulariser(self) -> Regulariser:
+        """Return the functions of the regulariser."""
+
+        def inside(v: Floats) -> Floats:
+            return np.asarray(
+                (np.abs(v) > self.size) & (self.g(v) > self.low) & (self.g(v) < self.high)
+            )
+
+        def inverse(u: Floats) -> Floats:
+            outside = (u < self.low) | (u > self.high)
+            return np.where(outside, np.nan, u + self.size * np.sign(u))
+
+        def potential(v: Floats) -> Floats:
+            u = self.g(v)
+            return np.asarray(u * v - self.size * np.abs(u) - 0.5 * u * u)
+
+        def exact(v: DoubleDouble) -> DoubleDouble:
+            u = self.g(v.hi)
+            shift, free = DoubleDouble.of(self.size * np.sign(v.hi)), inside(v.hi)
+            whole = v - shift
+            return DoubleDouble(np.where(free, whole.hi, u), np.where(free, whole.lo, 0.0))
+
+        def v_from_q(q: Floats, mu: float, h: Floats) -> Floats:
+            size = mu * self.size
+            u = np.clip((q - np.clip(q, -size, size)) / (mu + h), self.low, self.high)
+            return np.asarray((q - h * u) / mu)
+
+        return Regulariser(
+            g=self.g,
+            slope=lambda v: inside(v).astype(np.float64),
+            inverse=inverse,
+            potential=potential,
+            exact=exact,
+            v_from_q=v_from_q,
+            largest_slope=lambda v, _: np.ones_like(v),
+            slope_bound=np.ones_like,
+            steepest=1.0,
+            pieces=self,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Regulariser:
     """An increasing g with the functions that a certified Newton method needs."""
 
@@ -39,6 +101,7 @@ class Regulariser:
     steepest: float = math.inf  # largest slope of g anywhere
     weight: float = 0.5  # ``mu = weight * lam``: 1 for linear, whose Omega is ``sum u^2``
     biased: bool = False  # whether the paper's Omega needs the bias current: eq (8) has the entropy
+    pieces: Pieces | None = None  # of a g of straight pieces, whose problem is solved exactly
 
     def energy(self, v: Floats) -> Floats:
         """Return the integral of the inverse at ``u = g(v)``, up to a constant."""
@@ -186,6 +249,9 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope_bound=np.ones_like,
             steepest=1.0,
         ),
+        "deadzone": Pieces(size=1.0).regulariser(),
+        "rectifier": Pieces(low=0.0).regulariser(),
+        "saturation": Pieces(low=-1.0, high=1.0).regulariser(),
     },
     Regulariser,
     part="regulariser",

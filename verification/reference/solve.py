@@ -1,4 +1,4 @@
-"""The reference solver: one method for linear amplifiers, one for all others.
+"""The reference solver: a method for linear amplifiers, one for straight pieces, one for others.
 
 Linear amplifiers: QR or SVD, refined with 106-bit residuals. The unknowns are u and the residual
 ``r = eps - T u`` together (Bjorck, BIT 7, 1967), so refinement contracts with the condition number
@@ -20,7 +20,9 @@ from taction.system.array_types import EPS, Floats
 from taction.verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
 from taction.verification.reference.increasing_amplifiers import solve_maxent
 from taction.verification.reference.newton import ScaledProblem
+from taction.verification.reference.piecewise import solve_pieces
 from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
+from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.stacked_least_squares import SVD, StackedFactor, factorise
 
 MAX_REFINEMENTS = 20
@@ -113,6 +115,8 @@ def solve_each(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:
     SolverError
         As `solve`.
     """
+    if REGULARISERS[problem.regulariser].pieces is not None:
+        return [solve_pieces(replace(problem, eps=eps)) for eps in strains]
     if problem.regulariser != "linear":
         return [solve_maxent(replace(problem, eps=eps)) for eps in strains]
     start = time.perf_counter()

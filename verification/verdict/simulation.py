@@ -37,7 +37,7 @@ from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import reduced_transient
+from taction.verification.engines.statespace.transients import piecewise, reduced_transient
 from taction.verification.engines.statespace.transients.stepped import (
     Task,
     halved,
@@ -89,6 +89,9 @@ def state_space_error(board: LinearBoard, record: Waveforms) -> StateSpaceError:
         how = "bound on the rounding of the exact solution"
         return StateSpaceError(record.rounding, record.rounding, 0.0, record.method, how)
     method, rounding = record.method, record.rounding
+    if method == piecewise.METHOD:
+        how = "bound on the rounding of the exact pieces, through their switches"
+        return StateSpaceError(rounding, rounding, 0.0, method, how)
     try:
         if method == reduced_transient.METHOD:
             other, share, finer = reduced_transient.refined(record), PATTERNED, "more patterns"
@@ -358,7 +361,8 @@ def _statespace_together(
 
 def _is_stepped(design: PlannedBoard) -> bool:
     board = design.board
-    return not (board.circuit.is_linear or board.descriptor.is_large or design.plan.growing)
+    alone = board.circuit.is_linear or board.descriptor.is_large or design.plan.growing
+    return not (alone or piecewise.is_piecewise(board))
 
 
 def _known(waveforms: Waveforms) -> Waveforms:

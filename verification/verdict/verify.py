@@ -38,6 +38,7 @@ from taction.verification.stability.margin import (
     stability_margin,
 )
 from taction.verification.stability.poles import Poles
+from taction.verification.verdict.active_sets import VisitedSet, visited_sets
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import Agreement, StepError, exact_response
@@ -201,6 +202,13 @@ class Verdict(Result):
             return ()
         nothing = tuple[Law, ...]()
         return attempt("the laws", lambda: topology.laws(self.circuit), nothing, failures.append)
+
+    @cached_property
+    def active_sets(self) -> tuple[VisitedSet, ...]:
+        """The active sets of a board of piecewise linear amplifiers that the transient visits."""
+        nothing, failures = tuple[VisitedSet, ...](), list[str]()
+        found = partial(visited_sets, self.recording)
+        return attempt("the active sets", found, nothing, failures.append)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ parts that the scene needs; `Circuit.omissions` has the others.
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -58,6 +59,13 @@ class PlanesBoard(Numbered):
     def present(self) -> Bools:
         """Where T has an entry, (M, N)."""
         return np.isfinite(self.ohms)
+
+    @property
+    def ridge_ohms(self) -> float:
+        """The resistor that removes a share of the ridge term, ohm; infinite where all stays."""
+        design, share = self.scene.design, 1.0 - self.scene.design.ridge_share
+        ohms = self.facts["R"].value * design.unit_voltage / slope_of(self.scene)
+        return ohms / share if share else math.inf
 
 
 class Planes(Topology):
@@ -130,8 +138,21 @@ class Planes(Topology):
         sinks = []
         for n in board.channels:
             sinks.append(self.signal_node(board, n))
-            self._amplifier(board, n, minus=needs_minus[n - 1], plus=needs_plus[n - 1])
+            plus = needs_plus[n - 1] or (board.ridge_ohms < math.inf and not self.feedback_inverts)
+            self._amplifier(board, n, minus=needs_minus[n - 1], plus=plus)
+            self._remove_ridge(board, n, sinks[-1])
         return tuple(sinks)
+
+    def _remove_ridge(self, board: PlanesBoard, n: int, sink: str) -> None:
+        """Place the resistor that adds a share of ``u Ve/(R U0)`` to the current of channel `n`."""
+        if board.ridge_ohms < math.inf:
+            source = f"a_{n}" if self.feedback_inverts else board.plus_u[n]
+            share = 1.0 - board.scene.design.ridge_share
+            expression = f"R*U0/(Ve*{share!r})"
+            ends = source, sink
+            board.parts.resistor(
+                Role.RIDGE_RESISTOR, f"ridge_{n}", ends, board.ridge_ohms, expression
+            )
 
     def _amplifier(self, board: PlanesBoard, n: int, *, minus: bool, plus: bool) -> None:
         """Place the signal amplifier of channel `n`, with an inverter where both signs are used."""

@@ -15,6 +15,7 @@ from taction.system.documents import (
 )
 from taction.system.error_document import Failure
 from taction.verification.stability.margin import Margin
+from taction.verification.verdict.active_sets import VisitedSet
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record
@@ -92,6 +93,7 @@ class VerdictBody:
         "cause = record.reason # why it is no pass, with value and limit; empty of a pass",
         "what_to_change? = remedies # of a failed verdict: changes that mend it",
         "laws? = laws # what closed formulas of the topology say, in SI base units",
+        "active_sets? = active_sets # of piecewise linear amplifiers: those that are visited",
     )
 
     verdict: Verdict
@@ -108,6 +110,11 @@ class VerdictBody:
     def laws(self) -> tuple[Law, ...] | None:
         """What closed formulas say; None for a topology that has none."""
         return self.verdict.laws or None
+
+    @property
+    def active_sets(self) -> tuple[VisitedSet, ...] | None:
+        """The active sets that the transient visits; None for a board without such amplifiers."""
+        return self.verdict.active_sets or None
 
     @property
     def states(self) -> int | None:

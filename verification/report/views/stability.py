@@ -78,6 +78,21 @@ def law_blocks(verdict: Verdict) -> tuple[Block, ...]:
     return (Table.of("Closed formulas", verdict.laws, columns),) if verdict.laws else ()
 
 
+def active_set_blocks(verdict: Verdict) -> tuple[Block, ...]:
+    """Return the active sets that a board of piecewise linear amplifiers visits."""
+    columns = {
+        "pieces": lambda each: each.active,
+        "from": lambda each: quantity(each.begin, "s"),
+        "stays": lambda each: quantity(each.stay, "s"),
+        "visits": lambda each: str(each.visits),
+        "rightmost pole": lambda each: figure(each.rightmost, "1/s"),
+        "stability": lambda each: each.words,
+    }
+    sets = verdict.active_sets
+    note = "The straight piece of each channel's amplifier, counted from the left."
+    return (Table.of("Active sets", sets, columns, note),) if sets else ()
+
+
 def knob_ranges(circuit: Circuit, poles: Poles) -> str:
     """Return the stable values of the first knob with a margin, or why they are not known."""
     board, name = LinearBoard(circuit), first_knob(circuit)

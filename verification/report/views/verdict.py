@@ -45,7 +45,11 @@ from taction.verification.report.views.board import (
 )
 from taction.verification.report.views.checks import MARGINS, check_bars, decisive_text
 from taction.verification.report.views.origin import origin_section
-from taction.verification.report.views.stability import law_blocks, stability_blocks
+from taction.verification.report.views.stability import (
+    active_set_blocks,
+    law_blocks,
+    stability_blocks,
+)
 from taction.verification.report.views.waveforms import (
     deviation_chart,
     difference_chart,
@@ -102,6 +106,7 @@ def view(
             Section("Waveforms", lambda: (_channels(verdict),), media=BOTH),
             Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
             Section("Closed formulas", lambda: law_blocks(verdict), media=detailed),
+            Section("Active sets", lambda: active_set_blocks(verdict), media=detailed),
             Section("Recovered stress", lambda: (stress_chart(verdict),)),
             Section("Error budget", lambda: _waterfall_of(verdict)),
             Section("Error budget", lambda: budget_blocks(verdict), media=detailed),

@@ -31,13 +31,15 @@ class Gain:
     """An increasing function g of the dimensionless input ``y = v / v_scale``.
 
     `value` and `slope` are g and g' of an array; `from_coordinate` maps ``(q, h)`` to the y with
-    ``y + h g(y) = q``; `upper` is the largest y at which g is representable.
+    ``y + h g(y) = q``; `upper` is the largest y at which g is representable. `breaks` are where the
+    straight pieces of a piecewise linear g meet, increasing, and None for any other g.
     """
 
     value: Callable[[Floats], Floats]
     slope: Callable[[Floats], Floats]
     from_coordinate: Callable[[Floats, Floats], Floats]
     upper: float
+    breaks: tuple[float, ...] | None = None
 
     def outputs(self, y: Floats) -> Floats:
         """Return g(y); not finite where y is above `upper`."""
@@ -87,6 +89,43 @@ def by_newton(
     return solve
 
 
+def straight(breaks: tuple[float, ...], slopes: tuple[float, ...]) -> Gain:
+    """Return the continuous g of straight pieces with ``g(0) = 0``.
+
+    Parameters
+    ----------
+    breaks : tuple of float (k,)
+        Where pieces meet, increasing; at a break the slope is that of the piece to the right.
+    slopes : tuple of float (k + 1,)
+        Slopes of the pieces from left to right, at least 0.
+
+    Examples
+    --------
+    >>> straight((-1.0, 1.0), (1.0, 0.0, 1.0)).value(np.array([-3.0, 0.5, 2.0])).tolist()
+    [-2.0, 0.0, 1.0]
+    """
+    at, rise = np.array(breaks), np.array(slopes)
+    heights = np.concatenate([[0.0], np.cumsum(rise[1:-1] * np.diff(at))])
+    piece = int(np.searchsorted(at, 0.0, side="right"))  # the one through the origin
+    near = max(piece - 1, 0)
+    heights += rise[piece] * at[near] - heights[near]
+    knots, levels = (np.concatenate([x[:1], x]) for x in (at, heights))  # a point of each piece
+
+    def value(y: Floats) -> Floats:
+        k = np.searchsorted(at, y, side="right")
+        away = np.where(rise[k] == 0.0, 0.0, y) - knots[k]
+        return np.asarray(levels[k] + np.where(rise[k] == 0.0, 0.0, rise[k] * away))
+
+    def slope(y: Floats) -> Floats:
+        return np.asarray(rise[np.searchsorted(at, y, side="right")])
+
+    def from_coordinate(q: Floats, h: Floats) -> Floats:
+        k = (np.expand_dims(q, -1) >= at + np.expand_dims(h, -1) * heights).sum(axis=-1)
+        return np.asarray((q - h * (levels[k] - rise[k] * knots[k])) / (1.0 + h * rise[k]))
+
+    return Gain(value, slope, from_coordinate, HUGE, breaks)
+
+
 def _softplus(y: Floats) -> Floats:
     return np.maximum(y, 0.0) + np.log1p(np.exp(-np.abs(y)))
 
@@ -132,6 +171,9 @@ GAINS: Mapping[str, Gain] = OpenTable(
         "tanh": Gain(np.tanh, _sech2, by_newton(np.tanh, _sech2), HUGE),
         "stage": Gain(np.tanh, _sech2, by_newton(np.tanh, _sech2), HUGE),
         "clamp": Gain(_clamped, _clamp_slope, by_newton(_clamped, _clamp_slope), HUGE),
+        "deadzone": straight((-1.0, 1.0), (1.0, 0.0, 1.0)),
+        "rectifier": straight((0.0,), (0.0, 1.0)),
+        "saturation": straight((-1.0, 1.0), (0.0, 1.0, 0.0)),
         "limiter": Gain(_beyond, _beyond_slope, by_newton(_beyond, _beyond_slope), HUGE),
     },
     Gain,

@@ -172,6 +172,15 @@ def rounding(rest: Equilibrium) -> Floats:
     """Return how far rounding of the stamped values moves each unknown, V; shape (size,)."""
     descriptor, z = rest.descriptor, rest.values
     terms = _cancelling(descriptor, z, descriptor.drive(sources_on=True))[1]
+    return moved_by_rounding(rest, terms)
+
+
+def moved_by_rounding(rest: Equilibrium, terms: Floats) -> Floats:
+    """Return how far rounding of the `terms` that cancel in each row moves the unknowns, V.
+
+    Both have the shape (size,).
+    """
+    descriptor, z = rest.descriptor, rest.values
     # The rounding of every row, with signs drawn at random, through the linearised equations.
     draws = np.random.default_rng(1992).standard_normal((descriptor.size, PROBES))
     noise = EPS * terms[:, None] * draws

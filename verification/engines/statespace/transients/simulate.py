@@ -13,6 +13,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients import piecewise
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.engines.statespace.transients.record_times import record_times
 
@@ -30,6 +31,7 @@ def simulate(
 ) -> Waveforms:
     """Simulate a transient: by `exact` if the board is linear and small, else by `stepped`.
 
+    A small board of piecewise linear amplifiers is simulated by `piecewise`.
     A large linear board is simulated by `reduced_transient`, if that reaches the tolerance.
 
     Parameters
@@ -57,6 +59,8 @@ def simulate(
         As `exact.exact_solution` and `stepped.simulate`.
     """
     board = LinearBoard.of(circuit)
+    if not board.circuit.is_linear and piecewise.is_piecewise(board):
+        return piecewise.simulate(board, analysis, nodes=nodes, times=times)
     if not board.circuit.is_linear or board.descriptor.is_large:
         from taction.verification.engines.statespace.transients import stepped
 

@@ -1,0 +1,101 @@
+"""The active sets that a board of piecewise linear amplifiers visits, each with its own stability.
+
+While its amplifiers keep their straight pieces such a board is linear. A set that is visited on the
+way may be less stable than the one at rest, so it has a rightmost pole and a margin of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
+from taction.verification.engines.statespace.transients.piecewise import (
+    PiecewiseCurve,
+    is_piecewise,
+    solve_pieces,
+)
+from taction.verification.engines.statespace.transients.switching import ActiveSet
+from taction.verification.stability.margin import find_margin, first_knob
+from taction.verification.stability.poles import poles
+from taction.verification.verdict.recording import Recording
+
+MOST = 12  # active sets, those of the longest stay
+
+
+@dataclass(frozen=True, slots=True)
+class VisitedSet:
+    """An active set that a transient visits.
+
+    Attributes
+    ----------
+    active : str
+        The straight piece of each channel's amplifier, counted from the left: ``"0110"``.
+    begin : float
+        When it is first entered, s.
+    stay : float
+        How long the board is in it, in all, s.
+    visits : int
+        How often it is entered.
+    rightmost : float
+        Real part of its rightmost pole, 1/s.
+    margin : float
+        By what the first knob with a margin can move until this set has a pole on the axis; 0 for
+        a set that is unstable.
+    words : str
+        The margin in words.
+    """
+
+    active: str
+    begin: Annotated[float, "s"]
+    stay: Annotated[float, "s"]
+    visits: int
+    rightmost: Annotated[float, "1/s"]
+    margin: float
+    words: str
+
+
+def visited_sets(recording: Recording) -> tuple[VisitedSet, ...]:
+    """Return the active sets of a transient in the order of their first entry.
+
+    Of more than `MOST` sets, those of the longest stay. Empty for a board without piecewise linear
+    amplifiers.
+
+    Raises
+    ------
+    EngineError
+        As `taction.verification.engines.statespace.transients.piecewise.solve_pieces`.
+    """
+    board = recording.design.board
+    if board.circuit.is_linear or not is_piecewise(board):
+        return ()
+    curve = recording.waveforms.curve
+    if not isinstance(curve, PiecewiseCurve):
+        transient = recording.design.transient
+        nodes = board.reported(None)
+        curve = solve_pieces(board, transient, nodes, transient.stop, bounded=False)
+    keys = [piece.active.segments for piece in curve.pieces]
+    sets = {piece.active.segments: piece.active for piece in curve.pieces}
+    stays = {key: float(curve.lengths[[k == key for k in keys]].sum()) for key in sets}
+    kept = set(sorted(stays, key=stays.__getitem__, reverse=True)[:MOST])
+    return tuple(
+        _visited(board, active, float(curve.begins[keys.index(key)]), stays[key], keys.count(key))
+        for key, active in sets.items()
+        if key in kept
+    )
+
+
+def _visited(
+    board: LinearBoard, active: ActiveSet, begin: float, stay: float, visits: int
+) -> VisitedSet:
+    point = Equilibrium(board.descriptor, np.zeros(board.descriptor.size), active.slopes, 0.0, 0)
+    alone = LinearBoard(board.circuit, point=point)
+    found, name = poles(alone), first_knob(board.circuit)
+    margin = find_margin(alone, name, found=found) if name and found.known_stable else None
+    words = "unstable" if not found.known_stable else margin.text if margin else ""
+    text = "".join(map(str, active.segments))
+    factor = 0.0 if margin is None else margin.factor
+    return VisitedSet(text, begin, stay, visits, found.rightmost.real, factor, words)
