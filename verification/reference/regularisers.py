@@ -68,7 +68,8 @@ class Pieces:
         def v_from_q(q: Floats, mu: float, h: Floats) -> Floats:
             size = mu * self.size
             u = np.clip((q - np.clip(q, -size, size)) / (mu + h), self.low, self.high)
-            return np.asarray((q - h * u) / mu)
+            free = (u != 0.0) & (u > self.low) & (u < self.high)
+            return np.where(free, u + self.size * np.sign(u), (q - h * u) / mu)
 
         return Regulariser(
             g=self.g,

@@ -20,7 +20,7 @@ from taction.verification.reference.regularisers import REGULARISERS, Regularise
 from taction.verification.reference.stacked_least_squares import SVD, factorise
 
 ENTRIES = pytest.mark.parametrize("entry", REGULARISERS.values(), ids=REGULARISERS)
-V = np.linspace(-6.0, 6.0, 49)
+V = np.linspace(-6.05, 6.15, 49)  # without a break of any amplifier
 
 
 @ENTRIES
@@ -35,6 +35,10 @@ def test_slope_is_the_derivative_and_potential_the_integral(entry: Regulariser) 
 @ENTRIES
 def test_energy_has_the_inverse_as_its_derivative(entry: Regulariser) -> None:
     u, step = entry.g(np.linspace(-2.0, 2.0, 21)), 1e-6
+    inside = np.isfinite(entry.inverse(u - step)) & np.isfinite(entry.inverse(u + step))
+    assert inside.all() or entry.pieces is not None  # beyond a bound there is no input
+    u = u[inside]
+    assert len(u) > 4
     energy = [entry.energy(entry.inverse(u + side * step)) for side in (1, -1)]
     assert (energy[0] - energy[1]) / 2 / step == pytest.approx(entry.inverse(u), abs=1e-7)
 

@@ -99,7 +99,7 @@ class PiecewiseCurve:
         """Return the voltages of all nodes, V, (P, K)."""
         values = np.empty((len(times), len(self.pieces[0].nodes)))
         for piece, some in self._each(times):
-            values[some] = piece.at(times[some] - piece.begin)[:, piece.count :]
+            values[some] = piece.outputs(times[some] - piece.begin)
         return values
 
     def bounds(self, times: Floats) -> Floats:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from taction.system.array_types import EPS, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, Gain
 from taction.verification.engines.statespace.equations.descriptor import Descriptor, Devices
@@ -202,7 +202,7 @@ class Piece:
         size = np.abs(self.level[:m]) + np.abs(self.flow.share[:, :m]).sum(axis=0)
         edges = np.stack([self.active.low, self.active.high])
         size = np.maximum(size, np.abs(np.where(np.isfinite(edges), edges, 0.0)).max(axis=0))
-        return np.maximum(SLACK * size, self.before)
+        return np.asarray(np.maximum(SLACK * size, self.before))
 
     @functools.cached_property
     def _bounds(self) -> tuple[Floats, Complexes, Complexes]:
@@ -247,6 +247,21 @@ class Piece:
         """Return inputs and nodes at instants since `begin` (P,), V, (P, m + K)."""
         return np.asarray(self.level + self.flow.at(time))
 
+    def outputs(self, time: Floats) -> Floats:
+        """Return the nodes at instants since `begin` (P,), V, (P, K).
+
+        An amplifier's output is g of its input: exactly 0 in a dead zone.
+        """
+        both, space = self.at(time), self.active.space
+        devices, nodes = space.descriptor.devices, both[:, self.count :]
+        places = devices.output.tolist()
+        for column, name in enumerate(self.nodes):
+            if space.descriptor.place(name) in places:
+                k = places.index(space.descriptor.place(name))
+                y = both[:, k] / devices.v_scale[k]
+                nodes[:, column] = -devices.u_scale[k] * GAINS[devices.kinds[k]].value(y)
+        return nodes
+
     def state_at(self, time: float) -> tuple[Floats, Floats]:
         """Return the states at an instant since `begin`, V, (n,), and their error's columns."""
         modes, (rest, _) = self.active.space.modes, self.active.rest
@@ -286,13 +301,13 @@ class Piece:
         values, rates = self.flow.pair(grid)
         y, slope = self.level[:m] + values[:, :m], rates[:, :m]
         low, high = self.active.low - self.slack, self.active.high + self.slack
-        outside = ((y < low) | (y > high)).any(axis=1)
+        outside: Bools = np.any((y < low) | (y > high), axis=1)
         if outside[0]:
             return float(grid[0])
         room = self._room(grid[:-1], width)
         third = width[:, None] / 3.0
         hull = np.stack([y[:-1], y[:-1] + third * slope[:-1], y[1:] - third * slope[1:], y[1:]])
-        near = ((hull.min(axis=0) - room < low) | (hull.max(axis=0) + room > high)).any(axis=1)
+        near = np.any((hull.min(axis=0) - room < low) | (hull.max(axis=0) + room > high), axis=1)
         for k in np.flatnonzero(near).tolist():
             a, b = float(grid[k]), float(grid[k + 1])
             small = width[k] <= SHORTEST * (self.begin + b) or levels == 0

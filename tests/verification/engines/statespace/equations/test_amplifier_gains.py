@@ -16,6 +16,12 @@ INVERSE = {
     "softplus": lambda u: np.log(np.expm1(u)),
     "tanh": np.arctanh,
 }
+STRAIGHT = {
+    "deadzone": lambda y: np.sign(y) * np.maximum(np.abs(y) - 1.0, 0.0),
+    "rectifier": lambda y: np.maximum(y, 0.0),
+    "saturation": lambda y: np.clip(y, -1.0, 1.0),
+}
+"""g itself where it has no inverse."""
 BOARD = {
     "capacitance": "100pF",
     "resistance": "2Mohm",
@@ -29,7 +35,8 @@ BOARD = {
 
 
 def scene(amplifier: str, bias: bool):
-    problem = {"kind": "tactile", "channels": 3, "span": 1.5, "load": {"force": 1.5}}
+    force = {"deadzone": 15.0, "rectifier": 15.0, "saturation": 6.0}.get(amplifier, 1.5)
+    problem = {"kind": "tactile", "channels": 3, "span": 1.5, "load": {"force": force}}
     return make_scene(problem=problem, design=BOARD | {"amplifier": amplifier, "bias": bias})
 
 
@@ -54,12 +61,16 @@ def test_the_final_outputs_balance_every_signal_node(ngspice: str, amplifier: st
     T, eps = verdict.problem.matrix, verdict.problem.strain
     G0, U0, R, s, Ve = map(verdict.circuit.value, ("G0", "U0", "R", "gain", "Ve"))
     u = np.array([channel.final for channel in verdict.measurements.channels])
-    v = Ve * INVERSE[amplifier](u / U0)
     w = s * G0 * (T @ u - eps * U0)
-    currents = v / R + bias * Ve / R
     feedback = G0 * T.T @ w
+    if amplifier in STRAIGHT:
+        y = -R * feedback / Ve - bias
+        assert u / U0 == pytest.approx(STRAIGHT[amplifier](y), abs=2e-3 * np.abs(y).max())
+        return
+    v = Ve * INVERSE[amplifier](u / U0)
+    currents = v / R + bias * Ve / R
     assert currents + feedback == pytest.approx(0.0, abs=2e-3 * np.max(np.abs(feedback)))
 
 
 def test_every_kind_has_a_closed_form_here():
-    assert set(INVERSE) == set(NONLINEAR)
+    assert set(INVERSE) | set(STRAIGHT) == set(NONLINEAR)
