@@ -16,6 +16,7 @@ from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import Modes
+from taction.verification.engines.statespace.transients.switching import Piece
 from taction.verification.readings.readings import Step
 from taction.verification.reference import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
@@ -164,6 +165,7 @@ SYNTHESIS = (
     of_facts("Ve off by 1 %", {"Ve": 1.01}, SKEW, SAME),
     of_facts("G0 off by 1 %", {"G0": 1.01}, MATRIX, STEADY),
     of_facts("G0 off by 1 %; inv", {"G0": 1.01}, "inverse", STEADY),
+    of_facts("G0 off by 1 %; dead zones", {"G0": 1.01}, "lasso", STEADY),
     of_facts("G0 off by 1 %; pinv", {"G0": 1.01}, "least-squares", STEADY),
     of_facts("U0 off by 1 %; ridge", {"U0": 1.01}, "ridge", STEADY),
 )
@@ -239,6 +241,23 @@ SECOND_WITNESS = (
         MATRIX,
         NGSPICE,
         (AGREE,),
+    ),
+    Mutation(
+        "a switch of a piecewise linear amplifier is missed",
+        "switches of the state space",
+        planting.in_a_method(Piece, "ends", lambda instant: None),
+        "lasso",
+        NGSPICE,
+        (AGREE,),
+    ),
+    Mutation(
+        "a switch of a piecewise linear amplifier is 20 % late",
+        "switches of the state space",
+        planting.in_a_method(Piece, "ends", lambda instant: None if not instant else 1.2 * instant),
+        "lasso",
+        NGSPICE,
+        (AGREE,),
+        Outcome.INCONCLUSIVE,
     ),
     Mutation(
         "an equilibrium of the wrong branch: without strain",

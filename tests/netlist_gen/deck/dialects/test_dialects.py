@@ -47,9 +47,7 @@ NONLINEAR = (
     "current-limit",
     "sinh",
     "softplus",
-    "deadzone",
     "rectifier",
-    "saturation",
 )
 DESIGN: dict[str, Any] = {"lambda": 0.05, "gain": "1Mohm", "unit_conductance": "2uS"}
 LIMITED = {"base": "ua741", "level": "large-signal"}
@@ -60,9 +58,7 @@ MADE: dict[str, dict[str, Any]] = {
     "input-errors": {"opamp": {"base": "ua741", "input_errors": "typical"}},
     "sinh": {"amplifier": "sinh", "exponential_slope": 0.3},
     "softplus": {"amplifier": "softplus", "exponential_slope": 0.3},
-    "deadzone": {"amplifier": "deadzone", "exponential_slope": 0.01, "ridge_share": 0.5},
     "rectifier": {"amplifier": "rectifier", "exponential_slope": 0.3, "ridge_share": 0.0},
-    "saturation": {"amplifier": "saturation", "exponential_slope": 0.1},
 }
 STEPS = 1000
 

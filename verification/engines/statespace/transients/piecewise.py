@@ -143,7 +143,7 @@ class PiecewiseCurve:
         return None
 
 
-class _Run:
+class _SwitchedRun:
     """The switches of one transient."""
 
     def __init__(self, board: LinearBoard, nodes: tuple[str, ...]) -> None:
@@ -242,7 +242,7 @@ def solve_pieces(
         An active set has no state space or no equilibrium, the amplifiers do not leave a break, or
         there are more than `MOST_SWITCHES` switches.
     """
-    run = _Run(board, nodes)
+    run = _SwitchedRun(board, nodes)
     unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
     devices = board.descriptor.devices
     known = np.concatenate([board.equilibrium.values, unknowns, devices.u_scale, devices.v_scale])
