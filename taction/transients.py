@@ -248,7 +248,7 @@ def verify_files(
     Examples
     --------
     >>> import taction
-    >>> exclude = ["[eiklrt]*", "*-exponential.toml"]
+    >>> exclude = ["[beiklnrtw]*", "*-exponential.toml"]
     >>> found = taction.verify_files(["scenes"], exclude=exclude, jobs=1)
     >>> found.outcome, found.count()
     ('pass', {'pass': 3})

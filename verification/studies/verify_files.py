@@ -56,7 +56,7 @@ def scene_files(names: Sequence[str], exclude: Sequence[str] = ()) -> tuple[Path
 
     Examples
     --------
-    >>> [path.name for path in scene_files(["scenes"], ["*exponential*", "e*", "[cilrw]*"])]
+    >>> [path.name for path in scene_files(["scenes"], ["*exponential*", "e*", "[bcilnrw]*"])]
     ['known-readings.toml', 'paper-breadboard.toml', 'tuned-breadboard.toml']
     """
     found: dict[Path, Path] = {}
