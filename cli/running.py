@@ -126,7 +126,7 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
         if output.check is not None and given[output.name] is not None:
             load(output.check)(given[output.name])
     for parameter in command.every:
-        if parameter.reads:
+        if parameter.reads and parameter.name not in BOARDS:
             _refuse_missing(parameter, _names(given[parameter.name]))
     for name in BOARDS:
         if str(given.get(name)).endswith(".toml"):
@@ -152,7 +152,7 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
 def _refuse_missing(parameter: CommandParameter, names: Iterable[str]) -> None:
     """Refuse a file that does not exist, where the command says what it expects there.
 
-    A scene is refused where it is read, as in Python.
+    A board is refused where it is read, as in Python.
     """
     expected = ARGUMENTS.get(parameter.name.removesuffix("s"))
     for name in names:

@@ -181,7 +181,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("regress", "none", "--baseline", "b.json"): ("none", "a folder with scene files"),
     ("regress", "empty", "--baseline", "T.csv"): ("T.csv", "no JSON", "`--update` writes"),
     ("diff", "ok.toml", "none.toml"): ("none.toml", "No such file", "`taction new` writes one"),
-    ("diff", "ok.toml", "none.json"): ("none.json", "No such file", "two scene files"),
+    ("diff", "ok.toml", "none.raw"): ("none.raw", "No such file", "of one transient"),
     ("diff", "ok.toml", "T.csv"): ("T.csv", "line 1, column 5", "`taction new` writes one"),
     ("diff", "ok.toml", "ok.toml", "--agree", "abc"): ("'--agree'", "'abc'", "a number in 0<x"),
     ("reproduce", "--quik"): ("'--quik'", "Did you mean '--quick'?"),
@@ -233,7 +233,6 @@ AT_ONCE = (
     ("sweep", "ok.toml", "--over", "C=1pF:1nF:0"),
     ("sweep", "ok.toml", "--over", "C=1pF:1nF:3", "--fix", "lamda"),
     ("check", "none.cir"),
-    ("diff", "ok.toml", "none.json"),
     ("parts", "show", "tl704"),
 )
 
