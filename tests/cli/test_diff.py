@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 import taction as taction_package
+from taction.netlist_gen.scene.wires import WiresTable
 from taction.spice_models.input_errors import NONE
 from taction.verification.studies.difference import compare_verdicts
 from tests.support.entries import write_fast
@@ -90,7 +91,8 @@ def test_a_verdict_of_version_1_is_read(tmp_path: Path) -> None:
     assert {key["key"] for key in found["keys"]} == {
         "design.exponential_slope",
         "design.negative_entries",  # a key of later versions, as the others
-        "design.strain_input",
+        *("design.ridge_share", "design.strain_input"),
+        *(f"wires.{name}" for name in WiresTable.model_fields),
         "design.opamp.input_errors",
         *(f"design.opamp.{name}" for name in NONE),
         *(f"design.opamp.{name}" for name in ("offset_drift", "bias_drift", "bias_doubling")),
