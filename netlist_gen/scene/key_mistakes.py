@@ -292,10 +292,11 @@ def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         for key in ("exponential_slope", "bias"):
             if design.get(key) is not None:
                 yield key, "needs a nonlinear amplifier, such as 'exponential'"
-    kind = AMPLIFIERS.get(str(design.get("amplifier", "linear")))
-    if design.get("ridge_share", 1.0) != 1.0 and not (kind and kind.ridge):
-        accepted = listed(name for name, each in AMPLIFIERS.items() if each.ridge)
-        yield "ridge_share", f"needs an amplifier whose ridge term can be removed: {accepted}"
+    if design.get("ridge_share", 1.0) != 1.0:
+        kind = AMPLIFIERS.get(str(design.get("amplifier", "linear")))
+        if not (kind and kind.ridge):
+            accepted = listed(name for name, each in AMPLIFIERS.items() if each.ridge)
+            yield "ridge_share", f"needs an amplifier whose ridge term can be removed: {accepted}"
     if design.get("temperature_coefficient") and design.get("temperature") is None:
         yield "temperature_coefficient", "needs temperature, such as '0..70degC'"
     for name, keys in design.items():

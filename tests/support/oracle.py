@@ -12,12 +12,18 @@ from taction.verification.reference import Problem, Solution, solve
 
 Scalar = Callable[[mpmath.mpf], mpmath.mpf]
 
-AMPLIFIERS: dict[str, tuple[Scalar, Scalar]] = {
+SMOOTH: dict[str, tuple[Scalar, Scalar]] = {
     "linear": (lambda v: v, lambda v: mpmath.mpf(1)),
     "exponential": (mpmath.exp, mpmath.exp),
     "sinh": (mpmath.sinh, mpmath.cosh),
     "softplus": (lambda v: mpmath.log1p(mpmath.exp(v)), lambda v: 1 / (1 + mpmath.exp(-v))),
     "tanh": (mpmath.tanh, lambda v: mpmath.sech(v) ** 2),
+}
+AMPLIFIERS = {
+    **SMOOTH,
+    "deadzone": (lambda v: v - min(max(v, -1), 1), lambda v: mpmath.mpf(abs(v) > 1)),
+    "rectifier": (lambda v: max(v, 0), lambda v: mpmath.mpf(v > 0)),
+    "saturation": (lambda v: min(max(v, -1), 1), lambda v: mpmath.mpf(abs(v) < 1)),
 }
 
 
@@ -71,14 +77,14 @@ def error_of(solution: Solution) -> float:
 
 
 def random_problems(seed: int, count: int) -> Iterator[Problem]:
-    """Problems over all regularisers, |T| from 1e-13 to 1e3 and lam over eighteen decades.
+    """Problems over all smooth regularisers, |T| from 1e-13 to 1e3 and lam over eighteen decades.
 
     T is dense, banded like a kernel, sparse, or of rank one.
     """
     rng = np.random.default_rng(seed)
     for number in range(count):
         rows, channels = (int(n) for n in rng.integers(1, 9, 2))
-        regulariser = tuple(AMPLIFIERS)[number % len(AMPLIFIERS)]
+        regulariser = tuple(SMOOTH)[number % len(SMOOTH)]
         scale = 10.0 ** rng.uniform(-13, 3)
         T = scale * _matrix(rng, rows, channels)
         u = np.exp(2.0 * rng.standard_normal(channels)) * 10.0 ** rng.uniform(-2, 4)

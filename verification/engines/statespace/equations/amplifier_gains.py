@@ -110,18 +110,18 @@ def straight(breaks: tuple[float, ...], slopes: tuple[float, ...]) -> Gain:
     near = max(piece - 1, 0)
     heights += rise[piece] * at[near] - heights[near]
     knots, levels = (np.concatenate([x[:1], x]) for x in (at, heights))  # a point of each piece
+    offset = levels - rise * knots  # 0 on the piece through the origin
 
     def value(y: Floats) -> Floats:
         k = np.searchsorted(at, y, side="right")
-        away = np.where(rise[k] == 0.0, 0.0, y) - knots[k]
-        return np.asarray(levels[k] + np.where(rise[k] == 0.0, 0.0, rise[k] * away))
+        return np.asarray(rise[k] * np.where(rise[k] == 0.0, 0.0, y) + offset[k])
 
     def slope(y: Floats) -> Floats:
         return np.asarray(rise[np.searchsorted(at, y, side="right")])
 
     def from_coordinate(q: Floats, h: Floats) -> Floats:
         k = (np.expand_dims(q, -1) >= at + np.expand_dims(h, -1) * heights).sum(axis=-1)
-        return np.asarray((q - h * (levels[k] - rise[k] * knots[k])) / (1.0 + h * rise[k]))
+        return np.asarray((q - h * offset[k]) / (1.0 + h * rise[k]))
 
     return Gain(value, slope, from_coordinate, HUGE, breaks)
 
