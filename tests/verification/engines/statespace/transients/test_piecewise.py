@@ -63,7 +63,7 @@ def test_channels_that_mirror_each_other_switch_together() -> None:
     curve = curve_of(board, 1e-3)
     segments = np.array([piece.active.segments for piece in curve.pieces])
     apart = (segments != segments[:, ::-1]).any(axis=1)
-    assert curve.lengths[apart].sum() <= 1e-12 * curve.stop
+    assert curve.lengths[apart].sum() <= 1e-9 * curve.stop  # rounding of an input over its slope
     assert curve.pieces[-1].active.segments == (1, 1, 2, 2, 2, 1, 1)
 
 
