@@ -88,9 +88,11 @@ def device_spreads(circuit: Circuit) -> dict[str, float]:
     found = {}
     for matrix in circuit.matrices:
         if matrix.device is not None:
-            relative = matrix.device.spread(1.0 / matrix.ohms) * matrix.ohms
-            for k, n in np.argwhere(np.isfinite(matrix.ohms)).tolist():
-                found[f"{matrix.name}_{k + 1}_{n + 1}"] = float(relative[k, n])
+            present = np.argwhere(np.isfinite(matrix.ohms))
+            ohms = matrix.ohms[tuple(present.T)]
+            relative = matrix.device.spread(1.0 / ohms) * ohms
+            for (k, n), each in zip(present.tolist(), relative.tolist(), strict=True):
+                found[f"{matrix.name}_{k + 1}_{n + 1}"] = each
     return found
 
 

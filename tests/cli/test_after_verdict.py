@@ -36,7 +36,7 @@ def broken(*given: Any, **more: Any) -> Any:
 @pytest.mark.parametrize(
     ("place", "says"),
     [
-        (f"{VERIFY}.find_warnings", "the warnings failed"),
+        (f"{VERIFY}.all_warnings", "the warnings failed"),
         (f"{VERIFY}.error_budget", "the error budget failed"),
         (f"{VERIFY}.energy_rise", "the energy failed"),
         (f"{VERIFY}.constraint_plane", "the constraint plane failed"),

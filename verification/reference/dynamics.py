@@ -50,7 +50,7 @@ class IdealNetwork:
     Ve: float = 1.0  # slope of a nonlinear amplifier, V; unused by the linear amplifier
     bias: bool = False  # whether ``I_b = Ve / R`` flows
     solver: Callable[[Problem], Solution] = solve
-    ridge: float = 1.0  # share of the ridge term that stays
+    ridge_share: float = 1.0  # share of the ridge term that stays
 
     @property
     def flows(self) -> bool:
@@ -81,7 +81,7 @@ class IdealNetwork:
     @property
     def problem(self) -> Problem:
         """Problem that the network's rest state solves."""
-        return Problem(self.T, self.eps, self.lam, self.amplifier, self.bias, self.ridge)
+        return Problem(self.T, self.eps, self.lam, self.amplifier, self.bias, self.ridge_share)
 
 
 def lambda_times_resistance(
@@ -281,7 +281,7 @@ class ScaledNetwork:
 
     def __init__(self, network: IdealNetwork) -> None:
         self.T, self.eps, self.mu = network.T, network.eps, network.mu
-        self.beta, self.removed = float(network.bias), 1.0 - network.ridge
+        self.beta, self.removed = float(network.bias), 1.0 - network.ridge_share
         self.g: Regulariser = REGULARISERS[network.amplifier]
         self.gram = self.T.T @ self.T / self.mu
 

@@ -126,7 +126,7 @@ def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
         amplifier=kind,
         Ve=slope,
         bias=is_biased(scene),
-        ridge=design.ridge_share,
+        ridge_share=design.ridge_share,
     )
 
 
@@ -199,7 +199,7 @@ def _solve_cached(network: IdealNetwork) -> Solution:
     problem = network.problem
     T, eps = problem.T, problem.eps
     content = (T.shape, T.tobytes(), eps.tobytes())
-    kind = problem.regulariser, problem.bias, problem.ridge
+    kind = problem.regulariser, problem.bias, problem.ridge_share
     return _solve_content(*content, problem.lam, *kind, network.solver)
 
 

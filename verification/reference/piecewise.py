@@ -271,11 +271,11 @@ def solve_pieces(problem: Problem) -> Solution:
     --------
     >>> import numpy as np
     >>> T, eps = np.eye(2), np.array([3.0, 0.4])
-    >>> solve_pieces(Problem(T, eps, 1.0, "deadzone", ridge=0.0)).u.tolist()
+    >>> solve_pieces(Problem(T, eps, 1.0, "deadzone", ridge_share=0.0)).u.tolist()
     [2.5, 0.0]
     """
     start = time.perf_counter()
-    s, ridge = ScaledProblem.of(problem), problem.ridge
+    s, ridge = ScaledProblem.of(problem), problem.ridge_share
     state, steps = _ActiveSet.of(s), 0
     for _ in range(ATTEMPTS):
         steps += _search(s, ridge, state)
@@ -302,7 +302,7 @@ def _solution(
     bound = 0.5 * (allowed * min(least, s.norm) / 4.0) ** 2
     error = (4.0 * E / least / least + rounding) if known else np.inf
     trusted = bool(known and unscale * gap <= unscale * bound)
-    pieces, ridge = s.regulariser.pieces, problem.ridge
+    pieces, ridge = s.regulariser.pieces, problem.ridge_share
     size = 0.0 if pieces is None else pieces.size
     penalty = float(np.sum(size * np.abs(u) + 0.5 * ridge * u * u + s.beta * u))
     residual = point.r.hi

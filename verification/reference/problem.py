@@ -48,7 +48,7 @@ class Problem:
     bias : bool
         Whether the bias current adds ``sum u`` to Omega; with ``exponential`` this turns
         ``sum (u log u - u)`` into the entropy ``sum u log u``.
-    ridge : float
+    ridge_share : float
         Share of the ridge term ``sum u^2 / 2`` that stays in Omega, 0 to 1; below 1 only for a
         regulariser of straight pieces.
 
@@ -63,7 +63,7 @@ class Problem:
     lam: float
     regulariser: str = "linear"
     bias: bool = False
-    ridge: float = 1.0
+    ridge_share: float = 1.0
 
     def __post_init__(self) -> None:
         _freeze(self, "T", "eps")
@@ -74,9 +74,9 @@ class Problem:
             accepted = f"one entry per row of T: ({self.T.shape[0]},)"
             shape.append(Complaint("eps", f"shape {self.eps.shape}", accepted))
         pieces = self.regulariser in REGULARISERS and REGULARISERS[self.regulariser].pieces
-        if not (self.ridge == 1.0 or (pieces and 0.0 <= self.ridge <= 1.0)):
+        if not (self.ridge_share == 1.0 or (pieces and 0.0 <= self.ridge_share <= 1.0)):
             accepted = "0 to 1 for a regulariser of straight pieces, else 1"
-            shape.append(Complaint("ridge", repr(self.ridge), accepted))
+            shape.append(Complaint("ridge_share", repr(self.ridge_share), accepted))
         _check(self, shape, T=self.T, eps=self.eps)
 
 

@@ -129,7 +129,7 @@ def test_mistakes_in_keys_of_plugins_have_the_nearest_key(plugin: Plugin) -> Non
 def test_names_are_listed_with_the_nearest() -> None:
     assert complaints(design={"amplifier": "sinus"}).endswith(
         "design.amplifier = 'sinus': did you mean 'sinh'? one of 'linear', 'exponential', 'sinh',"
-        " 'softplus', 'tanh'"
+        " 'softplus', 'tanh', 'deadzone', 'rectifier', 'saturation'"
     )
     assert complaints(analysis={"engine": 3}).endswith(
         "analysis.engine = 3: expected a name, one of 'auto', 'ngspice', 'statespace'"

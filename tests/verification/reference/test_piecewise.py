@@ -54,7 +54,7 @@ def test_newton_s_method_has_the_same_answer_with_the_whole_ridge_term(kind: str
 def test_the_lasso_of_orthogonal_columns_is_a_soft_threshold() -> None:
     Q = np.linalg.qr(np.random.default_rng(5).standard_normal((6, 4)))[0]
     eps = Q @ np.array([3.0, -0.4, 0.9, -2.0])
-    answer = solve(Problem(Q, eps, 1.6, "deadzone", ridge=0.0))  # threshold lam/2 = 0.8
+    answer = solve(Problem(Q, eps, 1.6, "deadzone", ridge_share=0.0))  # threshold lam/2 = 0.8
     assert answer.u == pytest.approx([2.2, 0.0, 0.1, -1.2], abs=1e-14)
     assert answer.u[1] == 0.0
     # The input is u, and at least the threshold (in units of lam/2) where u is not 0.
@@ -63,14 +63,14 @@ def test_the_lasso_of_orthogonal_columns_is_a_soft_threshold() -> None:
 
 def test_an_answer_that_is_not_unique_is_not_trusted() -> None:
     T, eps = np.ones((1, 2)), np.ones(1)
-    answer = solve(Problem(T, eps, 1.0, "saturation", ridge=0.0))
+    answer = solve(Problem(T, eps, 1.0, "saturation", ridge_share=0.0))
     assert not answer.trusted
     assert "not unique" in answer.reason
-    assert solve(Problem(T, eps, 1.0, "saturation", ridge=0.1)).trusted
+    assert solve(Problem(T, eps, 1.0, "saturation", ridge_share=0.1)).trusted
 
 
 def test_a_share_of_the_ridge_term_needs_straight_pieces() -> None:
     with pytest.raises(InputError, match="ridge"):
-        Problem(np.eye(2), np.ones(2), 1.0, "tanh", ridge=0.5)
+        Problem(np.eye(2), np.ones(2), 1.0, "tanh", ridge_share=0.5)
     with pytest.raises(InputError, match="ridge"):
-        Problem(np.eye(2), np.ones(2), 1.0, "deadzone", ridge=1.5)
+        Problem(np.eye(2), np.ones(2), 1.0, "deadzone", ridge_share=1.5)

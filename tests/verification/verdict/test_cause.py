@@ -70,7 +70,7 @@ def test_undecided_checks_of_one_reason_are_one_cause() -> None:
     checks = [short, replace(short, name="settling_time"), replace(short, name="noise", reason="x")]
     first, second = causes(checks)
     assert first.text == "steady state, settling time not decided: the record ends after 1 ms"
-    assert second.title == "noise not decided"
+    assert second.title == "output noise not decided"
     assert [each.check for each in causes([*checks, HIGH])] == [
         "overshoot",
         "steady_state",

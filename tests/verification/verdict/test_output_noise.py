@@ -71,8 +71,8 @@ def test_both_engines_find_the_noise_of_every_shipped_scene(path: Path) -> None:
     scene = changed(path, **TYPICAL)
     board = LinearBoard(synthesise(scene, make_problem(scene)))
     rms, error = output_noise(board)
-    assert (error < 0.01 * rms).all()
-    for channel in {0, int(rms.argmax())}:
+    assert (error <= 0.01 * rms).all()  # both are 0 where an amplifier's output cannot move
+    for channel in {int(np.flatnonzero(rms)[0]), int(rms.argmax())}:
         assert from_ngspice(board, channel) == pytest.approx(rms[channel], rel=1e-3)
 
 

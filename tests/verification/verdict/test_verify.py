@@ -66,7 +66,8 @@ def assert_named(verdict: Verdict, other: Verdict) -> None:
     document = verdict_document(verdict)
     assert [document[key] for key in ("simulator", "solver", "method")] == names
     assert f"{', '.join(names)}: " in page_text(view(verdict))
-    method = "exact" if other.scene.design.amplifier == "linear" else "Radau IIA"
+    straight = dict.fromkeys(("deadzone", "rectifier", "saturation"), "exact in pieces")
+    method = {"linear": "exact", **straight}.get(other.scene.design.amplifier, "Radau IIA")
     assert f"statespace, {method}: " in page_text(view(other))
 
 
@@ -103,6 +104,7 @@ def assert_budget_adds_up(verdict: Verdict) -> None:
     expected = {"regularisation", "strain_noise", "resistors", "opamps", "unsettled", "simulator"}
     if any(model.input_errors for model in verdict.circuit.models.values()):
         expected |= {"offset_voltage", "input_currents", "common_mode"}
+    stages |= set() if verdict.scene.wires.ideal else {"wires"}
     assert set(parts) == expected | stages
     stress = verdict.problem.stress
     final = np.array([channel.final for channel in verdict.measurements.channels])

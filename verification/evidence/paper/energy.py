@@ -15,6 +15,7 @@ from taction.verification.reference.regularisers import REGULARISERS
 GEOMETRY = Geometry(15, 6.0)
 MU = 0.05
 STARTS = 4
+LEAST_SLOPE = 1e-9  # of an amplifier in the curvature: where its slope is 0 the energy is steeper
 STATES = 200  # random states for each regulariser
 
 
@@ -104,7 +105,8 @@ def _minima() -> Finding:
         network = unit_network(T, GEOMETRY.strain(1, 0.01), MU, name)
         for _ in range(STATES):
             v = rng.normal(0.0, 2.0, GEOMETRY.channels)
-            hessian = T.T @ T / MU + np.diag(1.0 / REGULARISERS[name].slope(v))
+            slope = np.maximum(REGULARISERS[name].slope(v), LEAST_SLOPE)
+            hessian = T.T @ T / MU + np.diag(1.0 / slope)
             least = min(least, float(np.linalg.eigvalsh(hessian)[0]))
         starts = (rng.normal(0.0, 1.5, GEOMETRY.channels) for _ in range(2))
         first, second = (_final(ideal_transient(network, start)) for start in starts)

@@ -196,8 +196,9 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
             f"the noise of output {outputs[endless[0]].node} has no limit of its bandwidth: no"
             " capacitance is at that node of the model"
         )
-    errors = error + direct
-    if not (errors < variance).all():
+    silent = ~(C.any(axis=1) | D.any(axis=1))  # behind amplifiers whose output cannot move
+    errors = np.where(silent, 0.0, error + direct)
+    if not (silent | (errors < variance)).all():
         raise EngineError(HIDDEN)
     rms = np.sqrt(variance)
     return rms, rms - np.sqrt(variance - errors)

@@ -33,7 +33,7 @@ from taction.verification.engines.statespace.transients.switching import (
     same_board,
 )
 
-METHOD = "exact between switches"
+METHOD = "exact in pieces"
 MOST_SWITCHES = 2000
 AT_ONCE = 8  # switches in turn without any time between, for each amplifier
 ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, and the record ends
