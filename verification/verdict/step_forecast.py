@@ -145,6 +145,8 @@ class StepModel:
         The charges at rest, C.
     charge : float
         Charge below which the truncation error is absolute, C.
+    amplitude : float
+        Step amplitude, V.
     """
 
     time: Floats
@@ -154,6 +156,7 @@ class StepModel:
     charges: Complexes
     rest: Floats
     charge: float
+    amplitude: float
 
     @classmethod
     def of(
@@ -198,6 +201,7 @@ class StepModel:
             charges=charges[:, charged],
             rest=(board.equilibrium.values @ held)[charged],
             charge=CHARGE * board.circuit.charged_capacitance * amplitude,
+            amplitude=amplitude,
         )
 
     @cached_property

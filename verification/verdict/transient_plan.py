@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.scene import Scene
@@ -162,7 +164,10 @@ def plan_transient(
     elif growing:
         stop, forecast, notes = _growing(board, model, initial, step_seconds)
     else:
-        forecast = model.cheapest(max(AIM * error if aim is None else aim, LEAST_ERROR))
+        allowed = max(AIM * error if aim is None else aim, LEAST_ERROR)
+        forecast = model.cheapest(allowed)
+        if board.has_breaks:
+            forecast = _also_from_start(board, model, initial, forecast, allowed)
     transient = Transient(
         stop=stop,
         max_step=_six_digits(forecast.max_step),
@@ -173,6 +178,30 @@ def plan_transient(
     )
     seconds, grown = forecast.steps * step_seconds, min(scales.growth_time, stop)
     return TransientPlan(transient, error, forecast, seconds, growing, grown, notes)
+
+
+def _also_from_start(
+    board: LinearBoard, model: StepModel, initial: Initial, rest: StepForecast, allowed: float
+) -> StepForecast:
+    """Return a step control that also follows the board with its amplifiers' slopes of the start.
+
+    Where all amplifiers saturate at rest, the modes at rest do not show how the board gets there.
+    """
+    try:
+        begin = board.at_start(initial)
+        start = StepModel.of(begin, float(model.time[-1]), initial)
+    except EngineError:
+        return rest
+    if not start.poles.size or not np.all(begin.state_space.modes.poles.real < 0.0):
+        return rest
+    share = min(1.0, model.amplitude / start.amplitude)
+    other = start.cheapest(max(share * allowed, LEAST_ERROR))
+    least = {
+        name: min(getattr(rest, name), getattr(other, name))
+        for name in ("truncation", "charge", "max_step", "first_step")
+    }
+    most = {"steps": max(rest.steps, other.steps), "error": max(rest.error, other.error / share)}
+    return StepForecast(**least, **most)
 
 
 def _growing(

@@ -17,6 +17,7 @@ from taction.system.errors import EngineError
 from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.transient_plan import (
     UNSTABLE_SECONDS,
@@ -26,6 +27,7 @@ from taction.verification.verdict.transient_plan import (
     seconds_per_step,
     wanted_error,
 )
+from taction.verification.verdict.verify import verify
 from tests.support.boards import board, paper_board, two_pole
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
@@ -193,3 +195,25 @@ def test_a_slower_pole_of_a_large_board_makes_its_record_longer() -> None:
     assert coarse.with_slower(complex(rate)) is coarse
     whole = time_scales(paper_board())
     assert whole.with_slower(complex(-rate)) is whole
+
+
+@pytest.mark.usefixtures("ngspice")
+@pytest.mark.parametrize("force", [10.0, 30.0])
+def test_steps_follow_a_board_to_a_rest_where_all_amplifiers_saturate(force: float) -> None:
+    """Its modes at rest are those of the signal nodes alone; on the way there it rings."""
+    scene = with_values(load_scene(SCENES / "box.toml"), {"problem.load.force": force})
+    board = LinearBoard(synthesise(scene))
+    scales = time_scales(board, initial=scene.analysis.initial)
+    assert plan_transient(scene, board, scales).forecast.steps > 500  # by the modes at rest 70
+    found = {check.name: check for check in verify(scene.with_engine("ngspice")).checks}
+    assert np.abs(board.equilibrium.slopes).max() < 1e-9
+    assert found["engines_agree"].outcome is Outcome.PASS
+
+
+def test_slopes_of_the_start_do_not_matter_without_breaks() -> None:
+    """The tangents of an exponential board at its start are another board; its deck stays."""
+    scene = load_scene(SCENES / "paper-exponential.toml")
+    board = LinearBoard(synthesise(scene))
+    start = board.at_start("zero")
+    assert not board.has_breaks
+    assert not np.allclose(start.equilibrium.slopes, board.equilibrium.slopes)

@@ -11,7 +11,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
-from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
+from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.coarse_board import coarsen
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp
@@ -26,6 +26,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import (
     equilibrium_near,
     rounding,
     solve_equilibrium,
+    tangent,
 )
 from taction.verification.engines.statespace.linearised.state_space import (
     StateSpace,
@@ -117,6 +118,23 @@ class LinearBoard:
     def equilibrium(self) -> Equilibrium:
         """The equilibrium with the strain applied."""
         return self.point or self._equilibrium(sources_on=True)
+
+    @property
+    def has_breaks(self) -> bool:
+        """Whether the slope of an amplifier jumps."""
+        kinds = self.descriptor.devices.kinds
+        return any(kind in GAINS and GAINS[kind].breaks is not None for kind in kinds)
+
+    def at_start(self, initial: Initial) -> LinearBoard:
+        """Return the linear board that has the slopes of the amplifiers at the start.
+
+        Raises
+        ------
+        EngineError
+            It has no equilibrium.
+        """
+        point = tangent(self.descriptor, initial_unknowns(self, initial))
+        return LinearBoard(self.circuit, self.equations, point)
 
     @functools.cached_property
     def rounding(self) -> Floats:

@@ -133,18 +133,39 @@ def equilibrium_near(
     return Equilibrium(descriptor, z, slopes, residual, POLISHING)
 
 
+def tangent(descriptor: Descriptor, z: Floats, *, sources_on: bool = True) -> Equilibrium:
+    """Return where a board would rest if its amplifiers were the tangents that they have at z.
+
+    Raises
+    ------
+    EngineError
+        That linear board has no equilibrium.
+    """
+    slopes, F = _linearised(descriptor, z, descriptor.drive(sources_on=sources_on))
+    try:
+        step = _newton_step(descriptor, slopes, F[:, None], np.abs(z))[:, 0]
+    except np.linalg.LinAlgError as error:
+        raise EngineError("the board with the slopes of its start has no equilibrium") from error
+    return Equilibrium(descriptor, z + step, slopes, 0.0, 1)
+
+
+def _linearised(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Floats, Floats]:
+    """Return the amplifiers' slopes at z, V/V, and what the equations lack there, (size,)."""
+    devices = descriptor.devices
+    gain = gain_of(devices.kinds)
+    y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
+    F = descriptor.stiffness_times(z) + drive
+    F[devices.output] -= devices.u_scale * gain.value(y)
+    return -devices.u_scale / devices.v_scale * gain.slope(y), F
+
+
 def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
     """Take Newton steps on all unknowns at once, since the gain of the loop magnifies rounding.
 
     Successive corrections of z reduce every row's residual to the rounding of its terms.
     """
-    devices = descriptor.devices
-    gain = gain_of(devices.kinds)
     for _ in range(POLISHING):
-        y = np.minimum(z[devices.input] / devices.v_scale, gain.upper)
-        F = descriptor.stiffness_times(z) + drive
-        F[devices.output] -= devices.u_scale * gain.value(y)
-        slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
+        slopes, F = _linearised(descriptor, z, drive)
         z = z + _newton_step(descriptor, slopes, F[:, None], np.abs(z))[:, 0]
     return z
 
