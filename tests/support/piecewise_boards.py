@@ -74,15 +74,21 @@ def compare_board(seed: int) -> Comparison:
     bounds = record.curve.bounds(times) + doubt.max() + (TRUTH + stiff) * size
     outside = bool(np.any(error > bounds))
     if solution.trusted:
-        u = proximal(network.T, network.eps, network.lam, KINDS[seed % 3], SHARES[seed // 3 % 3])
-        gap = float(np.abs(u - solution.u).max())
-        known = float(np.abs(u - proximal_step(u, network.T, network.eps, network.lam,
-                      KINDS[seed % 3], SHARES[seed // 3 % 3])).max())  # fmt: skip
-        if known < PROXIMAL / 1e3:  # else the proximal gradient has not converged
+        given = network.T, network.eps, network.lam, KINDS[seed % 3], SHARES[seed // 3 % 3]
+        u = proximal(*given)
+        step = float(np.abs(u - proximal_step(u, *given)).max())
+        if step * _condition(network.T, network.lam, given[-1]) < PROXIMAL / 10.0:  # converged
+            gap = float(np.abs(u - solution.u).max())
             outside |= gap > PROXIMAL * (1.0 + float(np.abs(u).max()))
     switches = len(record.curve.pieces) - 1
     return Comparison(KINDS[seed % 3], SHARES[seed // 3 % 3], switches, float(error.max()),
                       record.rounding, outside)  # fmt: skip
+
+
+def _condition(T: Floats, lam: float, share: float) -> float:
+    """Return how many steps of the proximal gradient method its distance from the end may be."""
+    curvatures = np.linalg.eigvalsh(T.T @ T) + 0.5 * lam * share
+    return float(curvatures[-1] / max(curvatures[0], EPS * curvatures[-1]))
 
 
 def proximal_step(u: Floats, T: Floats, eps: Floats, lam: float, kind: str, share: float) -> Floats:

@@ -17,6 +17,7 @@ from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.reading_definitions import READINGS
 from taction.verification.design.screening import can_estimate
 from taction.verification.design.search import Searched, search_list, search_pair, search_range
@@ -120,10 +121,12 @@ class Remedies:
 def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
     """Return the keys that can mend each check; no key mends a check that is not listed.
 
-    A transient follows the knobs with a stability margin, and the op-amp.
+    A transient follows the knobs with a stability margin, and the op-amp. Keys that the topology
+    does not read mend nothing.
     """
     knobs = knobs_with_margin(scene)
-    return {
+    idle = {f"design.{key}" for key in topology_of(scene).unused}
+    mending = {
         **dict.fromkeys(("stability", *READINGS), (*knobs, OPAMP)),
         "steady_state": (
             "design.resistor_series",
@@ -136,6 +139,7 @@ def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
         "headroom": ("design.unit_voltage", OPAMP, "design.supply"),
         "noise": (OPAMP, *knobs, "design.unit_voltage"),
     }
+    return {name: tuple(k for k in keys if k not in idle) for name, keys in mending.items()}
 
 
 def find_remedies(

@@ -13,7 +13,7 @@ from taction.netlist_gen.scene.axes import Point, with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
-from taction.verification.design.remedies import Remedies, find_remedies
+from taction.verification.design.remedies import Remedies, find_remedies, mending_keys
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import Trials
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -114,6 +114,14 @@ def test_rounded_resistors_are_named_as_the_cause() -> None:
     scene = paper({"design.resistor_series": "E24"}, "tuned-breadboard")
     found = find_remedies(verify(scene), LONG)
     assert found.changes[0].values == {"design.resistor_series": "exact"}
+
+
+def test_keys_that_the_topology_does_not_read_mend_nothing() -> None:
+    """A board of one loop has no constraint plane whose gain could change."""
+    loop, plane = (mending_keys(load_scene(ROOT / "scenes" / f"{name}.toml"))["steady_state"]
+                   for name in ("inverse", "paper-breadboard"))  # fmt: skip
+    assert set(plane) - set(loop) == {"design.gain"}
+    assert "design.unit_conductance" in loop
 
 
 def test_where_nothing_mends_the_searched_keys_are_named() -> None:
