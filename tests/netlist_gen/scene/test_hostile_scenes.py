@@ -44,7 +44,8 @@ def test_the_message_names_the_key(name: str, tmp_path: Path) -> None:
         make_problem(load_scene(file))
     assert says in str(caught.value)
     assert str(file) in str(caught.value)
-    assert len(str(caught.value)) < 700  # with the line, of which 76 characters are shown
+    # With the line, of which 76 characters are shown; the folder of a test has any length.
+    assert len(str(caught.value).replace(str(tmp_path), "")) < 640
     assert time.process_time() - began < 10.0  # tomllib alone takes minutes for dotted keys
 
 
