@@ -49,6 +49,7 @@ class Role:
     PADDING = "resistor to ground that loads both inputs of an op-amp alike"
     OFFSET = "resistor of an offset column"
     SUM = "resistor of an inverter of a sum"
+    UNIT = "resistor in proportion to 1/G0"
     FORWARD = "matrix from the signal amplifiers to the constraint nodes"
     FEEDBACK = "matrix from the constraint amplifiers to the signal nodes"
 
@@ -525,8 +526,15 @@ class Circuit(Result):
         raise ValueError(f"topology {self.topology!r} has no knob {name!r}")
 
     def parts_of(self, knob: Knob) -> tuple[Capacitor, ...] | tuple[Resistor, ...]:
-        """Return the parts that a knob scales: capacitors or resistors."""
+        """Return the parts that a knob scales: capacitors or resistors; none if also arrays."""
+        if self.scales_arrays(knob):
+            return ()
         return self.capacitors_of(knob.role) or self.resistors_of(knob.role)
+
+    def scales_arrays(self, knob: Knob) -> bool:
+        """Tell whether a knob scales all resistors of an array."""
+        names = self.named(knob.role)
+        return any(matrix.name in names for matrix in self.matrices)
 
     def turned(self, name: str, value: float) -> Circuit:
         """Return the board with a knob at another value, SI base unit; R keeps its value.

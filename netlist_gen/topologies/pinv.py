@@ -17,7 +17,7 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import place_strain
-from taction.netlist_gen.topologies.frame.laws import Law, feedback_laws
+from taction.netlist_gen.topologies.frame.laws import Law, energy_law, feedback_laws
 from taction.netlist_gen.topologies.frame.loops import Inputs, Loop, LoopBoard
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
@@ -57,13 +57,14 @@ class PseudoInverse(Loop):
         self.array(board, Role.FEEDBACK, {k: f"w_{k}" for k in board.sensors}, columns)
 
     def laws(self, circuit: Circuit) -> tuple[Law, ...]:
-        """Return those of every loop, and two for gf.
+        """Return those of every loop, the proof of stability, and two for gf.
 
         With op-amps of one pole, and T without negative entries or with differential inputs, the
         board is stable for every gf: the symmetric part of the state matrix times the loads is
         negative semidefinite, so the loads over wt are a Lyapunov matrix.
         """
-        return (*super().laws(circuit), *feedback_laws(circuit, self.stacked(circuit)))
+        about_gf = feedback_laws(circuit, self.stacked(circuit))
+        return (*super().laws(circuit), *energy_law(circuit), *about_gf)
 
     def stacked(self, circuit: Circuit) -> Floats:
         """Return the conductances of array 1 with their signs, S, (M, N)."""

@@ -64,7 +64,7 @@ class Family:
         ports: PortResponse | None = None
         if reactive or (parts and not circuit.has_nonlinear_amplifiers):
             ports = PortResponse(board, parts)
-        elif not parts and circuit.is_linear:
+        elif not parts and circuit.is_linear and not circuit.scales_arrays(knob):
             ports = LawResponse.of(board, knob.name)
         return cls(moved, circuit.value(knob.name), ports, knob.power)
 

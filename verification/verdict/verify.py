@@ -11,7 +11,6 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene, opamp_words
-from taction.netlist_gen.topologies.frame.laws import Law
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
@@ -40,6 +39,7 @@ from taction.verification.stability.margin import (
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.active_sets import VisitedSet, visited_sets
 from taction.verification.verdict.answer_error import AnswerError
+from taction.verification.verdict.checked_laws import CheckedLaw, checked_laws
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import Agreement, StepError, exact_response
 from taction.verification.verdict.constraint_stage import ConstraintPlane, constraint_plane
@@ -195,13 +195,14 @@ class Verdict(Result):
         return self.recording.accuracy
 
     @cached_property
-    def laws(self) -> tuple[Law, ...]:
-        """What closed formulas of the topology say about the board."""
+    def laws(self) -> tuple[CheckedLaw, ...]:
+        """What closed formulas of the topology say about the board, beside the engine's poles."""
         topology, failures = TOPOLOGIES.get(self.circuit.topology), list[str]()
         if topology is None:
             return ()
-        nothing = tuple[Law, ...]()
-        return attempt("the laws", lambda: topology.laws(self.circuit), nothing, failures.append)
+        nothing, board = tuple[CheckedLaw, ...](), self.circuit
+        found = partial(checked_laws, board)
+        return attempt("the laws", lambda: found(topology.laws(board)), nothing, failures.append)
 
     @cached_property
     def active_sets(self) -> tuple[VisitedSet, ...]:

@@ -1,25 +1,27 @@
 """What closed formulas say about a board of one loop, from its conductances and op-amps alone.
 
 With op-amps of one pole, ``v' = wt (v+ - v-) - wp v``, ideal outputs and no capacitance, the
-voltage at an input is the mean of all that ends there, weighted with the conductances. So the board
-has a state matrix of one line, ``wt S - wp``, whose modes tell its time, and which second pole it
-bears. The state-space engine has its own equations, of all parts; `verify` shows both numbers.
+voltages at the inputs follow from those at the outputs: ``Y v_in = -F v``, where Y is the nodal
+matrix of the inputs, which is diagonal without wires. So the board has a state matrix of one line,
+``wt S - wp``, whose modes tell its time, and which second pole it bears. The state-space engine has
+its own equations, of all parts; `verify` compares the two.
 """
 
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Complexes, Floats
 
 MOST = 400  # op-amps, up to which the modes of S cost less than a second
+ROUNDINGS = 8.0  # units in the last place of every element of K, at most
+WITHOUT = 1e-9  # times gf: what is left of it where the proof is to hold for every gf
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,21 +56,68 @@ def op_amp_of(circuit: Circuit) -> OpAmp | None:
     return models[0] if alike and len(circuit.opamps) <= MOST else None
 
 
-def one_pole_matrix(circuit: Circuit) -> Floats:
-    """Return S: the inputs' differences ``v+ - v-`` over the outputs of all op-amps, (P, P)."""
-    places = {cell.output: place for place, cell in enumerate(circuit.opamps)}
-    weights: defaultdict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
-    for a, b, ohms in joined_resistors(circuit):
-        for node, other in ((a, b), (b, a)):
-            weights[node][other] += 1.0 / ohms
-    S = np.zeros((len(places), len(places)))
-    for row, cell in enumerate(circuit.opamps):
-        for node, sign in ((cell.noninverting, 1.0), (cell.inverting, -1.0)):
-            total = math.fsum(weights[node].values()) if node in weights else 0.0
-            for other, siemens in weights[node].items():
-                if other in places:
-                    S[row, places[other]] += sign * siemens / total
-    return S
+@dataclass(frozen=True, slots=True)
+class Loops:
+    """The inputs of all op-amps of a board as resistors join them to the outputs.
+
+    Attributes
+    ----------
+    nodal : ndarray (I, I)
+        Nodal matrix Y of the nodes that no output and no source holds, S.
+    drives : ndarray (I, P)
+        Nodal matrix F of these nodes and the outputs, S.
+    signs : ndarray (P, I)
+        E: with ``E v_in = v+ - v-``.
+    """
+
+    nodal: Floats
+    drives: Floats
+    signs: Floats
+
+    @classmethod
+    def of(cls, circuit: Circuit) -> Loops:
+        """Return those of a board; it may have wires."""
+        outputs = {cell.output: place for place, cell in enumerate(circuit.opamps)}
+        held = {GROUND, *outputs, *(source.node for source in circuit.voltages)}
+        joined = [each for each in joined_resistors(circuit) if math.isfinite(each[2])]
+        nodes = dict.fromkeys(node for a, b, _ in joined for node in (a, b) if node not in held)
+        free = {node: place for place, node in enumerate(nodes)}
+        Y, F = np.zeros((len(free), len(free))), np.zeros((len(free), len(outputs)))
+        for a, b, ohms in joined:
+            for node, other in ((a, b), (b, a)):
+                if node not in free:
+                    continue
+                Y[free[node], free[node]] += 1.0 / ohms
+                if other in free:
+                    Y[free[node], free[other]] -= 1.0 / ohms
+                elif other in outputs:
+                    F[free[node], outputs[other]] -= 1.0 / ohms
+        E = np.zeros((len(outputs), len(free)))
+        for row, cell in enumerate(circuit.opamps):
+            for node, sign in ((cell.noninverting, 1.0), (cell.inverting, -1.0)):
+                if node in free:
+                    E[row, free[node]] += sign
+        return cls(Y, F, E)
+
+    @property
+    def matrix(self) -> Floats:
+        """S: the inputs' differences ``v+ - v-`` over the outputs of all op-amps, (P, P)."""
+        return np.asarray(-self.signs @ np.linalg.solve(self.nodal, self.drives))
+
+    @property
+    def power(self) -> tuple[float, float]:
+        """The largest eigenvalue of ``(K + K') / 2`` with its rounding, and the least of P, S.
+
+        ``K = P S``, and ``P = (E Y^-1 E')^-1`` has the loads, where E has the mean of two inputs.
+        With ``q' P q`` as energy of the states it grows by no more than ``wt`` times the first less
+        ``1/A0`` times the second: below zero, ``P/wt`` is a Lyapunov matrix.
+        """
+        means = self.signs / np.sqrt(np.abs(self.signs).sum(axis=1, keepdims=True))
+        P = np.linalg.inv(means @ np.linalg.solve(self.nodal, means.T))
+        K = P @ self.matrix
+        rounding = ROUNDINGS * len(K) * float(np.finfo(np.float64).eps * np.abs(K).max())
+        largest = float(np.linalg.eigvalsh(0.5 * (K + K.T))[-1])
+        return largest + rounding, float(np.linalg.eigvalsh(0.5 * (P + P.T))[0])
 
 
 def modes_of(circuit: Circuit) -> Complexes:
@@ -81,7 +130,7 @@ def modes_of(circuit: Circuit) -> Complexes:
     >>> bool((modes.real > 0.0).all())
     True
     """
-    return np.asarray(np.linalg.eigvals(-one_pole_matrix(circuit)), dtype=np.complex128)
+    return np.asarray(np.linalg.eigvals(-Loops.of(circuit).matrix), dtype=np.complex128)
 
 
 def loop_laws(circuit: Circuit) -> tuple[Law, ...]:
@@ -100,10 +149,49 @@ def loop_laws(circuit: Circuit) -> tuple[Law, ...]:
         )
     ]  # fmt: skip
     if least > 0.0:
-        slowest = float((modes.imag**2 / modes.real).max()) * model.gbw
+        slowest = _least_second_pole(modes, model)
         text = "each mode a + jb needs a > wt t2 b²; 0: no mode rings"
         laws.append(Law("second_pole", "least second pole that is stable", slowest, "Hz", text))
     return tuple(laws)
+
+
+def _least_second_pole(modes: Complexes, model: OpAmp) -> float:
+    """Return the second pole, Hz, above which all modes a + jb decay.
+
+    ``(s + wp)(1 + t2 s) + wt (a + jb) = 0`` decays if ``(1 + wp t2)² (wt a + wp) > t2 (wt b)²``:
+    for A0 without limit ``a > wt t2 b²``.
+    """
+    wt = math.tau * model.gbw
+    wp = wt / model.dc_gain
+    gain, ring = wt * modes.real + wp, (wt * modes.imag) ** 2
+    # (1 + wp t2)² gain = t2 ring, its smaller root; no root: stable for every t2
+    half = 0.5 * ring - wp * gain
+    square = half**2 - (wp * gain) ** 2
+    edge = (half > 0.0) & (square > 0.0)
+    lags = gain[edge] / (half[edge] + np.sqrt(square[edge]))
+    return 1.0 / (math.tau * float(lags.min())) if len(lags) else 0.0
+
+
+def energy_law(circuit: Circuit) -> tuple[Law, ...]:
+    """Return the power into the states of a board of two arrays, which proves its stability.
+
+    gf adds nothing positive to it, and to P what is positive: so it is taken without gf, and what
+    it proves holds for every gf.
+    """
+    model = op_amp_of(circuit)
+    if model is None:
+        return ()
+    power, load = Loops.of(circuit.turned("gf", WITHOUT * circuit.value("gf"))).power
+    value = power - load / model.dc_gain
+    means = (
+        "below 0: P/wt is a Lyapunov matrix, so the board is stable for every gf with op-amps of"
+        " one pole"
+        if value < 0.0
+        else "not below 0: this P proves nothing, the poles decide"
+    )
+    text = f"{means}; P has the loads of the inputs, K = P S"
+    title = "largest eigenvalue of (K + K')/2 - P/A0 without gf"
+    return (Law("stored_energy", title, value, "S", text),)
 
 
 def feedback_laws(circuit: Circuit, X: Floats) -> tuple[Law, ...]:

@@ -161,9 +161,10 @@ class Loop(Topology):
 
     def knobs(self, scene: Scene) -> tuple[Knob, ...]:
         """Return gf, G0 and U0 as the keys that can be moved."""
-        scales = Knob("G0", "design.unit_conductance"), Knob("U0", "design.unit_voltage")
+        key, U0 = "design.unit_conductance", Knob("U0", "design.unit_voltage")
         if not self.has_first_stages:
-            return scales
+            G0 = Knob("G0", key, Role.UNIT, margin="smaller", words="G0", power=-1.0)
+            return G0, U0
         return (
             Knob(
                 "gf",
@@ -173,7 +174,8 @@ class Loop(Topology):
                 words="gf",
                 power=-1.0,
             ),
-            *scales,
+            Knob("G0", key),
+            U0,
         )
 
     def laws(self, circuit: Circuit) -> tuple[Law, ...]:
@@ -198,6 +200,9 @@ class Loop(Topology):
         for cell in parts.opamps:  # it drives a whole line of an array
             parts.stray_at(cell.output)
         rows = board.sensors if self.has_first_stages else board.channels
+        others = parts.roles[Role.INVERTER_RESISTOR] | parts.roles[Role.SUM]
+        resistors = {part.card for part in parts.resistors} - others
+        parts.roles[Role.UNIT] = resistors | {matrix.name for matrix in parts.matrices}
         return Circuit(
             name=scene.name,
             amplifier=design.amplifier,

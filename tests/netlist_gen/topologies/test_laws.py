@@ -17,6 +17,7 @@ from tests.netlist_gen.topologies.test_loops import (
     A0,
     G0,
     GF,
+    LAM,
     ONE_POLE,
     WAYS,
     WT,
@@ -91,6 +92,26 @@ def test_ridge_counts_its_own_rows(rng: np.random.Generator) -> None:
     circuits = (board(T, np.ones(3), name, opamp=ONE_POLE) for name in ("pinv", "ridge"))
     pair = [law(circuit, "fastest_gf") for circuit in circuits]
     assert pair[0] < 1e-6 * pair[1]
+
+
+@pytest.mark.parametrize("topology", ["pinv", "ridge"])
+def test_the_loads_are_a_lyapunov_matrix(topology: str, rng: np.random.Generator) -> None:
+    """Without gf the two arrays cancel, so what is left is the least load over A0."""
+    T = signed(rng, 6, 4)
+    circuit = board(T, np.ones(6), topology, "differential", opamp=ONE_POLE)
+    own = math.sqrt(LAM) if topology == "ridge" else 0.0
+    sides = [np.maximum(sign * T, 0.0) for sign in (1.0, -1.0)]
+    rows = np.maximum(*(side.sum(axis=1) for side in sides))
+    columns = np.maximum(
+        *(side.sum(axis=0) + own * k for k, side in zip((1, 0), sides, strict=True))
+    )
+    least = G0 * min([*rows, *columns, *([own] if own else [])])
+    assert law(circuit, "stored_energy") == pytest.approx(-least / A0, rel=1e-6)
+
+
+def test_inverters_in_the_loop_leave_the_loads_without_a_proof(rng: np.random.Generator) -> None:
+    circuit = board(signed(rng, 6, 4), np.ones(6), "pinv", "inverters", opamp=ONE_POLE)
+    assert law(circuit, "stored_energy") > 0.0
 
 
 def test_op_amps_without_a_pole_have_no_laws() -> None:

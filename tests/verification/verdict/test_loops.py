@@ -10,12 +10,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
+from scipy.optimize import brentq
 
 import taction
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.laws import Law
 from taction.system.documents import plain
 from taction.system.errors import InputError
 from taction.verification.report.documents.verdict import VerdictBody
+from taction.verification.verdict.checked_laws import checked_laws
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
@@ -158,15 +162,56 @@ def test_the_margin_of_gf_is_between_boards_built_anew() -> None:
     assert stable == [True, False]
 
 
-def test_inv_has_no_knob_with_a_margin() -> None:
-    one = scene("inv")
-    limited = one.checks.model_copy(
-        update={"stability": one.checks.stability.model_copy(update={"margin": 2.0})}
-    )
-    found = taction.verify(one.model_copy(update={"checks": limited}))
-    check = next(each for each in found.checks if each.name == "stability")
-    assert check.outcome is Outcome.INCONCLUSIVE
-    assert "no key of this topology has a margin" in check.reason
+@pytest.mark.parametrize("topology", ["inv", "pinv", "ridge"])
+@pytest.mark.parametrize("way", ["inverters", "differential", "offset"])
+@pytest.mark.parametrize("wires", [{}, {"word_line": 30.0, "sense": 5.0}])
+def test_closed_formulas_and_the_engine_agree(topology: str, way: str, wires: Any) -> None:
+    one = with_values(scene(topology, negative_entries=way), {"wires": wires})
+    laws = {law.name: law for law in verify(one).laws}
+    assert laws["rightmost_pole"].agrees is laws["second_pole"].agrees is True
+    assert laws["rightmost_pole"].left_out.startswith("second pole, input impedance")
+    if topology != "inv":
+        proof = laws["stored_energy"]
+        assert proof.agrees is (True if proof.value < 0.0 else None)
+        assert (proof.value < 0.0) is (way == "differential" and not wires)
+        if way == "differential":
+            assert laws["least_gf"].engine == pytest.approx(laws["least_gf"].value, rel=0.3)
+
+
+def test_an_engine_that_contradicts_a_formula_is_seen() -> None:
+    found = taction.verify(scene("pinv", negative_entries="inverters"))
+    wrong = [replace(law, value=1.001 * law.value) for law in found.laws[:2]]
+    wrong.append(replace(found.laws[2], value=-1e-13))  # as if inverters had no poles
+    laws = [Law(each.name, each.title, each.value, each.unit, each.sentence) for each in wrong]
+    small = found.circuit.turned("gf", 1e-7)
+    assert [law.agrees for law in checked_laws(found.circuit, laws[:2])] == [False, False]
+    assert checked_laws(small, laws[2:])[0].agrees is False
+
+
+def test_the_margin_of_inv_is_where_the_slowest_inputs_let_a_mode_grow() -> None:
+    """``(s + wp)(1 + t2 s)(1 + tc s) + wt mu = 0`` by Hurwitz; tc = C/(row sum G0), all alike."""
+    G0, C, t2, gbw, A0 = 1e-4, 1e-12, 30e-9, 1e7, 1e5
+    wt, wp = math.tau * gbw, math.tau * gbw / A0
+    ring = 0.6 * np.eye(5) + 0.2 * (np.roll(np.eye(5), 1, 0) + np.roll(np.eye(5), -1, 0))
+    opamp = {
+        "base": "ideal", "dc_gain": A0, "gbw": gbw, "second_pole": 1.0 / (math.tau * t2),
+        "output_resistance": 0.0, "input_capacitance": C,
+    }  # fmt: skip
+
+    def excess(tc: float) -> float:
+        a = t2 + tc + wp * t2 * tc
+        return float(a * (1.0 + wp * (t2 + tc)) - t2 * tc * (wp + wt))  # mu = 1, the largest
+
+    edge = float(brentq(excess, 1e-9, 1e-5, rtol=1e-13)) / (C / G0)
+    one = scene("inv", unit_conductance=G0, stray_capacitance=0, opamp=opamp)
+    problem = {"kind": "matrix", "matrix": ring.tolist(), "strain": [1.0, 0.0, 0.0, 0.5, 0.0]}
+    for asked, outcome in ((0.99 * edge, Outcome.PASS), (1.01 * edge, Outcome.FAIL)):
+        checks = {"steady_state": {"tolerance": 5e-3}, "stability": {"margin": asked}}
+        found = taction.verify(with_values(one, {"problem": problem, "checks": checks}))
+        check = next(each for each in found.checks if each.name == "stability")
+        assert abs(check.value - edge) <= check.uncertainty <= 2e-6 * edge
+        assert check.outcome is outcome
+    assert f"G0 can shrink by the factor {edge:.4g}" in check.reason
 
 
 def test_keys_of_the_wrong_topology_are_refused_with_their_names() -> None:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
 
-from taction.netlist_gen.topologies.frame.laws import Law
 from taction.system.documents import (
     INLINE,
     OPTIONAL,
@@ -16,6 +15,7 @@ from taction.system.documents import (
 from taction.system.error_document import Failure
 from taction.verification.stability.margin import Margin
 from taction.verification.verdict.active_sets import VisitedSet
+from taction.verification.verdict.checked_laws import CheckedLaw
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record
@@ -92,7 +92,7 @@ class VerdictBody:
         "timing [s] = verdict.timing",
         "cause = record.reason # why it is no pass, with value and limit; empty of a pass",
         "what_to_change? = remedies # of a failed verdict: changes that mend it",
-        "laws? = laws # what closed formulas of the topology say, in SI base units",
+        "laws? = laws # what closed formulas of the topology say, beside the engine; SI base units",
         "active_sets? = active_sets # of piecewise linear amplifiers: those that are visited",
     )
 
@@ -107,7 +107,7 @@ class VerdictBody:
         return cls(verdict, Record.of(verdict))
 
     @property
-    def laws(self) -> tuple[Law, ...] | None:
+    def laws(self) -> tuple[CheckedLaw, ...] | None:
         """What closed formulas say; None for a topology that has none."""
         return self.verdict.laws or None
 

@@ -28,10 +28,12 @@ from taction.verification.report.texts import figure, quantity
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import AROUND, first_knob, stable_values
 from taction.verification.stability.poles import Poles
+from taction.verification.verdict.checked_laws import CheckedLaw
 from taction.verification.verdict.verify import Verdict
 
 SHOWN = 2000  # poles
 MOST = 100  # channels up to which the stable values of C cost some seconds
+SCANNED = 32  # the same where a scan has to find them: of a knob that scales an array
 RINGING = 0.5  # damping ratio up to which a pole is said to ring
 DAMPING = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.7)
 Window = tuple[float, float, float]
@@ -72,10 +74,21 @@ def law_blocks(verdict: Verdict) -> tuple[Block, ...]:
     columns = {
         "formula": lambda each: each.title,
         "gives": lambda each: quantity(each.value, each.unit),
+        "engine": _by_the_engine,
         "this board": lambda each: own.get(each.name, ""),
-        "for": lambda each: each.sentence,
+        "for": lambda each: "; ".join(filter(None, (each.sentence, each.compared))),
     }
-    return (Table.of("Closed formulas", verdict.laws, columns),) if verdict.laws else ()
+    laws = verdict.laws
+    left = next((each.left_out for each in laws if each.left_out), "")
+    note = f"Formulas and engine: this board without its {left}." if left else ""
+    return (Table.of("Closed formulas", laws, columns, note),) if laws else ()
+
+
+def _by_the_engine(law: CheckedLaw) -> str:
+    """Return the engine's number, and whether it is that of the formula."""
+    word = {True: "agrees", False: "DIFFERS", None: ""}[law.agrees]
+    number = "" if law.engine is None else quantity(law.engine, law.unit)
+    return ", ".join(filter(None, (number, word)))
 
 
 def active_set_blocks(verdict: Verdict) -> tuple[Block, ...]:
@@ -96,7 +109,8 @@ def active_set_blocks(verdict: Verdict) -> tuple[Block, ...]:
 def knob_ranges(circuit: Circuit, poles: Poles) -> str:
     """Return the stable values of the first knob with a margin, or why they are not known."""
     board, name = LinearBoard(circuit), first_knob(circuit)
-    if len(circuit.outputs) > MOST or not (poles.complete or poles.stable):
+    most = SCANNED if circuit.scales_arrays(circuit.knob(name)) else MOST
+    if len(circuit.outputs) > most or not (poles.complete or poles.stable):
         return LARGE.format(name)
     try:
         found = stable_values(board, found=poles)
