@@ -44,6 +44,11 @@ class Comparison:
     bound: float  # V
     outside: bool
 
+    @property
+    def counts(self) -> dict[str, float]:
+        """What a study adds up."""
+        return {"switches": self.switches}
+
 
 def board_scene(seed: int) -> Scene:
     """Return the scene of a seed."""
