@@ -23,6 +23,7 @@ from taction.netlist_gen.board.variation import (
 from taction.spice_models.input_errors import CHANGES
 from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
+from taction.system.remembered import remembered
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 
@@ -87,6 +88,16 @@ class InputSpread:
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
             board = LinearBoard(replace(board.circuit, models=small))
+        if resistors or devices or board.descriptor.is_large:
+            return cls._of(board, resistors, devices)
+        outputs = (*board.circuit.outputs, *board.circuit.opamps, *board.circuit.models.values())
+        same = board.descriptor.at_rest, _outputs(board).tobytes(), outputs
+        return remembered(_KNOWN, same, lambda: cls._of(board, resistors, devices))
+
+    @classmethod
+    def _of(cls, board: LinearBoard, resistors: float, devices: Mapping[str, float]) -> InputSpread:
+        """Return the spread of a board at the small-signal level; `devices` are their spreads."""
+        models = board.circuit.models
         sensitivity = RestSensitivity.of(board)
         slopes, own = sensitivity.input_errors(), _resistor_slopes(sensitivity, resistors)
         programmed = _device_slopes(sensitivity, devices)
@@ -152,6 +163,10 @@ class InputSpread:
             low, high = (low, middle) if beyond <= 1.0 - SHARE else (middle, high)
         deviation = float(np.abs(away).max()) + float(self.sigma.max(initial=0.0))
         return high, self.curvature * deviation + high * 2.0**-40
+
+
+_KNOWN: dict[tuple[bytes, bytes, tuple[object, ...]], InputSpread] = {}
+"""Of the last boards; those of a study that differ in capacitances alone have one spread."""
 
 
 def _resistor_slopes(sensitivity: RestSensitivity, sigma: float) -> dict[str, Floats]:

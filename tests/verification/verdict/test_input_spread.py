@@ -280,3 +280,30 @@ def test_mistakes_in_the_surroundings_are_named(design: dict[str, Any], text: st
     with pytest.raises((InputError, ValidationError)) as caught:
         make_scene(problem=PROBLEM, design={**DESIGN, **design})
     assert text in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_boards_that_differ_in_capacitances_alone_share_their_spread(kind: str) -> None:
+    one, other = (InputSpread.of(LinearBoard(board(kind, capacitance=C))) for C in ("1nF", "2.2nF"))
+    assert one is other
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"gain": "120kohm"},
+        {"unit_voltage": "4V"},
+        {"opamp": DESIGN["opamp"] | {"common_mode_rejection": 80.0}},
+        {"opamp": DESIGN["opamp"] | {"offset_voltage": "3mV"}},
+    ],
+)
+def test_boards_with_other_rests_or_errors_have_spreads_of_their_own(
+    changed: dict[str, Any],
+) -> None:
+    own, other = InputSpread.of(LinearBoard(board())), LinearBoard(board(**changed))
+    found = InputSpread.of(other)
+    assert own is not None
+    assert found is not None
+    assert not np.array_equal(found.mean, own.mean)
+    drawn = sampled(other.circuit, 200)
+    np.testing.assert_allclose(found.sigma, drawn.std(axis=0), rtol=0.25)
