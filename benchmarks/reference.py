@@ -19,8 +19,8 @@ import numpy as np
 from benchmarks.measuring import Extent, Figure, Result, Table, in_turns, ratios
 from taction.system.array_types import Floats
 from taction.verification.evidence.paper.toeplitz import ToeplitzMatrix, solve_toeplitz_problem
-from taction.verification.reference import Problem, solve
-from taction.verification.reference.problem import ToeplitzProblem
+from taction.verification.reference.problem import Problem, ToeplitzProblem
+from taction.verification.reference.solve import solve
 from tests.support.oracle import count_claims, kernel, random_problems
 
 OURS, CLARABEL, TRUST = "ours", "cvxpy with Clarabel", "SciPy's trust-exact"

@@ -15,7 +15,9 @@ import functools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
 from taction.system.errors import Complaint, InputError
@@ -116,6 +118,34 @@ def _loaded(offer: Offer) -> Any:
 def names(group: str) -> tuple[str, ...]:
     """Return the names that installed packages offer in `group`; no object is loaded."""
     return tuple(offer.name for offer in offers() if offer.group == group)
+
+
+class Modules(Mapping[str, Any]):
+    """The objects of one name in the modules of a package, which are loaded one by one.
+
+    Examples
+    --------
+    >>> from taction.netlist_gen import topologies
+    >>> list(Modules(topologies, "TOPOLOGY"))
+    ['integrator', 'inv', 'passive', 'pinv', 'ridge']
+    """
+
+    def __init__(self, package: ModuleType, attribute: str) -> None:
+        self._package, self._attribute = package, attribute
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._package.NAMES)
+
+    def __len__(self) -> int:
+        return len(self._package.NAMES)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._package.NAMES
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._package.NAMES:
+            raise KeyError(name)
+        return getattr(import_module(f"{self._package.__name__}.{name}"), self._attribute)
 
 
 class OpenTable(Mapping[str, T]):

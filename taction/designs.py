@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from taction.netlist_gen.kicad.project import KicadProject
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
-    from taction.verification.reference import Solution
+    from taction.verification.reference.problem import Solution
     from taction.verification.verdict.board_power import PartsList
     from taction.verification.verdict.built_board import BuiltBoard
     from taction.verification.verdict.deck import Netlist
@@ -76,9 +76,8 @@ def netlist(
     from taction.netlist_gen.board.part_warnings import part_warnings
     from taction.netlist_gen.deck.dialects.table import DIALECTS
     from taction.system.errors import Complaint, InputError
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.verdict.deck import DeckChoice, Netlist, deck_of, write_files
-    from taction.verification.verdict.pruning import pruning_of
 
     if dialect not in DIALECTS:
         text = f"expected one of {', '.join(DIALECTS)}"
@@ -86,11 +85,16 @@ def netlist(
     scene = read_scene(scene)
     choice = DeckChoice(dialect, split, parameters, measure)
     circuit, deck = deck_of(scene, output=output, choice=choice)
+    pruning = None
+    if explain:
+        from taction.verification.verdict.pruning import pruning_of
+
+        pruning = pruning_of(scene)
     return Netlist(
         **{each.name: getattr(deck, each.name) for each in fields(deck)},
         circuit=circuit,
         warnings=tuple(part_warnings(circuit)),
-        pruning=pruning_of(scene) if explain else None,
+        pruning=pruning,
         written=() if output is None else tuple(map(str, write_files(deck, output))),
     )
 
@@ -123,7 +127,7 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     (7, 'ideal')
     """
     from taction.system.atomic_files import write_atomically
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.views.parts import parts_csv
     from taction.verification.verdict.board_power import parts_list
 
@@ -172,7 +176,7 @@ def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) ->
     from taction.system.atomic_files import write_together
     from taction.system.errors import Complaint, InputError
     from taction.system.output_files import make_folder
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.output_checks import check_separate
 
     scene, place, table = read_scene(scene), Path(output), "sym-lib-table"
@@ -241,7 +245,7 @@ def build(
     from taction.system.errors import TactionError
     from taction.system.output_files import check_own_folder, make_folder
     from taction.transients import verify
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.renderers.page import check_packages, page_html
     from taction.verification.report.views.parts import parts_csv
     from taction.verification.verdict.built_board import KICAD, OWN, REPORT, BuiltBoard
@@ -310,8 +314,9 @@ def solve(
     [[2.0, 0.0], [0.0, 1.0]]
     """
     from taction.netlist_gen.scene.inverse_problem import make_problem, with_strains
-    from taction.verification.reference import solve_each
-    from taction.verification.reference.ideal_answer import ideal_network, read_scene
+    from taction.verification.reference.ideal_answer import ideal_network
+    from taction.verification.reference.lambda_rule import read_scene
+    from taction.verification.reference.solve import solve_each
 
     scene = read_scene(scene)
     network = ideal_network(make_problem(scene), scene)

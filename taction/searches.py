@@ -73,7 +73,7 @@ def tune(
     """
     from taction.verification.design.tune import Tuned
     from taction.verification.design.tune import tune as run
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.verdict.verify import verify
 
     named = over.split(",") if isinstance(over, str) else over
@@ -191,7 +191,7 @@ def choose(
         design_scene,
         designs,
     )
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.store import Store
     from taction.verification.studies.sweep.run import computed
 
@@ -274,7 +274,7 @@ def scale(
     from taction.netlist_gen.scene.axes import with_values
     from taction.verification.design.scaling import Scaled
     from taction.verification.design.scaling import scale as run
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.verdict.verify import verify
 
     changes = {"design.opamp": opamp, "design.supply": supply}

@@ -248,7 +248,7 @@ def montecarlo(
     """
     from taction.system.errors import Interrupted
     from taction.system.progress import Notice
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.drawing import (
         SampleCollection,
@@ -329,7 +329,7 @@ def verify_sample(
     True
     """
     from taction.netlist_gen.board.variation import draw
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.tolerance.samples import evaluate
     from taction.verification.studies.tolerance.varied_board import VerifiedSample, prepare
     from taction.verification.verdict.verify import verify
@@ -395,7 +395,7 @@ def corners(
     ('capacitor=-1', 'pass')
     """
     from taction.system.progress import Notice
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.corners import (
         CornerStudy,
@@ -511,7 +511,7 @@ def accuracy(
     ('tuned-breadboard', True)
     """
     from taction.system.progress import Notice
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.work_precision.study import run_study
 
     def notice(stage: str) -> None:

@@ -86,7 +86,7 @@ def simulate(
     """
     from taction.netlist_gen.scene.inverse_problem import with_strains
     from taction.system.errors import Complaint, InputError
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.waveform_files import check_export, export
     from taction.verification.verdict.recording import record_transient
 
@@ -194,7 +194,7 @@ def verify(
         texts = [f"{key}={value}" for key, value in pairs] or list(settings)
         scene = with_settings(scene, texts)
     from taction.netlist_gen.scene.inverse_problem import with_strains
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.verdict.verify import verify as verify_one
 
     scene = read_scene(scene, engine)
@@ -387,7 +387,7 @@ def diff(
         progress("decks")
         return compare_circuits(first, second, agree)
     from taction.system.documents import plain
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.verdict.verify import Verdict
 
     def document(one: str | Path | Scene | Verdict) -> tuple[dict[str, Any], Curves | None]:

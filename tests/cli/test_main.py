@@ -123,12 +123,12 @@ def test_a_bug_is_not_taken_for_a_failed_check(monkeypatch: pytest.MonkeyPatch) 
     def greedy(*args: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("taction.verification.reference.ideal_answer.resolve_lambda", broken)
+    monkeypatch.setattr("taction.verification.reference.lambda_rule.resolve_lambda", broken)
     result = taction("verify", TUNED)
     assert result.exit_code == 3
     assert "boom" in result.stderr
     assert "this is a bug" in result.stderr
-    monkeypatch.setattr("taction.verification.reference.ideal_answer.resolve_lambda", greedy)
+    monkeypatch.setattr("taction.verification.reference.lambda_rule.resolve_lambda", greedy)
     result = taction("verify", TUNED, "--json")
     assert result.exit_code == 3
     assert "out of memory" in document(result)["error"]["message"]

@@ -18,7 +18,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.transients.switching import Piece
 from taction.verification.readings.readings import Step
-from taction.verification.reference import IdealNetwork
+from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict.checks import Outcome
 from tests.mutation import planting

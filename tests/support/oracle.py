@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import mpmath
 import numpy as np
 
-from taction.verification.reference import Problem, Solution, solve
+from taction.verification.reference.problem import Problem, Solution
+from taction.verification.reference.solve import solve
 
 Scalar = Callable[[mpmath.mpf], mpmath.mpf]
 

@@ -36,12 +36,8 @@ from taction.verification.design.trials import (
     at_small_signal,
 )
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.reference.ideal_answer import (
-    IdealAnswer,
-    ideal_answer,
-    ideal_network,
-    read_scene,
-)
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.verdict.input_spread import InputSpread
 

@@ -21,8 +21,9 @@ from taction.system.quantities import show, show_rate
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
-from taction.verification.reference import Solution, solve
 from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.problem import Solution
+from taction.verification.reference.solve import solve
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import stable_values
 from taction.verification.stability.poles import Poles, poles_behind

@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import number, parse
-from taction.verification.reference.ideal_answer import resolve_lambda
+from taction.verification.reference.lambda_rule import resolve_lambda
 
 LAMBDA, STRAY, VARIANCE = "design.lambda", "design.stray_capacitance", "problem.noise.variance"
 AROUND, AROUND_LAMBDA = 30.0, 1000.0  # times and divided by the scene's value

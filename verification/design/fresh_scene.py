@@ -32,11 +32,12 @@ from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import number
 from taction.system.results import Result
-from taction.verification.design.scaling import SHARE, Scaled, Scaling, scale
+from taction.verification.design.scaling import Scaled, Scaling, scale
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.reference import Problem, solve
 from taction.verification.reference.changed_matrix import change_bound
 from taction.verification.reference.lambda_choice import RuleInputs, choose
+from taction.verification.reference.problem import Problem
+from taction.verification.reference.solve import solve
 from taction.verification.studies.tolerance.steady_directions import rest_slopes
 from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
 
@@ -255,7 +256,6 @@ def fresh_scene(
     noise: str | float | None = None,
     lam: float | None = None,
     design: Mapping[str, Any] | None = None,
-    share: float = SHARE,
     any_part: bool = False,
 ) -> FreshScene:
     """Return a scene for a matrix (M, N) and a strain (M,) from .csv or .npy files.
@@ -274,8 +274,6 @@ def fresh_scene(
     design : mapping, optional
         Keys of the scene's table ``[design]``. Without ``prune`` the entries of T are left out
         that do not move the solution (see `pruning_for`).
-    share : float
-        As in `scale`.
     any_part : bool
         Whether the board may have parts beyond the limits of real ones.
 
@@ -305,7 +303,7 @@ def fresh_scene(
         "checks": LOOSE,
     }
     accepted = ANY_PART if any_part else AcceptedParts({})
-    scaling = scale(parse_scene(data, output), share, accepted=accepted)
+    scaling = scale(parse_scene(data, output), accepted=accepted)
     names, files = _placed({"matrix": first, "strain": second}, output)
     limited, limits = with_limits(scaling.scene)
     notes = [f"{t.path.name}: {t.changed}" for t in (first, second) if t.changed]

@@ -12,11 +12,11 @@ a linear board, and the highest output voltage becomes the wanted share of the s
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.part_warnings import (
     LEAST_OHMS,
     MOST_OHMS,
@@ -42,7 +42,7 @@ from taction.verification.design.trials import (
 )
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
-from taction.verification.reference import lambda_times_resistance
+from taction.verification.reference.dynamics import lambda_times_resistance
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict.headroom import FULL, Load, PartLoads, describe
@@ -139,12 +139,8 @@ class Scaling:
     ----------
     scene : Scene
         With the scalings.
-    unit_conductance, unit_voltage, gain, resistance, capacitance : float
-        S, V, ohm, ohm and F.
-    lam : float
-        Lambda, as in the scene.
-    matrix_ohms : tuple of float
-        The smallest and the largest matrix resistor, ohm.
+    circuit : Circuit
+        Its board.
     loads : tuple of Load
         The largest load of each quantity, the largest share of a limit first.
     notes : tuple of str
@@ -152,15 +148,16 @@ class Scaling:
     """
 
     scene: Scene
-    unit_conductance: float
-    unit_voltage: float
-    gain: float
-    resistance: float
-    capacitance: float
-    lam: float
-    matrix_ohms: tuple[float, float]
+    circuit: Circuit
     loads: tuple[Load, ...]
     notes: tuple[str, ...]
+
+    @property
+    def matrix_ohms(self) -> tuple[float, float]:
+        """The smallest and the largest matrix resistor, ohm."""
+        ohms = np.concatenate([matrix.ohms.ravel() for matrix in self.circuit.matrices])
+        ohms = ohms[np.isfinite(ohms)]
+        return float(ohms.min()), float(ohms.max())
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,10 +166,14 @@ class Scaled(Result):
 
     VIEW = "taction.verification.report.views.scaling:view"
     DOCUMENT = (
-        *("outcome = verdict.outcome", "unit_conductance [S] = scaling.unit_conductance"),
-        *("unit_voltage [V] = scaling.unit_voltage", "gain [ohm] = scaling.gain"),
-        *("resistance [ohm] = scaling.resistance", "capacitance [F] = scaling.capacitance"),
-        *("lambda = scaling.lam", "matrix_resistors [ohm] = scaling.matrix_ohms"),
+        "outcome = verdict.outcome",
+        "unit_conductance [S] = scaling.circuit.facts.G0.value",
+        "unit_voltage [V] = scaling.circuit.facts.U0.value",
+        "gain [ohm] = scaling.circuit.facts.gain.value",
+        "resistance [ohm] = scaling.circuit.facts.R.value",
+        "capacitance [F] = scaling.circuit.facts.C.value",
+        "lambda = scaling.circuit.facts.lambda.value",
+        "matrix_resistors [ohm] = scaling.matrix_ohms",
         *("headroom = scaling.loads", "notes = scaling.notes", "verification = verdict"),
     )
 
@@ -210,7 +211,8 @@ def scale(scene: Scene, share: float = SHARE, *, accepted: AcceptedParts | None 
     --------
     >>> import taction
     >>> found = scale(taction.load_scene("scenes/tuned-breadboard.toml"))
-    >>> print(f"{found.gain:g} ohm, {found.resistance:g} ohm, lambda {found.lam:.3g}")
+    >>> gain, R, lam = map(found.circuit.value, ("gain", "R", "lambda"))
+    >>> print(f"{gain:g} ohm, {R:g} ohm, lambda {lam:.3g}")
     16000 ohm, 510000 ohm, lambda 0.0224
     """
     topology = topology_of(scene)
@@ -234,10 +236,12 @@ def scale(scene: Scene, share: float = SHARE, *, accepted: AcceptedParts | None 
         best.notes.append(f"{describe(best.loads[0])}: it sets U0, not the share of the swing")
     design = best.scene.design.model_copy(update={"opamp": scene.design.opamp})
     scaled = best.scene.model_copy(update={"design": design})
-    if refused := accepted.refused(broken_at_rest(LinearBoard(synthesise(scaled, problem)))):
+    circuit = synthesise(scaled, problem)
+    if refused := accepted.refused(broken_at_rest(LinearBoard(circuit))):
         text = f"the scalings need {refused}, which the scene does not have; --any-part accepts it"
         raise InputError(scene.file, Complaint("design", "", text))
-    return _result(scaled, problem, best.loads, best.notes)
+    notes = (*best.notes, *part_warnings(circuit))
+    return Scaling(scaled, circuit, best.loads, notes)
 
 
 def rescaled(
@@ -309,26 +313,6 @@ def _scaled(
     scaled = _with_stable_capacitance(scaled, problem, notes)
     scaled, loads = _with_loads(scaled, problem, share, notes)
     return _Scaled(scaled, loads, notes, share)
-
-
-def _result(
-    scene: Scene, problem: InverseProblem, loads: tuple[Load, ...], notes: list[str]
-) -> Scaling:
-    circuit = synthesise(scene, problem)
-    ohms = np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices])
-    ohms = ohms[np.isfinite(ohms)]
-    return Scaling(
-        scene=scene,
-        unit_conductance=circuit.value("G0"),
-        unit_voltage=circuit.value("U0"),
-        gain=circuit.value("gain"),
-        resistance=circuit.value("R"),
-        capacitance=circuit.value("C"),
-        lam=circuit.value("lambda"),
-        matrix_ohms=(float(ohms.min()), float(ohms.max())),
-        loads=loads,
-        notes=(*notes, *part_warnings(circuit)),
-    )
 
 
 def _with_voltage(
@@ -431,14 +415,3 @@ def _allowed(load: Load, share: float) -> float:
     limit = share if load.quantity == "voltage" else FULL * (1.0 - 1e-6)
     margin = 0.0 if load.quantity == "voltage" else load.error
     return limit * load.limit / (load.peak + margin) if load.peak else math.inf
-
-
-def scalings_of(scaling: Scaling) -> Mapping[str, tuple[float, str]]:
-    """Return the scalings by their symbols, with their units."""
-    return {
-        "G0": (scaling.unit_conductance, "S"),
-        "U0": (scaling.unit_voltage, "V"),
-        "s": (scaling.gain, "ohm"),
-        "R": (scaling.resistance, "ohm"),
-        "C": (scaling.capacitance, "F"),
-    }

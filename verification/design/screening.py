@@ -17,10 +17,10 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import READINGS, RISE_LEVELS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
+from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.stability.poles import Poles, summarise
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.simulation import is_exact
 
 FAR = 1.15  # times a limit: beyond it a design fails by far
 CLOSE = 1.01  # times a limit of a rise time, which instants of its own resolve

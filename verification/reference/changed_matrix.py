@@ -52,7 +52,7 @@ def change_bound(solution: Solution, changed: Floats) -> float:
 
     Examples
     --------
-    >>> from taction.verification.reference import solve
+    >>> from taction.verification.reference.solve import solve
     >>> T, eps = np.array([[1.0, 0.02], [0.01, 1.0]]), np.array([1.0, 0.0])
     >>> before, after = (solve(Problem(A, eps, 0.5)) for A in (T, np.eye(2)))
     >>> float(np.abs(after.u - before.u).max()) < change_bound(before, np.eye(2)) < 0.03

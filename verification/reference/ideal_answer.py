@@ -1,10 +1,8 @@
-"""What an ideal network does with a scene: steady state, transient, energy; lambda by a rule.
+"""What an ideal network does with a scene: steady state, transient, energy.
 
 Along an ideal trajectory the energy P(u) of eq (16) never increases. A board's op-amps have lags,
 so its energy may rise for a while, and the energy of a ringing board rises in every period. The
 rise measures how far the board is from the gradient flow that the paper proves stable.
-
-A rule such as ``lambda = "discrepancy"`` becomes a number before the synthesis.
 """
 
 from __future__ import annotations
@@ -12,28 +10,27 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 
 from taction.netlist_gen.scene.field_values import LARGE, SMALL
-from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system import plugins
 from taction.system.array_types import Floats
-from taction.system.errors import Complaint, InputError, SolverError
-from taction.verification.reference import (
+from taction.system.errors import Complaint, InputError
+from taction.verification.reference import networks
+from taction.verification.reference.dynamics import (
+    AtOnce,
     IdealNetwork,
-    Problem,
-    Solution,
+    Response,
+    ScaledNetwork,
+    Trust,
     ideal_linear,
     ideal_transient,
     lambda_times_resistance,
-    networks,
 )
-from taction.verification.reference.dynamics import AtOnce, Response, ScaledNetwork, Trust
+from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
 
 ENERGY_STRIDE = 20  # every 20th instant of the response, whose instants are 1 % apart
@@ -142,12 +139,9 @@ def _at_once(network: AtOnce, problem: InverseProblem, scene: Scene) -> IdealNet
     return IdealNetwork(T, eps, lam, RC=0.0, U0=volts, solver=network.solver)
 
 
-@functools.cache
-def _own() -> Mapping[str, AtOnce]:
-    return {name: import_module(f"{networks.__name__}.{name}").NETWORK for name in networks.NAMES}
-
-
-NETWORKS: Mapping[str, AtOnce] = plugins.OpenTable("taction.networks", _own, AtOnce)
+NETWORKS: Mapping[str, AtOnce] = plugins.OpenTable(
+    "taction.networks", plugins.Modules(networks, "NETWORK"), AtOnce
+)
 """Networks without capacitors by their topologies; all others follow the flow of eq (9)."""
 
 
@@ -262,54 +256,3 @@ def energy_rise(network: IdealNetwork, time: Floats, u: Floats) -> EnergyRise | 
         return None
     peak = int(np.argmax(above))
     return EnergyRise(float(above[peak] / fall), float(time[::every][peak]))
-
-
-def resolve_lambda(scene: Scene) -> Scene:
-    """Return `scene` with a number for lambda; unchanged where it has one.
-
-    Raises
-    ------
-    InputError
-        The scene lacks what the rule needs: the variance of the noise (``discrepancy``), or the
-        true stress (``mse``).
-    SolverError
-        The rule finds no optimum: its score is best at an end of the range.
-    """
-    rule = scene.design.lam
-    if not isinstance(rule, str):
-        return scene
-    from taction.verification.reference import Problem
-    from taction.verification.reference.lambda_choice import DECADES, RULES, RuleInputs, choose
-
-    inverse = make_problem(scene)
-    variance = scene.problem.noise.variance
-    if RULES[rule].needs_variance and variance == 0:
-        text = "the rule needs problem.noise.variance above zero"
-        raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
-    if RULES[rule].needs_truth and inverse.stress is None:
-        text = "the rule needs the true stress: problem.stress"
-        raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
-    kind = scene.design.amplifier, is_biased(scene), scene.design.ridge_share
-    problem = Problem(inverse.matrix, inverse.strain, 1.0, *kind)
-    choice = choose(problem, rule, RuleInputs(variance=variance, truth=inverse.stress))
-    if choice.at_edge:
-        raise SolverError(
-            f"lambda = {rule!r} finds no optimum from {DECADES[0]:g} to {DECADES[1]:g} decades of"
-            f" the squared norm of T: its score is best at the end, {choice.solution.lam:.3g}."
-            " Give a number, or another rule"
-        )
-    return scene.with_lambda(choice.solution.lam, rule)
-
-
-def read_scene(scene: str | Path | Scene, engine: str | None = None) -> Scene:
-    """Return a scene, read from its path if necessary, with lambda as a number.
-
-    `engine` replaces the engine of the scene.
-
-    Raises
-    ------
-    InputError, SolverError
-        See `taction.netlist_gen.scene.loading.load_scene` and `resolve_lambda`.
-    """
-    resolved = resolve_lambda(scene if isinstance(scene, Scene) else load_scene(scene))
-    return resolved if engine is None else resolved.with_engine(engine)

@@ -77,20 +77,6 @@ class Families:
         return self._confirmed.setdefault(all_but_a_knob(circuit, knob), [])
 
 
-def stability_margin(
-    circuit: Circuit | LinearBoard,
-    reach: float = REACH,
-    found: Poles | None = None,
-    families: Families | None = None,
-) -> Margin:
-    """Return the margin that a scene limits: of the first knob with a margin; see `find_margin`."""
-    search = MarginSearch.limited(LinearBoard.of(circuit), reach, found)
-    (margin,) = margins_together([search], families)
-    if isinstance(margin, TactionError):
-        raise margin
-    return margin
-
-
 def first_knob(circuit: Circuit) -> str:
     """Return the name of the first knob with a margin; empty if there is none."""
     return next((knob.name for knob in circuit.knobs if knob.margin), "")
@@ -130,7 +116,7 @@ def stable_values(
 
 def find_margin(
     circuit: Circuit | LinearBoard,
-    name: str,
+    name: str = "",
     reach: float = REACH,
     found: Poles | None = None,
     families: Families | None = None,
@@ -142,7 +128,7 @@ def find_margin(
     Parameters
     ----------
     name : str
-        Of the knob: ``"C"``, ``"gain"``.
+        Of the knob: ``"C"``, ``"gain"``; by default the one whose margin a scene limits.
     reach : float
         The largest factor of interest.
     found : Poles, optional
@@ -171,16 +157,9 @@ class MarginSearch:
     """What `find_margin` gets."""
 
     board: LinearBoard
-    name: str
+    name: str = ""
     reach: float = REACH
     found: Poles | None = None
-
-    @classmethod
-    def limited(
-        cls, board: LinearBoard, reach: float = REACH, found: Poles | None = None
-    ) -> MarginSearch:
-        """Return the search for the margin that a scene limits: of the first knob with one."""
-        return cls(board, first_knob(board.circuit), reach, found)
 
 
 def margins_together(
@@ -212,7 +191,7 @@ def margins_together(
 
 def _begun(search: MarginSearch, families: Families | None) -> Margin | tuple[_Way, EdgeSearch]:
     """Return the way of the knob of a stable board; the margin of any other board."""
-    board, name = search.board, search.name
+    board, name = search.board, search.name or first_knob(search.board.circuit)
     if not name:
         return Margin(1.0, 0.0, "no margin is known", "no key of this topology has a margin")
     own = poles(board) if search.found is None else search.found

@@ -27,7 +27,7 @@ from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.measurements import measure as measure_record
-from taction.verification.reference.ideal_answer import read_scene
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.difference import (
     CHANNEL_FIGURES,
     FIGURES,

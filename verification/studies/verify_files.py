@@ -16,7 +16,7 @@ from taction.system.error_document import error_document
 from taction.system.errors import INTERRUPTED, Complaint, InputError, NoVerdictError, TactionError
 from taction.system.output_files import printable
 from taction.system.results import Result
-from taction.verification.reference.ideal_answer import read_scene
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.verdict.verify import Verdict, verify
 

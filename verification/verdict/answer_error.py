@@ -19,7 +19,8 @@ import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import SolverError
-from taction.verification.reference import IdealNetwork, Solution
+from taction.verification.reference.dynamics import IdealNetwork
+from taction.verification.reference.problem import Solution
 from taction.verification.verdict.checks import Check, Evidence, Outcome
 from taction.verification.verdict.input_spread import SHARE
 from taction.verification.verdict.run_checks import unconfirmed

@@ -28,6 +28,7 @@ from taction.system.reading_definitions import READINGS
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements, measure, summary
 from taction.verification.readings.readings import Reading
@@ -37,7 +38,6 @@ from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.simulation import (
     StateSpaceError,
     begin,
-    is_exact,
     state_space_error,
     state_space_tolerance,
 )

@@ -20,7 +20,7 @@ from taction.system.errors import Complaint, InputError, SolverError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.stability.poles import poles_behind
-from taction.verification.verdict.design import at_level, has_large_signal
+from taction.verification.verdict.opamp_level import at_level, has_large_signal
 from taction.verification.verdict.transient_plan import plan_transient
 
 if TYPE_CHECKING:

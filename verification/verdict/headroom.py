@@ -15,8 +15,7 @@ from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
-from taction.verification.engines.statespace.transients.exact import Exact, combinations
-from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
 from taction.verification.readings.exact_signal import Course, ExactGrid, ExactSignal
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
@@ -80,76 +79,25 @@ class Load:
         return UNITS[self.quantity]
 
 
-def headroom(
-    board: LinearBoard, *, initial: Initial = "zero", transient: Transient | None = None
-) -> tuple[Load, ...]:
-    """Return the loads of op-amps that have limits, the largest share of a limit first.
-
-    The loads that an upper bound excludes are left out: those below `FULL` of their limit that are
-    not the largest load of their quantity.
-
-    Parameters
-    ----------
-    board : LinearBoard
-        A stable board.
-    initial
-        As in `Transient`.
-    transient : Transient, optional
-        The record of a board without exact solution, which needs one: a large board, or a board
-        with behavioural amplifiers or with op-amps at the large-signal level. The limits that these
-        op-amps have in their model are no loads.
-
-    Raises
-    ------
-    EngineError
-        As `exact_solution` or `simulate`.
-
-    Examples
-    --------
-    >>> import taction
-    >>> from taction.verification.engines.statespace.linearised.board import LinearBoard
-    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
-    >>> board = LinearBoard(taction.synthesise(scene))
-    >>> worst = headroom(board)[0]
-    >>> worst.part, worst.quantity
-    ('z_1', 'slope')
-    """
-    (found,) = _loads_together([LoadRequest(board, initial, transient)])
-    if isinstance(found, EngineError):
-        raise found
-    return found
+Request = tuple[LinearBoard, Initial, Transient | None]
+"""A board, its initial state, and the record of a board without exact solution."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LoadRequest:
-    """What `headroom` gets."""
-
-    board: LinearBoard
-    initial: Initial = "zero"
-    transient: Transient | None = None
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether the loads are read from an exact solution."""
-        circuit, large = self.board.circuit, self.board.descriptor.is_large
-        return self.transient is None or (circuit.is_linear and not large)
-
-
-def _loads_together(requests: Sequence[LoadRequest]) -> list[tuple[Load, ...] | EngineError]:
-    """Return the loads of each board, or why they are not known; see `headroom`.
+def _loads_together(requests: Sequence[Request]) -> list[tuple[Load, ...] | EngineError]:
+    """Return the loads of each board, or why they are not known.
 
     The loads of boards with exact solutions are searched together, with the digits of each alone.
     """
     found: list[tuple[Load, ...] | EngineError] = [()] * len(requests)
     exact: dict[int, tuple[_Loads, Exact]] = {}
-    for place, request in enumerate(requests):
+    for place, (board, initial, transient) in enumerate(requests):
         try:
-            if rows := tuple(_rows(request.board.circuit)):
-                loads = _Loads.of(request.board, rows)
-                if request.is_exact:
-                    exact[place] = loads, loads.solution(request.initial)
-                elif request.transient is not None:
-                    found[place] = _sorted(_sampled(loads, request.transient))
+            if rows := tuple(_rows(board.circuit)):
+                loads = _Loads.of(board, rows)
+                if transient is None or is_exact(board):
+                    exact[place] = loads, loads.solution(initial)
+                else:
+                    found[place] = _sorted(_sampled(loads, transient))
         except EngineError as error:
             found[place] = error
     for place, each in zip(exact, _exact(list(exact.values())), strict=True):
@@ -286,7 +234,7 @@ def _course(loads: _Loads, solution: Exact) -> Course:
 
 
 def _not_excluded(boards: Sequence[tuple[_Loads, Course]]) -> list[Ints]:
-    """Return the places of the rows that no upper bound excludes (see `headroom`), of each board.
+    """Return the places of the rows that no upper bound excludes (see `PartLoads`), of each board.
 
     The boards have equally many rows.
     """
@@ -306,6 +254,8 @@ def _not_excluded(boards: Sequence[tuple[_Loads, Course]]) -> list[Ints]:
 def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:
     """Yield the loads from a simulated record; the errors are those of every second point."""
     from scipy.sparse import csr_array
+
+    from taction.verification.engines.statespace.transients.simulate import simulate
 
     stop = transient.stop
     time = np.concatenate([[0.0], np.geomspace(EARLIEST * stop, stop, INSTANTS)])
@@ -339,7 +289,8 @@ class PartLoads:
     ----------
     loads : tuple of Load
         The largest share of a limit first; empty for a board of parts without limits, and for an
-        unstable board, whose loads have no bound.
+        unstable board, whose loads have no bound. Left out are those that an upper bound excludes:
+        below `FULL` of their limit, and not the largest of their quantity.
     unknown : str
         Why the loads are not known, or empty.
     unit_voltage : float or None
@@ -357,22 +308,36 @@ class PartLoads:
     def of(
         cls, board: LinearBoard, *, initial: Initial = "zero", transient: Transient | None = None
     ) -> PartLoads:
-        """Find the loads of a stable board; parameters as `headroom`."""
-        (found,) = cls.together([LoadRequest(board, initial, transient)])
+        """Find the loads of a stable board that has op-amps with limits.
+
+        `transient` is the record of a board without exact solution: a large board, or a board with
+        behavioural amplifiers or with op-amps at the large-signal level. The limits that these
+        op-amps have in their model are no loads.
+
+        Examples
+        --------
+        >>> import taction
+        >>> from taction.verification.engines.statespace.linearised.board import LinearBoard
+        >>> scene = taction.load_scene("scenes/custom-matrix.toml")
+        >>> worst = PartLoads.of(LinearBoard(taction.synthesise(scene))).loads[0]
+        >>> worst.part, worst.quantity
+        ('z_1', 'slope')
+        """
+        (found,) = cls.together([(board, initial, transient)])
         return found
 
     @classmethod
-    def together(cls, requests: Sequence[LoadRequest]) -> list[PartLoads]:
+    def together(cls, requests: Sequence[Request]) -> list[PartLoads]:
         """Find the loads of stable boards, of each as `of` does."""
         found = [NOT_LIMITED] * len(requests)
         limited = {
             place: request
             for place, request in enumerate(requests)
-            if any(model.is_limited for model in request.board.circuit.models.values())
+            if any(model.is_limited for model in request[0].circuit.models.values())
         }
         every = _loads_together(list(limited.values()))
         for (place, request), loads in zip(limited.items(), every, strict=True):
-            circuit = request.board.circuit
+            circuit = request[0].circuit
             volts = circuit.value("U0") if circuit.is_linear else None
             if isinstance(loads, EngineError):
                 text = f"the loads of the op-amps are not known: {loads}"

@@ -15,7 +15,7 @@ from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
-from taction.verification.reference import IdealNetwork
+from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.input_spread import InputSpread

@@ -15,9 +15,10 @@ from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.system.quantities import show
-from taction.verification.reference import IdealNetwork, Solution
 from taction.verification.reference.changed_matrix import change_bound
+from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.problem import Solution
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,12 +37,7 @@ from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import piecewise, reduced_transient
-from taction.verification.engines.statespace.transients.stepped import (
-    Task,
-    halved,
-    simulate_together,
-)
+from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.verdict.deck_read_back import unlike
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
@@ -78,16 +73,14 @@ class StateSpaceError:
     second: Waveforms | None = None
 
 
-def is_exact(board: LinearBoard) -> bool:
-    """Whether the state-space engine has the exact solution of `board`, for all time."""
-    return board.circuit.is_linear and not board.descriptor.is_large
-
-
 def state_space_error(board: LinearBoard, record: Waveforms) -> StateSpaceError:
     """Bound the error of a `record` of the state-space engine."""
     if is_exact(board):
         how = "bound on the rounding of the exact solution"
         return StateSpaceError(record.rounding, record.rounding, 0.0, record.method, how)
+    from taction.verification.engines.statespace.transients import piecewise, reduced_transient
+    from taction.verification.engines.statespace.transients.stepped import halved
+
     method, rounding = record.method, record.rounding
     if method == piecewise.METHOD:
         how = "bound on the rounding of the exact pieces, through their switches"
@@ -346,13 +339,17 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
 def _statespace_together(
     designs: Sequence[PlannedBoard],
 ) -> list[Callable[[], Waveforms] | None]:
+    found: list[Callable[[], Waveforms] | None] = [None] * len(designs)
     chosen = [k for k, design in enumerate(designs) if _is_stepped(design)]
+    if not chosen:
+        return found
+    from taction.verification.engines.statespace.transients.stepped import Task, simulate_together
+
     tasks = [
         Task(design.board, design.plan.transient, None, design.plan.instants(design.board),
              _step_tolerance(design))
         for design in (designs[k] for k in chosen)
     ]  # fmt: skip
-    found: list[Callable[[], Waveforms] | None] = [None] * len(designs)
     for k, record in zip(chosen, simulate_together(tasks, halves=True), strict=True):
         if isinstance(record, Waveforms):
             found[k] = partial(_known, record)
@@ -362,7 +359,11 @@ def _statespace_together(
 def _is_stepped(design: PlannedBoard) -> bool:
     board = design.board
     alone = board.circuit.is_linear or board.descriptor.is_large or design.plan.growing
-    return not (alone or piecewise.is_piecewise(board))
+    if alone:
+        return False
+    from taction.verification.engines.statespace.transients.piecewise import is_piecewise
+
+    return not is_piecewise(board)
 
 
 def _known(waveforms: Waveforms) -> Waveforms:

@@ -20,6 +20,7 @@ from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import (
@@ -33,8 +34,8 @@ from taction.verification.stability.margin import (
     Families,
     Margin,
     MarginSearch,
+    find_margin,
     margins_together,
-    stability_margin,
 )
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.active_sets import VisitedSet, visited_sets
@@ -64,7 +65,6 @@ from taction.verification.verdict.simulation import (
     Pending,
     begin,
     begin_together,
-    is_exact,
 )
 from taction.verification.verdict.warnings import (
     all_warnings,
@@ -455,13 +455,13 @@ def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
     search = _margin_search(design, effort)
     if search is None:
         return None
-    return stability_margin(search.board, search.reach, search.found)
+    return find_margin(search.board, reach=search.reach, found=search.found)
 
 
 def _margin_search(design: PlannedBoard, effort: Effort) -> MarginSearch | None:
     required = design.scene.checks.stability.margin
     reach = max(required, REACH) if effort.full_margin else required
-    return MarginSearch.limited(design.board, reach, design.poles) if required > 1.0 else None
+    return MarginSearch(design.board, reach=reach, found=design.poles) if required > 1.0 else None
 
 
 def _judged(

@@ -7,23 +7,15 @@ the word in the scene, its object a `Topology`.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
-from importlib import import_module
 
 from taction.netlist_gen import topologies
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import Topology
-from taction.system.plugins import OpenTable
+from taction.system.plugins import Modules, OpenTable
 
-
-@cache
-def _own() -> Mapping[str, Topology]:
-    """Return the topologies of taction: the object TOPOLOGY of each module."""
-    modules = {name: import_module(f"{topologies.__name__}.{name}") for name in topologies.NAMES}
-    return {name: module.TOPOLOGY for name, module in modules.items()}
-
-
-TOPOLOGIES: Mapping[str, Topology] = OpenTable("taction.topologies", _own, Topology)
+TOPOLOGIES: Mapping[str, Topology] = OpenTable(
+    "taction.topologies", Modules(topologies, "TOPOLOGY"), Topology
+)
 """The topologies by the word in a scene."""
 
 

@@ -21,8 +21,8 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.reference import solve
 from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.solve import solve
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 
 T = [[1.0, -0.5, 0.0], [0.25, 2.0, 0.0]]  # column 3 is empty, row 2 has no negative entry

@@ -183,12 +183,14 @@ def test_lambda_leaves_the_residual_of_the_noise(
 ) -> None:
     T, eps = problem
     write(tmp_path, T, eps)
-    lam = fresh(tmp_path, noise=SIGMA).scaling.lam
+    lam = fresh(tmp_path, noise=SIGMA).scaling.circuit.value("lambda")
     u = np.linalg.solve(T.T @ T + lam * np.eye(3), T.T @ eps)
     residual = float(np.sum((T @ u - eps) ** 2))
     assert residual == pytest.approx(1.3 * len(eps) * SIGMA**2, rel=0.02)  # lambda has 3 digits
     default = fresh(tmp_path)
-    assert default.scaling.lam == pytest.approx(0.01 * np.linalg.svd(T)[1][0] ** 2, rel=0.005)
+    assert default.scaling.circuit.value("lambda") == pytest.approx(
+        0.01 * np.linalg.svd(T)[1][0] ** 2, rel=0.005
+    )
     assert "default" in default.rule
 
 

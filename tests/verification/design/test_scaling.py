@@ -36,11 +36,11 @@ def test_lambda_stays_and_the_parts_can_be_bought(name: str) -> None:
     before, after = synthesise(scene), synthesise(found.scene)
     assert after.value("lambda") == pytest.approx(before.value("lambda"), rel=1e-12)
     # eq (21) of the paper, corrected: lam = 1 / (R s G0²)
-    product = found.resistance * found.gain * found.unit_conductance**2
-    assert product * found.lam == pytest.approx(1.0, rel=1e-12)
+    G0, gain, R, lam = map(found.circuit.value, ("G0", "gain", "R", "lambda"))
+    assert R * gain * G0**2 * lam == pytest.approx(1.0, rel=1e-12)
     assert 10.0 <= found.matrix_ohms[0] <= found.matrix_ohms[1] <= 10e6
-    assert found.gain in values_between(10.0, 10e6, "E24")
-    assert found.resistance == pytest.approx(buyable(found.resistance, "E24"), rel=1e-12)
+    assert gain in values_between(10.0, 10e6, "E24")
+    assert pytest.approx(buyable(R, "E24"), rel=1e-12) == R
     assert max(load.share for load in found.loads) <= 0.9
 
 
@@ -64,7 +64,7 @@ def test_an_unstable_board_becomes_stable() -> None:
 def test_a_larger_capacitance_is_named() -> None:
     scene = with_values(shipped("tuned-breadboard", "ideal"), {"design.opamp.gbw": 3e6})
     found = scale(scene)
-    assert found.capacitance > scene.design.capacitance
+    assert found.circuit.value("C") > scene.design.capacitance
     assert any("C is another than the scene's" in note for note in found.notes)
 
 
@@ -79,7 +79,7 @@ def test_a_smaller_gain_lets_the_outputs_use_the_swing() -> None:
 
 def test_parts_without_limits_keep_the_voltage() -> None:
     found = scale(make_scene({"channels": 2, "span": 1.2}, design={"opamp": "ideal"}))
-    assert found.unit_voltage == 1.0
+    assert found.circuit.value("U0") == 1.0
     assert "the op-amps have no limits: U0 is that of the scene" in found.notes
 
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from taction.system.array_types import Floats
-from taction.verification.reference import Problem, solve
 from taction.verification.reference.changed_matrix import change_bound
+from taction.verification.reference.problem import Problem
 from taction.verification.reference.regularisers import REGULARISERS
+from taction.verification.reference.solve import solve
 from tests.support.oracle import exact
 
 

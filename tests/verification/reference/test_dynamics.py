@@ -9,14 +9,15 @@ import pytest
 from scipy.integrate import quad
 from scipy.linalg import expm
 
-from taction.verification.reference import (
+from taction.verification.reference.dynamics import (
     IdealNetwork,
-    Problem,
+    Response,
+    Trust,
     ideal_linear,
     ideal_transient,
-    solve,
 )
-from taction.verification.reference.dynamics import Response, Trust
+from taction.verification.reference.problem import Problem
+from taction.verification.reference.solve import solve
 from tests.support.oracle import kernel
 from tests.support.readings import Samples, rise_time
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.reference import IdealNetwork, ideal_linear
+from taction.verification.reference.dynamics import IdealNetwork, ideal_linear
 from taction.verification.reference.ideal_answer import energy_rise
 
 SCALE = {"lam": 1.0, "RC": 1e-5, "U0": 2.0}

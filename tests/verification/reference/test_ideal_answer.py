@@ -13,8 +13,7 @@ from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.reference import IdealNetwork, ideal_transient
-from taction.verification.reference.dynamics import IdealTransient
+from taction.verification.reference.dynamics import IdealNetwork, IdealTransient, ideal_transient
 from taction.verification.reference.ideal_answer import ideal_answer, ideal_network, is_biased
 from tests.support.making import make_scene, matrix_problem
 

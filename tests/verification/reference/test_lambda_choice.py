@@ -10,7 +10,6 @@ import pytest
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import parse_scene
 from taction.system.errors import InputError
-from taction.verification.reference.ideal_answer import resolve_lambda
 from taction.verification.reference.lambda_choice import (
     RULES,
     LambdaChoice,
@@ -18,6 +17,7 @@ from taction.verification.reference.lambda_choice import (
     RuleInputs,
     choose,
 )
+from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 from tests.support.oracle import kernel

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from taction.verification.reference import IdealNetwork, lambda_times_resistance, solve
+from taction.verification.reference.dynamics import IdealNetwork, lambda_times_resistance
+from taction.verification.reference.solve import solve
 
 G: dict[str, Callable[[float], float]] = {
     "linear": lambda x: x,

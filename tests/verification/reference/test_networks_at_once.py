@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, SolverError
-from taction.verification.reference import Problem, solve
 from taction.verification.reference.ideal_answer import (
     NETWORKS,
     energy_rise,
@@ -19,6 +18,8 @@ from taction.verification.reference.ideal_answer import (
     ideal_network,
 )
 from taction.verification.reference.networks.inv import solve_square
+from taction.verification.reference.problem import Problem
+from taction.verification.reference.solve import solve
 from tests.support.making import make_scene, matrix_problem
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taction.verification.reference import Problem, solve
+from taction.verification.reference.problem import Problem
+from taction.verification.reference.solve import solve
 from tests.support.oracle import kernel
 
 Y = np.linspace(-3.0, 3.0, 25)

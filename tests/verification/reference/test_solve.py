@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from taction.system.errors import InputError, SolverError
-from taction.verification.reference import Problem, Solution, solve
+from taction.verification.reference.problem import Problem, Solution
+from taction.verification.reference.solve import solve
 from tests.support.oracle import count_claims, error_of, exact_solution, kernel, random_problems
 
 NONLINEAR = ("exponential", "sinh", "softplus", "tanh")

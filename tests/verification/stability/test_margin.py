@@ -22,7 +22,6 @@ from taction.verification.stability.margin import (
     REACH,
     Families,
     find_margin,
-    stability_margin,
     stable_values,
 )
 from taction.verification.stability.poles import poles
@@ -45,8 +44,8 @@ def board(path: str = "name", value: float | str = "tuned") -> Circuit:
 
 
 def test_c_may_shrink_to_its_crossing() -> None:
-    margin = stability_margin(board())
-    known = stability_margin(board(), found=poles(board()))
+    margin = find_margin(board())
+    known = find_margin(board(), found=poles(board()))
     assert known.factor == margin.factor
     assert margin.factor == pytest.approx(10e-12 / 4.1337463e-12, rel=1e-7)
     assert margin.uncertainty == pytest.approx(1e-6 * margin.factor)
@@ -67,13 +66,13 @@ def test_boards_that_differ_in_c_alone_are_confirmed_once(monkeypatch: pytest.Mo
     for farads in (10e-12, 15e-12, 8e-12, 25e-12):
         each = board("design.capacitance", farads)
         before = len(counted)
-        shared = stability_margin(each, families=families)
+        shared = find_margin(each, families=families)
         assert len(counted) - before == (2 if farads == 10e-12 else 0)
-        assert shared == stability_margin(each)  # the same digits as alone
+        assert shared == find_margin(each)  # the same digits as alone
         assert shared.factor == pytest.approx(farads / 4.1337463e-12, rel=1e-7)
     other = board("design.gain", "1Mohm")
     before = len(counted)
-    assert stability_margin(other, families=families) == stability_margin(other)
+    assert find_margin(other, families=families) == find_margin(other)
     assert len(counted) - before == 4
 
 
@@ -97,7 +96,7 @@ def test_a_window_between_two_samples_of_the_old_scan_sets_the_margin() -> None:
     """Poles of the deck's text at 200 bits: unstable for C = 1.1153 to 1.2547 nF."""
     scene = load_scene(CASES / "margin-window.toml")
     circuit = synthesise(scene, make_problem(scene))
-    margin = stability_margin(circuit)
+    margin = find_margin(circuit)
     assert 1.53e-9 / margin.factor == pytest.approx(1.2547e-9, rel=1e-4)
     assert margin.doubt == ""
     axis = parse_onset_axis(scene, "C=15.3pF:1.53nF:3")
@@ -109,20 +108,20 @@ def test_a_window_between_two_samples_of_the_old_scan_sets_the_margin() -> None:
     inside = load_scene(CASES / "margin-window-inside.toml")
     pole = poles(synthesise(inside, make_problem(inside))).rightmost
     assert pole.real == pytest.approx(160.9, rel=1e-3)
-    assert stability_margin(synthesise(inside, make_problem(inside))).factor == 0.0
+    assert find_margin(synthesise(inside, make_problem(inside))).factor == 0.0
 
 
 @pytest.mark.parametrize("width", [1e-1, 1e-3, 1e-4, 1e-5])
 def test_the_margin_ends_at_a_narrow_window(width: float) -> None:
     gain = 8.0 * (1.0 + (width / 4.0) ** 2)
-    margin = stability_margin(lag_board(1.5, gain))
+    margin = find_margin(lag_board(1.5, gain))
     assert 1.5 / margin.factor == pytest.approx(window(gain)[1], rel=1e-7)
     assert margin.doubt == ""
 
 
 @pytest.mark.parametrize("offset", [1e-16, -1e-14])
 def test_a_window_within_rounding_is_no_pass(offset: float) -> None:
-    margin = stability_margin(lag_board(1.5, 8.0 * (1.0 + offset)))
+    margin = find_margin(lag_board(1.5, 8.0 * (1.0 + offset)))
     assert margin.doubt == "at the factor 1.5 a pole is on the imaginary axis to within rounding"
     wanted = evidence(checks={"stability": {"margin": 100}}, margin=margin)
     check = next(each for each in run_checks(wanted) if each.name == "stability")
@@ -133,10 +132,10 @@ def test_poles_and_winding_numbers_that_differ_leave_a_doubt(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Edges, "unstable_at", lambda *_: 0)
-    margin = stability_margin(board())
+    margin = find_margin(board())
     assert margin.doubt.endswith("2 poles are unstable and the winding number is 0")
     monkeypatch.setattr(Edges, "unstable_at", lambda *_: 1)
-    margin = stability_margin(board(), 2.0)
+    margin = find_margin(board(), reach=2.0)
     assert margin.text == "no crossing up to C/2"
     assert margin.doubt == "at the factor 2 0 poles are unstable and the winding number is 1"
 
@@ -146,11 +145,11 @@ def test_without_loci_no_margin_is_known(monkeypatch: pytest.MonkeyPatch) -> Non
         raise EngineError("no state-space form")
 
     monkeypatch.setattr(PortResponse, "at", refuse)
-    assert stability_margin(board()).doubt == "no state-space form"
+    assert find_margin(board()).doubt == "no state-space form"
 
 
 def test_a_board_on_the_axis_has_no_known_margin() -> None:
-    margin = stability_margin(board(), found=rounded_poles(np.array([1e-12 + 1e6j])))
+    margin = find_margin(board(), found=rounded_poles(np.array([1e-12 + 1e6j])))
     assert margin.factor == 0.0
     assert margin.doubt == "the board itself may be stable or unstable"
 
@@ -171,7 +170,7 @@ def test_an_unstable_board_has_no_margin() -> None:
 
 
 def test_a_board_that_nothing_upsets_has_the_largest_margin_that_is_looked_for() -> None:
-    margin = stability_margin(board("design.gain", 1e5))
+    margin = find_margin(board("design.gain", 1e5))
     assert (margin.factor, margin.text) == (REACH, "no crossing up to C/100")
 
 

@@ -27,7 +27,7 @@ from taction.verification.report.views.verdict import view
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.headroom import Load, PartLoads, headroom
+from taction.verification.verdict.headroom import Load, PartLoads
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
@@ -36,6 +36,10 @@ from tests.support.paths import CASES, SCENES
 
 def designed(scene: Scene) -> PlannedBoard:
     return design_board(scene, Clock(lambda stage: None))
+
+
+def loads_of(design: PlannedBoard) -> tuple[Load, ...]:
+    return PartLoads.of(design.board, transient=design.transient).loads
 
 
 def worst(loads: tuple[Load, ...], quantity: str) -> Load:
@@ -63,7 +67,7 @@ def small_signal(name: str) -> Scene:
 )
 def test_peaks_are_those_of_ngspice(scene: Scene) -> None:
     design = designed(scene)
-    loads = headroom(design.board, transient=design.transient)
+    loads = loads_of(design)
     nodes = {cell.name: cell.output for cell in design.circuit.opamps}
     stop = 20.0 * worst(loads, "voltage").at
     simulator = find_simulator()
@@ -102,7 +106,7 @@ def test_a_current_at_rest_is_that_of_kirchhoff() -> None:
     design = designed(board())
     equilibrium = design.board.equilibrium
     voltages = {name: equilibrium[name] for name in design.board.descriptor.names} | {"0": 0.0}
-    load = worst(headroom(design.board, transient=design.transient), "current")
+    load = worst(loads_of(design), "current")
     cell = next(cell for cell in design.circuit.opamps if cell.name == load.part)
     expected = current_at(design.circuit, voltages, cell.output)
     assert load.rest == pytest.approx(abs(expected), rel=1e-6)
@@ -111,7 +115,9 @@ def test_a_current_at_rest_is_that_of_kirchhoff() -> None:
 @pytest.mark.parametrize("amplifier", ["linear", "exponential"])
 def test_loads_follow_the_limits(amplifier: str) -> None:
     whole, half = (
-        headroom((d := designed(board(amplifier, opamp=opamp))).board, transient=d.transient)
+        PartLoads.of(
+            (d := designed(board(amplifier, opamp=opamp))).board, transient=d.transient
+        ).loads
         for opamp in (
             {"base": "tl084", "level": "small-signal"},
             {
@@ -130,7 +136,7 @@ def test_loads_follow_the_limits(amplifier: str) -> None:
 def test_a_record_gives_the_loads_of_the_exact_solution() -> None:
     # An amplifier U0 tanh(v / Ve) far below U0 = Ve is an inverter of gain 1.
     design = designed(board())
-    exact = headroom(design.board, transient=design.transient)
+    exact = loads_of(design)
     large = designed(board("tanh", unit_voltage="1kV", exponential_slope="1kV"))
     scaled = Scene.from_arrays(
         [[1.0, 0.3], [-0.2, 0.8]],
@@ -138,14 +144,14 @@ def test_a_record_gives_the_loads_of_the_exact_solution() -> None:
         design=large.scene.design.model_dump(by_alias=True, exclude_none=True),
     )
     sampled = designed(scaled)
-    found = headroom(sampled.board, transient=sampled.transient)
+    found = loads_of(sampled)
     for quantity in ("voltage", "slope", "current"):
         assert worst(found, quantity).share == pytest.approx(worst(exact, quantity).share, rel=0.05)
 
 
 def test_parts_without_limits_have_no_loads() -> None:
     design = designed(board(opamp="ideal"))
-    assert headroom(design.board, transient=design.transient) == ()
+    assert loads_of(design) == ()
     assert "headroom" not in {check.name for check in verify(board(opamp="ideal")).checks}
 
 

@@ -26,7 +26,7 @@ from taction.verification.evidence.paper.findings import (
     weigh,
 )
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
-from taction.verification.stability.margin import stability_margin
+from taction.verification.stability.margin import find_margin
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.constraint_stage import constraint_plane
 from taction.verification.verdict.verify import Effort, Verdict, verify
@@ -129,7 +129,7 @@ def _faster(scene: Scene) -> Finding:
 def _edge(scene: Scene) -> float:
     """Return the largest C below which the board oscillates, F."""
     scene = with_values(scene, {"design.capacitance": STABLE_CAPACITANCE})
-    return STABLE_CAPACITANCE / stability_margin(synthesise(scene, make_problem(scene))).factor
+    return STABLE_CAPACITANCE / find_margin(synthesise(scene, make_problem(scene))).factor
 
 
 def _negligible(scene: Scene) -> Finding:

@@ -8,8 +8,14 @@ from taction.system.array_types import Floats
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
-from taction.verification.reference import IdealNetwork, ideal_transient
-from taction.verification.reference.dynamics import AGREEMENT, IdealTransient, ScaledNetwork, Trust
+from taction.verification.reference.dynamics import (
+    AGREEMENT,
+    IdealNetwork,
+    IdealTransient,
+    ScaledNetwork,
+    Trust,
+    ideal_transient,
+)
 from taction.verification.reference.regularisers import REGULARISERS
 
 GEOMETRY = Geometry(15, 6.0)

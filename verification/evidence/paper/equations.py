@@ -9,7 +9,9 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
-from taction.verification.reference import Problem, ideal_linear, solve
+from taction.verification.reference.dynamics import ideal_linear
+from taction.verification.reference.problem import Problem
+from taction.verification.reference.solve import solve
 
 GEOMETRY = Geometry(9, 4.0)
 R, S = 0.25, 3.0  # neither is 1, so that a missing factor shows

@@ -23,8 +23,8 @@ from taction.verification.evidence.paper.findings import (
     seconds,
     weigh,
 )
-from taction.verification.reference import solve
 from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.solve import solve
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify

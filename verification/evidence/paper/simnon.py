@@ -13,8 +13,13 @@ from taction.system.array_types import Floats
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
-from taction.verification.reference import ideal_transient
-from taction.verification.reference.dynamics import AGREEMENT, IdealTransient, ScaledNetwork, Trust
+from taction.verification.reference.dynamics import (
+    AGREEMENT,
+    IdealTransient,
+    ScaledNetwork,
+    Trust,
+    ideal_transient,
+)
 
 GEOMETRY = Geometry(21, 6.0)
 MU = 5e-4

@@ -13,8 +13,9 @@ from taction.verification.evidence.paper.findings import Chapter, Finding, findi
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.tactile import Geometry, entropy, unit_network
 from taction.verification.evidence.paper.toeplitz import solve_toeplitz_problem
-from taction.verification.reference import Problem, ideal_linear, solve
-from taction.verification.reference.problem import ToeplitzProblem
+from taction.verification.reference.dynamics import ideal_linear
+from taction.verification.reference.problem import Problem, ToeplitzProblem
+from taction.verification.reference.solve import solve
 
 SIZES = (7, 25, 51, 101, 201, 401)
 QUICK = (7, 201, 401)

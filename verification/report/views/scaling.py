@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from taction.system.quantities import show
 from taction.verification.design.fresh_scene import NewScene
-from taction.verification.design.scaling import Scaled, scalings_of
+from taction.verification.design.scaling import Scaled
 from taction.verification.report.blocks import EVERYWHERE, Notes, Page, Section
 from taction.verification.verdict.headroom import describe
 
@@ -25,11 +25,11 @@ def view(result: Scaled) -> Page:
 
 
 def _lines(result: Scaled) -> Iterator[str]:
-    scaling = result.scaling
-    values = scalings_of(scaling).items()
-    yield ", ".join(f"{name} = {show(value, unit)}" for name, (value, unit) in values)
+    scaling, facts = result.scaling, result.scaling.circuit.facts
+    shown = (facts[name] for name in ("G0", "U0", "gain", "R", "C"))
+    yield ", ".join(f"{fact.symbol} = {show(fact.value, fact.unit)}" for fact in shown)
     low, high = (show(ohms, "ohm") for ohms in scaling.matrix_ohms)
-    yield f"matrix resistors from {low} to {high}; lambda stays {scaling.lam:.4g}"
+    yield f"matrix resistors from {low} to {high}; lambda stays {facts['lambda'].value:.4g}"
     yield from (f"{describe(load)} ({load.share:.0%})" for load in scaling.loads)
     yield from (f"note: {note}" for note in scaling.notes)
     for check in result.verdict.checks:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from taction.verification.reference import Solution
+from taction.verification.reference.problem import Solution
 from taction.verification.report.blocks import EVERYWHERE, Notes, Page, Section
 from taction.verification.report.views.verdict import channel_table
 from taction.verification.verdict.record import channels_of

@@ -32,7 +32,7 @@ from taction.system.progress import StageShares, shares_to
 from taction.system.quantities import quantity
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.reference.ideal_answer import read_scene
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.stability.edges import Edge, Scan
 from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles

@@ -26,7 +26,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.reference.ideal_answer import read_scene
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.versions import digest, own_code, simulator_name
 from taction.verification.verdict.simulation import choose_engine
 

@@ -20,8 +20,8 @@ from taction.verification.engines.statespace.transients.small_steps import State
 from taction.verification.readings.mode_fit import fit_modes
 from taction.verification.readings.readings import settling_times
 from taction.verification.readings.signals import FEWEST_POINTS, SampledSignal
-from taction.verification.reference import solve
 from taction.verification.reference.dynamics import ideal_linear
+from taction.verification.reference.solve import solve
 from taction.verification.studies.running.worker import FAILURES, Worker
 from taction.verification.studies.work_precision.ladders import SettingRuns
 from taction.verification.studies.work_precision.methods import (

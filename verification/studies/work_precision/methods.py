@@ -32,8 +32,7 @@ from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.record_times import record_times
 from taction.verification.engines.statespace.transients.simulate import ENGINE
-from taction.verification.reference import IdealNetwork
-from taction.verification.reference.dynamics import ScaledNetwork
+from taction.verification.reference.dynamics import IdealNetwork, ScaledNetwork
 from taction.verification.verdict.companion import outputs
 from taction.verification.verdict.transient_plan import coarser
 

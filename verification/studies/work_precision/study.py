@@ -28,7 +28,7 @@ from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
-from taction.verification.reference import IdealNetwork
+from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.studies.running.worker import START_UP, Worker

@@ -13,7 +13,8 @@ import taction
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.verification.design.exploration import judge, view_rest
-from taction.verification.reference import IdealNetwork, solve
+from taction.verification.reference.dynamics import IdealNetwork
+from taction.verification.reference.solve import solve
 from taction.verification.report.explorer import parts
 from taction.verification.report.explorer.parts import rest_part, verdict_part
 from taction.verification.report.renderers.markdown import line, markdown

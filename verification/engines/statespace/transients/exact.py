@@ -20,6 +20,11 @@ from taction.verification.engines.statespace.linearised.board import (
 from taction.verification.engines.statespace.transients.matrix_exponential import ModalFlow
 
 
+def is_exact(board: LinearBoard) -> bool:
+    """Whether the state-space engine has the exact solution of `board`, for all time."""
+    return board.circuit.is_linear and not board.descriptor.is_large
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Exact:
     """Node voltages of a linear board as functions of time, t >= 0.

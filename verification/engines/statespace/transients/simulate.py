@@ -13,7 +13,6 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import piecewise
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.engines.statespace.transients.record_times import record_times
 
@@ -59,8 +58,11 @@ def simulate(
         As `exact.exact_solution` and `stepped.simulate`.
     """
     board = LinearBoard.of(circuit)
-    if not board.circuit.is_linear and piecewise.is_piecewise(board):
-        return piecewise.simulate(board, analysis, nodes=nodes, times=times)
+    if not board.circuit.is_linear:
+        from taction.verification.engines.statespace.transients import piecewise
+
+        if piecewise.is_piecewise(board):
+            return piecewise.simulate(board, analysis, nodes=nodes, times=times)
     if not board.circuit.is_linear or board.descriptor.is_large:
         from taction.verification.engines.statespace.transients import stepped
 

@@ -1,0 +1,62 @@
+"""Lambda by a rule: ``lambda = "discrepancy"`` becomes a number before the synthesis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.errors import Complaint, InputError, SolverError
+
+
+def resolve_lambda(scene: Scene) -> Scene:
+    """Return `scene` with a number for lambda; unchanged where it has one.
+
+    Raises
+    ------
+    InputError
+        The scene lacks what the rule needs: the variance of the noise (``discrepancy``), or the
+        true stress (``mse``).
+    SolverError
+        The rule finds no optimum: its score is best at an end of the range.
+    """
+    rule = scene.design.lam
+    if not isinstance(rule, str):
+        return scene
+    from taction.verification.reference.ideal_answer import is_biased
+    from taction.verification.reference.lambda_choice import DECADES, RULES, RuleInputs, choose
+    from taction.verification.reference.problem import Problem
+
+    inverse = make_problem(scene)
+    variance = scene.problem.noise.variance
+    if RULES[rule].needs_variance and variance == 0:
+        text = "the rule needs problem.noise.variance above zero"
+        raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
+    if RULES[rule].needs_truth and inverse.stress is None:
+        text = "the rule needs the true stress: problem.stress"
+        raise InputError(scene.file, Complaint("design.lambda", repr(rule), text))
+    kind = scene.design.amplifier, is_biased(scene), scene.design.ridge_share
+    problem = Problem(inverse.matrix, inverse.strain, 1.0, *kind)
+    choice = choose(problem, rule, RuleInputs(variance=variance, truth=inverse.stress))
+    if choice.at_edge:
+        raise SolverError(
+            f"lambda = {rule!r} finds no optimum from {DECADES[0]:g} to {DECADES[1]:g} decades of"
+            f" the squared norm of T: its score is best at the end, {choice.solution.lam:.3g}."
+            " Give a number, or another rule"
+        )
+    return scene.with_lambda(choice.solution.lam, rule)
+
+
+def read_scene(scene: str | Path | Scene, engine: str | None = None) -> Scene:
+    """Return a scene, read from its path if necessary, with lambda as a number.
+
+    `engine` replaces the engine of the scene.
+
+    Raises
+    ------
+    InputError, SolverError
+        See `taction.netlist_gen.scene.loading.load_scene` and `resolve_lambda`.
+    """
+    resolved = resolve_lambda(scene if isinstance(scene, Scene) else load_scene(scene))
+    return resolved if engine is None else resolved.with_engine(engine)
