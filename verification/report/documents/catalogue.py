@@ -40,7 +40,7 @@ MODELS = {
     "kicad": "netlist_gen.kicad.project.KicadProject",
     "build": "verification.verdict.built_board.BuiltBoard",
     "explore": "verification.report.documents.plain.ExploreDocument",
-    "solve": "verification.reference.Solution",
+    "solve": "verification.reference.problem.Solution",
     "simulate": "verification.verdict.recording.MeasuredTransient",
     "montecarlo": "verification.studies.tolerance.yield_report.YieldReport",
     "montecarlo-sample": "verification.studies.tolerance.varied_board.VerifiedSample",
