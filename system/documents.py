@@ -57,9 +57,6 @@ Steps = Annotated[float | None, "step"]
 """Fraction of the step amplitude."""
 Rate = Annotated[float | None, "1/s"]
 Hertz = Annotated[float | None, "Hz"]
-Ohms = Annotated[float | None, "ohm"]
-Farads = Annotated[float | None, "F"]
-Siemens = Annotated[float | None, "S"]
 Number = float | None
 """A number without a unit; null: unknown, or infinite."""
 

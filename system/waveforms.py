@@ -13,6 +13,9 @@ from taction.system.picture import plot, time_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+PHYSICAL_BOUND = 1e6
+"""No node of a working board is above this voltage, V, with a unit voltage of 1 V."""
+
 
 @dataclass(frozen=True, slots=True)
 class Cost:

@@ -48,7 +48,6 @@ KINDS = {
     "h": ("transresistance", "ohm"),
 }
 """Letters of the parts that are knobs: what they are, and their unit."""
-UNITS = {"v": "V", "i": "A"}
 MODEL = "vendor{}"  # name of an op-amp that is replaced
 IDLE = {"tc1", "tc2", "tc", "noisy", "temp", "dtemp"}  # without effect at 27 degrees C, or on poles
 NAMED = 4  # sources in a sentence

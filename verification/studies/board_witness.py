@@ -12,9 +12,9 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.checks import AGREE
 from taction.system.errors import EngineError, SimulationError, StepTooSmall
-from taction.system.waveforms import Waveforms
+from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, simulate
+from taction.verification.engines.ngspice.process import simulate
 from taction.verification.studies.measured_board import WANTED, MeasuredBoard
 from taction.verification.verdict.companion import (
     Agreement,

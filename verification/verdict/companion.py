@@ -25,8 +25,7 @@ from taction.system.array_types import Floats
 from taction.system.documents import Inline
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import READINGS
-from taction.system.waveforms import Waveforms
-from taction.verification.engines.ngspice.process import PHYSICAL_BOUND
+from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses

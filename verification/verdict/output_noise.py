@@ -16,7 +16,6 @@ from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, SimulationError
 from taction.system.quantities import show
-from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.verdict.planned_board import PlannedBoard
 
@@ -173,6 +172,8 @@ class OutputNoise:
 
 def _simulated(design: PlannedBoard, channel: int, lowest: float) -> float:
     """Return the noise of a channel above a frequency from ngspice, V."""
+    from taction.verification.engines.ngspice.process import find_simulator, start
+
     bands = noise_bands(design.board.state_space.modes.poles, lowest)
     node = design.circuit.outputs[channel].node
     deck = write_deck(design.circuit, NoiseAnalysis(bands), saved=[node])

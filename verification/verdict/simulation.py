@@ -33,12 +33,10 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.plugins import OpenTable
-from taction.system.waveforms import Cost, Waveforms
+from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import PHYSICAL_BOUND, Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
-from taction.verification.verdict.deck_read_back import unlike
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
 
@@ -282,6 +280,9 @@ def _ngspice(design: PlannedBoard) -> Callable[[], Waveforms]:
             f" analysis.timeout is {timeout:g} s. Use the state-space engine, a larger"
             " analysis.error, a shorter analysis.stop or a longer analysis.timeout"
         )
+    from taction.verification.engines.ngspice.process import Run, start
+    from taction.verification.verdict.deck_read_back import unlike
+
     simulator = find_simulator()
     bound = PHYSICAL_BOUND * circuit.value("U0")
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
@@ -38,7 +39,6 @@ from taction.verification.stability.margin import (
     margins_together,
 )
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.active_sets import VisitedSet, visited_sets
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checked_laws import CheckedLaw, checked_laws
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
@@ -71,6 +71,9 @@ from taction.verification.verdict.warnings import (
     find_contradiction,
     missing_witness,
 )
+
+if TYPE_CHECKING:
+    from taction.verification.verdict.active_sets import VisitedSet
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,9 +210,13 @@ class Verdict(Result):
     @cached_property
     def active_sets(self) -> tuple[VisitedSet, ...]:
         """The active sets of a board of piecewise linear amplifiers that the transient visits."""
-        nothing, failures = tuple[VisitedSet, ...](), list[str]()
+        if self.circuit.is_linear:
+            return ()
+        from taction.verification.verdict.active_sets import visited_sets
+
+        failures = list[str]()
         found = partial(visited_sets, self.recording)
-        return attempt("the active sets", found, nothing, failures.append)
+        return attempt("the active sets", found, (), failures.append)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:

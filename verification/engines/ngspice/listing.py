@@ -6,7 +6,6 @@ anything; the only commands of the run are those that list it. There is no simul
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,14 +13,10 @@ from dataclasses import dataclass, field
 from taction.netlist_gen.analysis import Analysis, OperatingPoint
 from taction.system.errors import DidNotLoad
 from taction.system.foreign_files import UnusableFileError, read_bounded
+from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end, longest
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import (
-    PHYSICAL_BOUND,
-    Run,
-    command_line,
-    make_folder,
-)
+from taction.verification.engines.ngspice.process import Run, command_line, make_folder
 
 SECONDS = 20.0  # of an expansion, which takes some milliseconds
 _CARD = re.compile(r"^ *\d+ : (\S.*)$")
@@ -96,8 +91,3 @@ def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...]:
 def _cards(part: str) -> tuple[str, ...]:
     cards = [match[1] for line in part.split("\n") if (match := _CARD.match(line))]
     return tuple(" ".join(card.split()) for card in cards if not card.startswith((".end", "*")))
-
-
-def finite(value: float) -> bool:
-    """Whether a value can be written into a command."""
-    return math.isfinite(value)

@@ -37,7 +37,7 @@ from taction.system.own_folders import keep_folder, make_own_folder, remove_own_
 from taction.system.processes import end_orphans, guard
 from taction.system.progress import reached
 from taction.system.raw_file import last_instant
-from taction.system.waveforms import Waveforms
+from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.evidence import (
     Ending,
     accepted_waveforms,
@@ -132,10 +132,7 @@ def _empty(folder: Path) -> Path:
     return place
 
 
-__all__ = ["PHYSICAL_BOUND", "Run", "Simulator", "find_simulator", "simulate", "start"]
-
-PHYSICAL_BOUND = 1e6
-"""No node of a working board is above this voltage, V, with a unit voltage of 1 V."""
+__all__ = ["Run", "Simulator", "find_simulator", "simulate", "start"]
 
 Result = TypeVar("Result")
 

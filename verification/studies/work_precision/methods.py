@@ -23,10 +23,10 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError, TimedOut
 from taction.system.foreign_files import read_ends
 from taction.system.own_folders import own_folder
-from taction.system.waveforms import Cost, Waveforms
+from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import LONGEST_LOG, PHYSICAL_BOUND
+from taction.verification.engines.ngspice.process import LONGEST_LOG
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution

@@ -48,10 +48,7 @@ def stamp_branches(stamper: Stamper) -> None:
     EngineError
         Sources of voltage that form a loop, or a card that controls another one and is not there.
     """
-    parts = stamper.circuit.branches
-    if not parts:
-        return
-    _Branches(stamper, parts).stamp()
+    _Branches(stamper, stamper.circuit.branches).stamp()
 
 
 class _Branches:

@@ -12,7 +12,6 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.wired_arrays import port_matrices
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.branch_stamps import stamp_branches
 from taction.verification.engines.statespace.equations.cell_stamps import (
     stamp_imported,
     stamp_opamps,
@@ -89,7 +88,10 @@ def stamp(circuit: Circuit) -> Descriptor:
     stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
     farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)
     stamper.mass.branch(capacitors[0::2], capacitors[1::2], farads)
-    stamp_branches(stamper)
+    if circuit.branches:
+        from taction.verification.engines.statespace.equations.branch_stamps import stamp_branches
+
+        stamp_branches(stamper)
     return _finish(stamper, node_count, devices)
 
 
