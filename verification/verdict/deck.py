@@ -126,7 +126,7 @@ def deck_of(
     leveled = board
     if has_large_signal(board):
         stable = poles_behind(board, scales).known_stable
-        leveled, _ = at_level(scene, board, transient, stable=stable)
+        leveled = at_level(scene, board, transient, stable=stable)
     if leveled is not board:
         scales = time_scales(leveled, initial=scene.analysis.initial)
         transient = plan_transient(scene, leveled, scales).transient

@@ -20,20 +20,15 @@ from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 
 def at_level(
     scene: Scene, board: LinearBoard, transient: Transient, *, stable: bool
-) -> tuple[LinearBoard, PartLoads]:
-    """Return the board at its level, and the loads of the small-signal board if it is stable.
+) -> LinearBoard:
+    """Return a small-signal board at its level.
 
-    Parameters
-    ----------
-    board : LinearBoard
-        The small-signal board.
-    transient : Transient
-        Its record, from which the loads of a board without exact solution are read.
+    The loads of a board without exact solution are read from its record, `transient`.
     """
-    if not has_loads(scene, board, stable=stable):
-        return leveled_board(scene, board, NOT_LIMITED), NOT_LIMITED
-    loads = PartLoads.of(board, initial=transient.initial, transient=transient)
-    return leveled_board(scene, board, loads), loads
+    loads = NOT_LIMITED
+    if has_loads(scene, board, stable=stable):
+        loads = PartLoads.of(board, initial=transient.initial, transient=transient)
+    return leveled_board(scene, board, loads)
 
 
 def has_loads(scene: Scene, board: LinearBoard, *, stable: bool) -> bool:

@@ -298,7 +298,9 @@ class SweepResult(Result):
             pandas is not installed.
         """
         _need("pandas")
-        return frame(self)
+        import pandas as pd
+
+        return pd.DataFrame(_rows(self), columns=_titles(self.plan))
 
     def to_xarray(self) -> Any:
         """Return an ``xarray.Dataset``: the axes and the engine are its coordinates.
@@ -426,13 +428,6 @@ def grids(result: SweepResult) -> dict[str, np.ndarray[Any, Any]]:
             if record[name] is not None:
                 array[place] = record[name]
     return arrays | words
-
-
-def frame(result: SweepResult) -> Any:
-    """Return the stored points as a pandas DataFrame: the rows of a CSV file."""
-    import pandas as pd
-
-    return pd.DataFrame(_rows(result), columns=_titles(result.plan))
 
 
 def dataset(result: SweepResult) -> Any:

@@ -21,7 +21,6 @@ from taction.verification.studies.sweep.result import (
     SweepResult,
     dataset,
     export_sweep,
-    frame,
     grids,
     records,
 )
@@ -110,7 +109,7 @@ def test_exports_have_ngspice_only_at_the_chosen_points(tmp_path: Path) -> None:
     plan = hybrid_plan()
     with hybrid_store(plan) as store:
         result = result_of(plan, store)
-        table, grid, arrays = frame(result), dataset(result), grids(result)
+        table, grid, arrays = result.to_pandas(), dataset(result), grids(result)
         export_sweep(result, str(tmp_path / "a.csv"))
         draw_page(view(result), tmp_path / "a.png")
     assert (table["engine"] == "statespace").sum() == POINTS
