@@ -126,8 +126,8 @@ class Modules(Mapping[str, Any]):
     Examples
     --------
     >>> from taction.netlist_gen import topologies
-    >>> list(Modules(topologies, "TOPOLOGY"))
-    ['integrator', 'inv', 'passive', 'pinv', 'ridge']
+    >>> Modules(topologies, "TOPOLOGY")["integrator"].name
+    'integrator'
     """
 
     def __init__(self, package: ModuleType, attribute: str) -> None:
