@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -34,6 +35,7 @@ def changed(revision: str) -> list[str]:
     return sorted({line for run in runs for line in run.stdout.decode().splitlines()})
 
 
+@cache
 def imported(file: Path) -> set[str]:
     """Return the names that a test file imports, below `taction`, or of the tests' own helpers."""
     found = set()

@@ -9,6 +9,7 @@ import pytest
 
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.readings.settling import ChannelState
 from taction.verification.verdict.verify import FULL, Effort, Verdict, verify
 from tests.support.making import make_scene
@@ -60,12 +61,12 @@ MADE: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any], int]] = {
     "tanh": ({"channels": 3}, BENT | {"amplifier": "tanh"}, {}, 4),
     "marginal-stable": ({}, BREADBOARD | {"capacitance": "9.2pF"}, {}, 6),
     "marginal-unstable": ({}, BREADBOARD | {"capacitance": "8.7pF"}, {"stop": "1ms"}, 6),
-    "large": ({"channels": 40}, DAMPED | {"capacitance": "1nF"}, {}, 1),
+    "large": ({"channels": 9}, DAMPED | {"capacitance": "1nF"}, {}, 6),
 }
-SEEDS = {path.stem: 6 for path in SHIPPED} | {
-    "paper-exponential": 4,
-    "paper-exponential-devices": 3,
-}
+# Fewer where a verdict takes half a second.
+SEEDS = {path.stem: 6 for path in SHIPPED}
+SEEDS |= {"paper-exponential": 3, "paper-exponential-devices": 2}
+SEEDS |= {"non-negative": 2, "lasso": 2, "box": 3, "tangential-exponential": 3}
 SEEDS |= {name: seeds for name, (_, _, _, seeds) in MADE.items()}
 
 
@@ -97,7 +98,11 @@ def assert_within(wanted: Verdict, found: Verdict) -> None:
 
 
 @pytest.mark.parametrize("name", SEEDS)
-def test_rounding_changes_no_verdict_and_no_state(name: str) -> None:
+def test_rounding_changes_no_verdict_and_no_state(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if name == "large":  # solved through its structure, as boards of more than 600 unknowns
+        monkeypatch.setattr(descriptor, "LARGE", 100)
     scene = scene_of(name)
     quick = Effort(details=False, full_margin=False)
     efforts = (quick,) if name == "large" else (quick, FULL, quick, quick)

@@ -51,7 +51,7 @@ CHAPTERS: dict[str, PaperTask] = {
     "hardware": PaperTask("Other hardware", hardware, 2.2, 2.0),
     "speed": PaperTask("Analog against digital", speed, 3.3, 2.5),
     "simnon": PaperTask("Simulation", simnon, 10.0, 2.5),
-    "energy": PaperTask("Energy and stability", energy, 6.9, 5.2),
+    "energy": PaperTask("Energy and stability", energy, 8.0, 3.8),
     "conditioning": PaperTask("Ill-posedness", conditioning, 25.0, 1.5),
     "kernels": PaperTask("Kernel and load as printed", kernels, 0.1, 0.1),
     "equations": PaperTask("The network's equations as printed", equations, 0.1, 0.1),

@@ -87,7 +87,14 @@ def test_their_numbers_are_those_of_the_reports(path: Path) -> None:
     assert (ours.strain == theirs.strain).all()
 
 
-@pytest.mark.parametrize("case", BOARDS, ids=name_of)
+LARGEST = "channels-500"  # its deck alone takes 7 s of processor time; `make stress` verifies it
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, marks=[pytest.mark.nightly] * (c.name == LARGEST)) for c in BOARDS],
+    ids=name_of,
+)
 def test_a_scene_is_read_and_its_true_values_are_those_of_its_tables_and_deck(case: Case) -> None:
     assert {case.scene(engine).analysis.engine for engine in case.engines} == set(case.engines)
     assert case.truth is not None, "scripts/stress_truth.py computes it"
