@@ -56,8 +56,8 @@ def board_scene(seed: int) -> Scene:
     return random_scene(seed, kind, bias=False, ridge_share=share)
 
 
-def compare_board(seed: int) -> Comparison:
-    """Compare the transient, and the reference's answer, of a random board."""
+def compare_board(seed: int, points: int = POINTS) -> Comparison:
+    """Compare the transient at `points` instants, and the reference's answer, of a random board."""
     scene = board_scene(seed)
     try:
         board = LinearBoard(synthesise(scene))
@@ -71,10 +71,10 @@ def compare_board(seed: int) -> Comparison:
     if stiff > STIFF:
         raise NotComparableError("too stiff for the other transient")
     stop = (LIVES if found.stable else GROWN) / abs(found.rightmost.real)
-    error, record, first = _differences(board, scene, stop, stiff)
+    error, record, first = _differences(board, scene, stop, stiff, points)
     outside = first is not None
     if first is not None:  # the other transient misses a stay that is short beside its steps
-        outside = _differences(board, scene, first, stiff)[2] is not None
+        outside = _differences(board, scene, first, stiff, points)[2] is not None
     if solution.trusted:
         given = network.T, network.eps, network.lam, KINDS[seed % 3], SHARES[seed // 3 % 3]
         u = proximal(*given)
@@ -89,11 +89,11 @@ def compare_board(seed: int) -> Comparison:
 
 
 def _differences(
-    board: LinearBoard, scene: Scene, stop: float, stiff: float
+    board: LinearBoard, scene: Scene, stop: float, stiff: float, points: int
 ) -> tuple[float, Waveforms, float | None]:
     """Return the largest difference, V, the engine's record, and the first instant outside, s."""
-    times = np.linspace(0.0, stop, POINTS)
-    transient = Transient(stop, stop / POINTS, initial=scene.analysis.initial)
+    times = np.linspace(0.0, stop, points)
+    transient = Transient(stop, stop / points, initial=scene.analysis.initial)
     record = piecewise.simulate(board, transient, times=times)
     assert isinstance(record.curve, piecewise.PiecewiseCurve)
     truth, doubt, _ = kinked_transient(board, transient, times, board.reported(None))

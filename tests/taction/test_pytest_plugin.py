@@ -70,19 +70,41 @@ def test_loading_the_plugin_loads_pytest_and_nothing_else_of_weight() -> None:
     assert done.stdout.split() == ["taction", "taction.pytest_plugin"]
 
 
-def test_scene_files_are_collected_and_judged(session: pytest.Pytester) -> None:
+def test_scene_files_are_judged_and_the_fixture_verifies_a_scene_once(
+    session: pytest.Pytester,
+) -> None:
     write_fast(session.path / "good.scene.toml")
     write_fast(session.path / "slow.scene.toml", limit="1us")
     write_fast(session.path / "not-ours.toml", limit="1us")
     (session.path / "odd.scene.toml").write_text("[problem]\nkind = 'tactil'\n")
+    write_fast(session.mkdir("boards") / "a.toml")
+    session.makepyfile(
+        """
+        seen = []
+
+        def test_board(taction_scene):
+            verdict = taction_scene("boards/a.toml")
+            assert verdict.outcome.value == "pass"
+            assert verdict.measurements.settling_time.value < 1e-3
+            seen.append(verdict)
+
+        def test_the_same_board(taction_scene):
+            assert taction_scene("boards/a.toml") is seen[0]
+            assert taction_scene("boards/a.toml", engine="statespace") is not seen[0]
+
+        def test_no_board(taction_scene):
+            taction_scene("none.toml")
+        """
+    )
     result = run(session)
-    result.assert_outcomes(passed=1, failed=2)
-    result.stdout.fnmatch_lines(
+    result.assert_outcomes(passed=3, failed=3)
+    result.stdout.fnmatch_lines_random(
         [
             "odd.scene.toml: bad input",
             "*problem.kind = 'tactil': did you mean 'tactile'*",
             "slow.scene.toml: fail",
             "*check settling time fails*",
+            "*InputError*none.toml*No such file*",
         ]
     )
     result.stdout.no_fnmatch_line("*Traceback*")
@@ -118,30 +140,3 @@ def test_a_baseline_that_cannot_be_read_ends_the_collection(session: pytest.Pyte
     result.assert_outcomes(errors=1)
     result.stdout.fnmatch_lines(["*none.json*No such file*"])
     result.stdout.no_fnmatch_line("*Traceback*")
-
-
-def test_the_fixture_verifies_a_scene_once_a_session(session: pytest.Pytester) -> None:
-    write_fast(session.mkdir("boards") / "a.toml")
-    session.makepyfile(
-        """
-        seen = []
-
-        def test_board(taction_scene):
-            verdict = taction_scene("boards/a.toml")
-            assert verdict.outcome.value == "pass"
-            assert verdict.measurements.settling_time.value < 1e-3
-            seen.append(verdict)
-
-        def test_the_same_board(taction_scene):
-            assert taction_scene("boards/a.toml") is seen[0]
-            assert taction_scene("boards/a.toml", engine="statespace") is not seen[0]
-        """
-    )
-    run(session).assert_outcomes(passed=2)
-
-
-def test_the_fixture_names_what_is_wrong_with_a_scene(session: pytest.Pytester) -> None:
-    session.makepyfile("def test_board(taction_scene):\n    taction_scene('none.toml')\n")
-    result = run(session)
-    result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["*InputError*none.toml*No such file*"])

@@ -81,9 +81,9 @@ def typed(command: str, folder: Path, size: tuple[int, int], **variables: str) -
     return run_in_terminal([*start, *words], folder, *size, PYTHONPATH=str(ROOT), **variables)
 
 
-# Each user in one size with every commit; the other one is `make nightly`.
+# Each user in one size with every commit; the other one, and the long demonstration, nightly.
 TERMINALS = [
-    pytest.param(name, size, marks=[] if k % 2 == place else [pytest.mark.nightly])
+    pytest.param(name, size, marks=[pytest.mark.nightly] * (k % 2 != place or name == "student"))
     for k, name in enumerate(USERS)
     for place, size in enumerate(SIZES)
 ]

@@ -27,6 +27,7 @@ from taction.system.progress import Clock
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.ngspice.process import simulate as by_ngspice
+from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate as by_state_space
 from taction.verification.report.documents.verdict import verdict_document
@@ -183,7 +184,7 @@ AMPLIFIED |= {"lambda": 0.2, "gain": "100kohm", "unit_conductance": "10uS", "opa
 SLEWING = {
     "followers": (make_scene(design=FOLLOWERS | {"unit_voltage": "5V"}), ""),
     "a current": (beyond_limits(3, output_current="0.25mA"), "and largest output current"),
-    "640 unknowns": (beyond_limits(20), "slew rate and swing"),
+    "many unknowns": (beyond_limits(5), "slew rate and swing"),
     "amplifiers": (
         Scene.from_arrays([[1.0, 0.4], [0.3, 0.9]], [0.7, 0.5], design=AMPLIFIED),
         "would reach",
@@ -193,7 +194,11 @@ SLEWING = {
 
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize("name", SLEWING)
-def test_both_engines_agree_on_every_kind_of_board_that_slews(name: str) -> None:
+def test_both_engines_agree_on_every_kind_of_board_that_slews(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if name == "many unknowns":  # solved through its structure
+        monkeypatch.setattr(descriptor, "LARGE", 100)
     scene, reason = SLEWING[name]
     verdict = verify(with_values(scene, {"analysis.error": 5e-5}).with_engine("ngspice"))
     agree = named(verdict, "engines_agree")

@@ -39,7 +39,7 @@ def curve_of(board: LinearBoard, stop: float) -> PiecewiseCurve:
 
 @pytest.mark.parametrize("seed", [0, 3, 30, 41])
 def test_random_boards_are_within_their_bound_of_another_transient(seed: int) -> None:
-    found = compare_board(seed)
+    found = compare_board(seed, points=251)
     assert not found.outside, found
 
 
@@ -111,9 +111,9 @@ def test_an_unstable_board_that_saturates_has_a_limit_cycle() -> None:
     assert cycle is not None
     assert cycle.multiplier < 1.0
     # The period again, by the crossings of the mean output in another transient.
-    times = np.linspace(0.0, 3.0 * cycle.begin + 15.0 * cycle.period, 1501)
+    times = np.linspace(0.0, 3.0 * cycle.begin + 6.0 * cycle.period, 601)
     truth, _, _ = kinked_transient(board, Transient(times[-1], 1e-6), times, board.reported(None))
-    late = truth[500:, 0] - 0.5 * (truth[500:, 0].max() + truth[500:, 0].min())
+    late = truth[300:, 0] - 0.5 * (truth[300:, 0].max() + truth[300:, 0].min())
     rising = np.flatnonzero((late[:-1] < 0.0) & (late[1:] >= 0.0))
     period = (rising[-1] - rising[0]) * times[1] / (len(rising) - 1)
     assert period == pytest.approx(cycle.period, rel=1e-2)
