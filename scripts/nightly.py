@@ -3,8 +3,8 @@
     python scripts/nightly.py [STEP ...]     run all steps, or these; record them
     python scripts/nightly.py --stale        name the steps that were not green with these sources
 
-`docs/nightly.toml` has, for each step, the hash of the sources, the day, the machine, the time that
-it took and whether it was green.
+`docs/nightly.toml` has, for each step, the hash of the sources that it depends on, the day, the
+machine, the time that it took and whether it was green.
 """
 
 from __future__ import annotations
@@ -20,14 +20,16 @@ import subprocess
 import sys
 import time
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "docs" / "nightly.toml"
 HEAD = "# Written by `make nightly`; `.ci/run` says which steps are not green with its sources.\n"
-SOURCES = ("taction", "cli", "system", "netlist_gen", "spice_models", "verification")
-SOURCES += ("scenes", "tests", "scripts", "requirements", "pyproject.toml")
+PACKAGE = ("taction", "cli", "system", "netlist_gen", "spice_models", "verification")
+PACKAGE += ("scenes", "requirements", "pyproject.toml")
+SOURCES = (*PACKAGE, "tests", "scripts")
 STEPS = {
     "processors": ("make", "test-processors"),
     "pythons": ("make", "test-pythons", "ARGS=--all"),
@@ -41,6 +43,13 @@ STEPS = {
     "newer-debian": ("make", "test-bare", "RELEASE=trixie", "ARGS=make demo test"),
     # Debian's testing suite has the newest Python, which no registry of packages has.
     "newest-debian": ("make", "test-bare", "RELEASE=forky", "ARGS=make demo test"),
+}
+# What a step reads besides the package; the others read all tests and scripts.
+OWN = {
+    "simulators": ("scripts/simulators.py", "scripts/older_ngspice.sh"),
+    "fuzz": ("tests/fuzz", "tests/support", "tests/data"),
+    "torture": ("tests/torture", "tests/support", "tests/data"),
+    "boards": ("tests/bench", "tests/support", "tests/data"),
 }
 # Twenty times as many random scenes and seeds as in every commit; the tests marked `nightly`.
 MORE = {
@@ -63,9 +72,10 @@ def git(*words: str) -> str:
     return run.stdout.strip() if run.returncode == 0 else ""
 
 
-def source_hash() -> str:
-    """Return the hash of the committed sources, without the documentation; "" without git."""
-    trees = [git("rev-parse", f"HEAD:{name}") for name in SOURCES]
+def source_hash(step: str) -> str:
+    """Return the hash of the committed sources that a step depends on; "" without git."""
+    names = PACKAGE + OWN[step] if step in OWN else SOURCES
+    trees = [git("rev-parse", f"HEAD:{name}") for name in names]
     return hashlib.sha256(" ".join(trees).encode()).hexdigest()[:16] if all(trees) else ""
 
 
@@ -74,8 +84,8 @@ def recorded() -> dict[str, dict[str, Any]]:
     return tomllib.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
 
 
-def stale(entries: dict[str, dict[str, Any]], sources: str) -> list[str]:
-    """Return a sentence for each step that was not green with `sources`."""
+def stale(entries: dict[str, dict[str, Any]], sources: Callable[[str], str]) -> list[str]:
+    """Return a sentence for each step that was not green with its `sources` of today."""
     found = []
     for name in STEPS:
         entry = entries.get(name)
@@ -83,7 +93,7 @@ def stale(entries: dict[str, dict[str, Any]], sources: str) -> list[str]:
             found.append(f"{name}: never run")
         elif not entry["green"]:
             found.append(f"{name}: red on {entry['day']}")
-        elif entry["sources"] != sources:
+        elif entry["sources"] != sources(name):
             found.append(f"{name}: green on {entry['day']}, with other sources")
     return found
 
@@ -110,12 +120,11 @@ def main() -> int:
     parser.add_argument("--stale", action="store_true", help="run nothing; say what is stale")
     parser.add_argument("steps", nargs="*", choices=[*STEPS, []], metavar="STEP")
     asked = parser.parse_args()
-    sources = source_hash()
     if asked.stale:
-        for line in stale(recorded(), sources):
+        for line in stale(recorded(), source_hash):
             print(f"nightly: {line}")
         return 0
-    if not sources or git("status", "--porcelain", "--", *SOURCES):
+    if not git("rev-parse", "HEAD") or git("status", "--porcelain", "--", *SOURCES):
         print("nightly: commit the sources first: the record names them", file=sys.stderr)
         return 1
     failed = []
@@ -123,6 +132,7 @@ def main() -> int:
         print(f"== {name}", flush=True)
         began = time.monotonic()
         environment = os.environ | {"CI": "true"} | MORE.get(name, {})
+        sources = source_hash(name)
         green = subprocess.run(STEPS[name], cwd=ROOT, env=environment).returncode == 0
         record(name, sources, green, time.monotonic() - began)
         failed += [] if green else [name]

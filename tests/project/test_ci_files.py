@@ -123,11 +123,15 @@ def test_without_a_bare_system_ci_tests_outside_and_is_red(ci: Run) -> None:
 def test_a_step_of_the_night_is_stale_until_it_is_green_with_these_sources() -> None:
     green = {"sources": "ab", "day": "2026-01-02", "green": True}
     entries = dict.fromkeys(nightly.STEPS, green)
-    assert nightly.stale(entries, "ab") == []
+    assert nightly.stale(entries, lambda step: "ab") == []
     del entries["fuzz"]
     entries["torture"] = green | {"green": False}
-    assert nightly.stale(entries, "ab") == ["fuzz: never run", "torture: red on 2026-01-02"]
-    assert "processors: green on 2026-01-02, with other sources" in nightly.stale(entries, "cd")
+    said = ["fuzz: never run", "torture: red on 2026-01-02"]
+    assert nightly.stale(entries, lambda step: "ab") == said
+    changed = nightly.stale(entries, lambda step: "cd" if step == "processors" else "ab")
+    assert changed == ["processors: green on 2026-01-02, with other sources", *said]
+    assert all((ROOT / name).exists() for own in nightly.OWN.values() for name in own)
+    assert nightly.OWN.keys() <= nightly.STEPS.keys()
 
 
 def test_a_check_before_a_commit_runs_the_tests_of_what_changed() -> None:
