@@ -16,11 +16,12 @@ as_root() {
     if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi
 }
 
-# apt-get without a question ever; silent unless it fails.
+# apt-get without a question ever; silent unless it fails. Two scripts at once wait for each other.
 apt_get() {
-    local log
+    local log locked=()
     log=$(mktemp)
-    if as_root env DEBIAN_FRONTEND=noninteractive apt-get -q -y \
+    command -v flock >/dev/null && locked=(flock "${TMPDIR:-/tmp}/taction-apt.lock")
+    if as_root "${locked[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -q -y \
         -o DPkg::Lock::Timeout=300 -o Acquire::Retries=3 \
         -o Dpkg::Options::=--force-confdef -o Dpkg::Options::=--force-confold \
         "$@" </dev/null >"$log" 2>&1; then
