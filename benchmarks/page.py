@@ -57,8 +57,10 @@ trick that is gone, with no more numbers outside their stated error.
   are those of each board alone: exponentials of a board add up mode after mode, whatever boards
   are beside it.
 - A search for changes that is not cut takes 2.0 s of processor time (median of 12 boards; before,
-  2.1 s): its screening costs more than its verdicts. A figure below 1 s in an earlier table was
-  cut by the 4 s of wall time on a busy machine.
+  2.1 s): its screening costs more than its verdicts. Its estimates evaluate only modes that can be
+  seen, each instant once, and the rise of one channel: of a ringing board 0.8 ms in place of 6, of
+  all twelve searches 10 % (three pairs, in turns, at load 10 to 16). A figure below 1 s in an
+  earlier table was cut by the 4 s of wall time on a busy machine.
 - Boards that differ in capacitances alone share the spread of their rests: a warm point of the
   README's sweep takes 17.6 ms in place of 20.6 (minima of 4, in turns, at load 7). Sharing the
   equilibria as well, excluding loads of op-amps by the sum of the modes' sizes before their grids,

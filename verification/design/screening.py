@@ -7,6 +7,7 @@ fails by far, a verdict decides. So no design is ever accepted by what stands he
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -32,6 +33,7 @@ ESTIMATED = "estimated from the modes"
 PEAK = 0.02  # of the channel's step: a peak so far below a level may reach it between two instants
 RESOLVED = 0.7  # angle of the fastest ringing between two instants up to which a rise is seen
 SMALL = 1e-3  # of the step: smaller modes hide no rise
+FAINT = 1e-6  # of the step: the outputs are those of larger modes
 ROUNDED = 1e-11  # times the fastest pole: farther from the axis the sign of a pole is known
 DEFECTIVE = 1e4  # step amplitudes: a larger mode has no direction of its own
 
@@ -94,14 +96,22 @@ class Outline:
         size = np.abs(self.share).max(axis=1, initial=0.0) * np.exp(self.poles.real * time)
         return float(np.abs(self.poles.imag[size > level]).max(initial=0.0))
 
-    def at(self, times: Floats) -> Floats:
-        """Return the outputs at `times` (P,), V, (P, N)."""
-        real, upper = self.poles.imag == 0.0, self.poles.imag > 0.0
-        still = np.exp(np.outer(times, self.poles.real[real])) @ self.share.real[real]
-        poles, share = self.poles[upper], 2.0 * self.share[upper]
+    @functools.cached_property
+    def _seen(self) -> tuple[Complexes, Complexes, Floats, Floats]:
+        """Poles and shares of the modes that are not `FAINT`: one of each pair, then real ones."""
+        step = float(np.abs(self.share.sum(axis=0)).max(initial=0.0))
+        large = np.abs(self.share).max(axis=1, initial=0.0) > FAINT * step
+        real, upper = large & (self.poles.imag == 0.0), large & (self.poles.imag > 0.0)
+        ringing = self.poles[upper], 2.0 * self.share[upper]
+        return *ringing, self.poles.real[real], self.share.real[real]
+
+    def at(self, times: Floats, channels: int | slice = slice(None)) -> Floats:
+        """Return the outputs, or some of them, at `times` (P,), V, (P, N)."""
+        poles, share, rates, still = self._seen
+        share, still = share[:, channels], still[:, channels]
         size, angle = np.exp(np.outer(times, poles.real)), np.outer(times, poles.imag)
         turning = (size * np.cos(angle)) @ share.real - (size * np.sin(angle)) @ share.imag
-        return np.asarray(self.final + still + turning)
+        return np.asarray(self.final[channels] + np.exp(np.outer(times, rates)) @ still + turning)
 
 
 def can_estimate(scene: Scene, failed: Iterable[str]) -> bool:
@@ -150,7 +160,8 @@ def _checks(
         channel = (checks.rise_time.channel or (len(step) + 1) // 2) - 1
         if channel < len(step) and step[channel]:
             progress = Progress(float(ideal.start[channel]), float(step[channel]), amplitude)
-            rise, limits = _rise(outline, channel, progress, times), checks.rise_time
+            seen, limits = progress(u[:, channel]), checks.rise_time
+            rise = _rise(outline, channel, progress, times, seen)
             yield _check("rise_time", rise, limits.max, limits.min, far=CLOSE)
 
 
@@ -170,13 +181,16 @@ class Progress:
         return (u - self.start) / self.step
 
 
-def _rise(outline: Outline, channel: int, progress: Progress, times: Floats) -> float | None:
-    """Return the rise time, s; None where the instants may miss a peak that begins or ends it.
+def _rise(
+    outline: Outline, channel: int, progress: Progress, times: Floats, seen: Floats
+) -> float | None:
+    """Return the rise time, s, of a channel whose progress at `times` is `seen`.
+
+    None where the instants may miss a peak that begins or ends it.
 
     The crossings lie between the instants around the first of them and around the last one, and are
     found on instants that resolve the ringing there.
     """
-    seen = progress(outline.at(times)[:, channel])
     first, last = (int(np.argmax(seen >= level)) for level in RISE_LEVELS)
     if not first or not last:
         return None
@@ -186,7 +200,7 @@ def _rise(outline: Outline, channel: int, progress: Progress, times: Floats) -> 
     if count > MOST or speed * (float(times[first]) - begin) > RESOLVED:
         return None
     fine = np.linspace(begin, end, count)
-    seen, crossed = progress(outline.at(fine)[:, channel]), []
+    seen, crossed = progress(outline.at(fine, channel)), []
     for level in RISE_LEVELS:
         k = int(np.argmax(seen >= level))
         share = (level - seen[k - 1]) / (seen[k] - seen[k - 1])
