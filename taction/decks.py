@@ -108,16 +108,18 @@ def check(
     ('pass', -1000000)
     """
     _refuse_scene(deck)
-    from taction.verification.studies.board_check import check_board
+    _refuse_half(matrix, strain)
     from taction.verification.studies.foreign_board import read_board
-    from taction.verification.studies.varied_deck import Samples
+    from taction.verification.studies.swept_values import SweptValue
     from taction.verification.studies.wanted_checks import wanted
 
-    asked = wanted(_listed(checks), _listed(expect), _listed(over))
+    asked = wanted(_listed(checks), _listed(expect))
     progress("deck")
     board = read_board(deck, _listed(outputs), linearise=linearise)
     notes = board.notes
-    if matrix is not None or strain is not None:
+    asked.refuse_unknown(board.flat.nodes)
+    swept = [SweptValue.of(each, board.circuit, board.parameters) for each in _listed(over)]
+    if matrix is not None and strain is not None:
         asked, more = _with_reference(asked, board, matrix, strain, lam, unit, accept)
         notes = (*notes, *more)
     spread = None
@@ -125,11 +127,16 @@ def check(
         from taction.netlist_gen.deck.part_tolerances import read_tolerances
 
         spread = read_tolerances(tolerances, board.circuit)
+    # all that can be refused is refused before the engine is loaded
+    from taction.verification.studies.board_check import check_board
+    from taction.verification.studies.varied_deck import Samples
+
     found = check_board(
         board.circuit,
         asked,
         initial=board.initial,
         witness=board.witness if ngspice else None,
+        over=swept,
         build=board.moved,
         tolerances=spread,
         samples=Samples(samples, seed),
@@ -146,20 +153,25 @@ def check(
 def _with_reference(
     asked: Wanted,
     board: ForeignBoard,
-    matrix: str | Path | None,
-    strain: str | Path | None,
+    matrix: str | Path,
+    strain: str | Path,
     *settings: Any,
 ) -> tuple[Wanted, tuple[str, ...]]:
     """Return what is asked with the optimum of a problem, and what is to be said of its files."""
-    from taction.system.errors import Complaint, InputError
     from taction.verification.studies.board_reference import BoardReference
 
-    if matrix is None or strain is None:
-        missing = "--matrix" if matrix is None else "--strain"
-        raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
     nodes = [out.node for out in board.circuit.outputs]
     wanted, notes = BoardReference(matrix, strain, *settings).expected(nodes)
     return replace(asked, expected=(*asked.expected, *wanted)), notes
+
+
+def _refuse_half(matrix: str | Path | None, strain: str | Path | None) -> None:
+    """Refuse a problem without its matrix, or without its strain."""
+    from taction.system.errors import Complaint, InputError
+
+    if (matrix is None) != (strain is None):
+        missing = "--matrix" if matrix is None else "--strain"
+        raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
 
 
 def _refuse_scene(deck: str | Path) -> None:

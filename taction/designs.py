@@ -73,15 +73,13 @@ def netlist(
     >>> "Rr_1 v_1 x_1 'R'" in deck.text
     True
     """
+    from taction.netlist_gen.deck.dialects.table import refuse_unable
+
+    refuse_unable(dialect, parameters=parameters, measures=measure)
     from taction.netlist_gen.board.part_warnings import part_warnings
-    from taction.netlist_gen.deck.dialects.table import DIALECTS
-    from taction.system.errors import Complaint, InputError
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.verdict.deck import DeckChoice, Netlist, deck_of, write_files
 
-    if dialect not in DIALECTS:
-        text = f"expected one of {', '.join(DIALECTS)}"
-        raise InputError("netlist", Complaint("dialect", repr(dialect), text))
     scene = read_scene(scene)
     choice = DeckChoice(dialect, split, parameters, measure)
     circuit, deck = deck_of(scene, output=output, choice=choice)

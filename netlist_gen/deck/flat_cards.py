@@ -34,8 +34,10 @@ from taction.netlist_gen.board.circuit import (
     Resistor,
     common_facts,
 )
+from taction.netlist_gen.deck.macromodels import PINS, RAILS
 from taction.spice_models.foreign_expressions import number
 from taction.spice_models.opamp import OpAmp
+from taction.system.errors import Complaint, InputError
 
 KINDS = {
     "r": ("resistor", "ohm"),
@@ -52,8 +54,6 @@ MODEL = "vendor{}"  # name of an op-amp that is replaced
 IDLE = {"tc1", "tc2", "tc", "noisy", "temp", "dtemp"}  # without effect at 27 degrees C, or on poles
 NAMED = 4  # sources in a sentence
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
-PINS = "e_taction_pins_"  # name of the card that stands for an op-amp: its pins and its model
-RAILS = "g_taction_rails"  # that of its supplies
 _FIELD = re.compile(r"[^\s=]+\s*=\s*[^\s=]+|[^\s=(),]+")
 _WAVE = re.compile(r"\b(pulse|pwl|sin|exp|step)\s*\(?([^()]*)\)?")
 _OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
@@ -347,7 +347,7 @@ def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) ->
 
     Raises
     ------
-    CardError
+    InputError
         The deck has no such node.
     """
     nodes = flat.nodes
@@ -355,8 +355,8 @@ def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) ->
         names = [re.sub(r"^v\((.*)\)$", r"\1", name.strip().lower()) for name in wanted]
         for name in names:
             if name not in nodes:
-                listed = ", ".join(list(nodes)[:20])
-                raise CardError(f"the deck has no node {name!r}; it has {listed}")
+                text = f"the deck has no such node; it has {', '.join(list(nodes)[:20])}"
+                raise InputError("--output", Complaint("node", repr(name), text))
         return tuple(dict.fromkeys(names))
     held = {n for part in flat.branches if isinstance(part, VoltageBetween) for n in part.nodes}
     seen = [name for card in shown_cards for name in _OUTPUT.findall(card)]

@@ -17,13 +17,14 @@ import math
 from collections.abc import Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.variation import varying_parts
-from taction.netlist_gen.scene.checks import Tolerances
 from taction.netlist_gen.scene.loading import read_toml
 from taction.system.errors import Complaint, InputError
+
+if TYPE_CHECKING:
+    from taction.netlist_gen.scene.checks import Tolerances
 
 KINDS = ("resistor", "capacitor", "coil", "gain")
 DISTRIBUTIONS = ("normal", "uniform")
@@ -62,6 +63,8 @@ def read_tolerances(file: str | Path, circuit: Circuit) -> Tolerances:
     """
     path = Path(file)
     data, _ = read_toml(path, ACCEPTED)
+    from taction.netlist_gen.scene.checks import Tolerances  # after the refusal of a file
+
     table, wrong = data.get("tolerances", data), list[Complaint]()
     if not isinstance(table, dict):
         raise InputError(path, Complaint("tolerances", repr(table)[:80], f"expected {ACCEPTED}"))
@@ -86,6 +89,8 @@ def _parts(
     circuit: Circuit, kinds: Mapping[str, float], named: Any, wrong: list[Complaint]
 ) -> dict[str, float]:
     """Return the tolerances above zero by the names of parts; mistakes are added to `wrong`."""
+    from taction.netlist_gen.board.variation import varying_parts
+
     known = {name: kind for name, kind in varying_parts(circuit) if kind in KINDS}
     found = {name: kinds[kind] for name, kind in known.items() if kind in kinds and "." not in name}
     if not isinstance(named, dict):

@@ -253,6 +253,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
     scene = str(write_fast(tmp_path / "a.toml"))
     for pair, reason in (
         ((str(stored), deck), "a stored verdict has no circuit to compare with"),
+        ((str(tmp_path / "b.cir"), deck), "No such file or directory"),
         ((str(raw), str(raw)), "a second record; expected the scene or the deck"),
         ((scene, str(raw)), "does not begin with 'Title:'"),
         ((scene, deck), "the deck has no node of this name"),

@@ -84,7 +84,7 @@ def test_a_part_alone_is_swept_around_its_value(deck: str) -> None:
 def test_a_mistake_names_what_is_accepted(deck: str) -> None:
     with pytest.raises(InputError, match="settling=1ms@1%"):
         taction.check(deck, checks="speed=1")
-    with pytest.raises(InputError, match="the deck has no node 'x'; it has in"):
+    with pytest.raises(InputError, match="'x': the deck has no such node; it has in"):
         taction.check(deck, outputs="v(x)")
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from taction.netlist_gen.board.circuit import Circuit
 from taction.system.atomic_files import replacing
-from taction.system.waveforms import Waveforms
-from taction.verification.report.output_checks import check_file
-from taction.verification.verdict.companion import outputs
+from taction.system.output_files import check_file
+
+if TYPE_CHECKING:
+    from taction.netlist_gen.board.circuit import Circuit
+    from taction.system.array_types import Floats
+    from taction.system.waveforms import Waveforms
 
 PARQUET = "Parquet needs pyarrow: pip install 'taction[parquet]'; or write .csv or .raw"
 PACKAGES = {".parquet": ("pyarrow", PARQUET)}
@@ -45,8 +46,16 @@ def _names(circuit: Circuit) -> list[str]:
     return ["time", *(f"u_{n}" for n in range(1, len(circuit.outputs) + 1))]
 
 
+def _outputs(circuit: Circuit, waveforms: Waveforms) -> Floats:
+    from taction.verification.verdict.companion import outputs
+
+    return outputs(circuit, waveforms)
+
+
 def _csv(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
-    table = np.column_stack([waveforms.time, outputs(circuit, waveforms)])
+    import numpy as np
+
+    table = np.column_stack([waveforms.time, _outputs(circuit, waveforms)])
     with path.open("w", encoding="utf-8") as file:
         file.write(",".join(_names(circuit)) + "\n")
         for row in table.tolist():
@@ -57,7 +66,7 @@ def _parquet(circuit: Circuit, waveforms: Waveforms, path: Path) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    columns = [waveforms.time, *outputs(circuit, waveforms).T]
+    columns = [waveforms.time, *_outputs(circuit, waveforms).T]
     table = pyarrow.table(dict(zip(_names(circuit), columns, strict=True)))
     pyarrow.parquet.write_table(table, path)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit
@@ -23,6 +23,7 @@ from taction.verification.studies.board_sweep import Build, Sweep, sweep_board
 from taction.verification.studies.board_witness import Witness, witnessed
 from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_board
 from taction.verification.studies.part_influence import PartRow, influences
+from taction.verification.studies.swept_values import SweptValue
 from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.yield_report import YieldReport
 from taction.verification.studies.varied_deck import Samples, varied_outcomes
@@ -187,6 +188,7 @@ def check_board(
     *,
     initial: Start = "rest",
     witness: Witness | None = None,
+    over: Iterable[SweptValue] = (),
     build: Build | None = None,
     tolerances: Tolerances | None = None,
     samples: Samples | None = None,
@@ -200,13 +202,15 @@ def check_board(
     circuit : Circuit
         The board; its knobs are the parts that are listed.
     asked : Wanted
-        Limits, expected values and sweeps.
+        Limits and expected values.
     initial : str
         Whether the step begins at rest, or with no charge.
     witness : callable, optional
         Returns ngspice's deck of a transient for a solver; without it there is one witness.
+    over : iterable of SweptValue
+        Values to sweep, one after the other.
     build : callable, optional
-        Takes a name that is no knob, and values; returns the board as a function of the value.
+        Takes the name of a ``.param``, and values; returns the board as a function of the value.
     tolerances : Tolerances, optional
         Of its parts: then the worst corners and the yield are found, too.
     samples : Samples, optional
@@ -218,8 +222,6 @@ def check_board(
 
     Raises
     ------
-    InputError
-        A name that the board does not have.
     EngineError
         No equilibrium, or no state-space form.
     """
@@ -240,7 +242,7 @@ def check_board(
     if agreement is None and "engines_agree" in asked.names:
         checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))
     progress("sweeps")
-    sweeps = tuple(sweep_board(board, text, initial, band, build) for text in asked.over)
+    sweeps = tuple(sweep_board(board, each, initial, band, build) for each in over)
     corners, yields = None, None
     if tolerances is not None:
         corners, yields = varied_outcomes(found, tolerances, asked, samples or Samples(), progress)
@@ -253,7 +255,7 @@ def check_board(
         why,
         tuple(checks),
         sweeps,
-        bool(asked.names or asked.expected),
+        asked.anything,
         {"statespace": middle - began},
         corners,
         yields,

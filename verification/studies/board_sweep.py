@@ -6,23 +6,17 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.scene.axes import range_values
-from taction.netlist_gen.scene.keys import Key
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps
-from taction.system.errors import Complaint, EngineError, InputError
-from taction.system.quantities import UNITS
+from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.readings import Reading
 from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.families import Family
 from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_boards
+from taction.verification.studies.swept_values import SweptValue
 
-AROUND = 30.0  # range of a value without one
 COLUMNS = ("settling_time", "rise_time", "overshoot", "undershoot")
-POINTS = 61  # of a range without a number of them
 Build = Callable[[str, Sequence[float]], Callable[[float], Circuit]]
 
 
@@ -63,63 +57,34 @@ class Sweep:
 
 
 def sweep_board(
-    board: LinearBoard, text: str, initial: Start, band: float, build: Build | None = None
+    board: LinearBoard, swept: SweptValue, initial: Start, band: float, build: Build | None = None
 ) -> Sweep:
     """Find every crossing over one value, and the readings at each of the values.
 
     Parameters
     ----------
-    text : str
-        ``NAME``, ``NAME=LOW:HIGH`` or ``NAME=LOW:HIGH:POINTS``; NAME is a knob of the board.
     band : float
         Of the settling time.
     build : callable, optional
-        Takes a name that is no knob, and values; returns the board as a function of the value.
+        Takes the name of a ``.param``, and values; returns the board as a function of the value.
 
     Raises
     ------
-    InputError
-        A name that the board does not have, or a range that is none.
     EngineError
         The board has no equilibrium, or no state-space form.
     """
-    name, _, body = (part.strip() for part in text.partition("="))
-    c = board.circuit
-    folded = {knob.name.lower(): knob for knob in c.knobs if knob.role}
-    knob = folded.get(name.lower())
-    own = c.value(knob.name) if knob else None
-    unit = c.facts[knob.name].unit if knob else ""
-    known = ", ".join(each.name for each in folded.values())
-    if not (body or knob):
-        accepted = f"expected {name}=LOW:HIGH:POINTS, or one of {known}"
-        raise InputError("--over", Complaint("name", repr(name), accepted))
-    values, logarithmic = _values(name, text, body, own, unit)
-    if knob is not None:
-        family = Family.of(board, knob)
+    values = swept.values
+    if swept.knob is not None:
+        family = Family.of(board, swept.knob)
     else:
-        if build is None:
-            raise InputError("--over", Complaint("name", repr(name), f"expected one of {known}"))
-        family = Family.over(build(name.lower(), values))
-    if family.ports is not None and logarithmic:
+        assert build is not None  # noqa: S101 - only decks have a .param
+        family = Family.over(build(swept.name, values))
+    if family.ports is not None and swept.logarithmic:
         edges = family.edges(min(values), max(values))
     else:
-        edges = family.scan(values, logarithmic=logarithmic)
+        edges = family.scan(values, logarithmic=swept.logarithmic)
     points = tuple(_points(family, values, initial, band))
-    return Sweep(knob.name if knob else name, unit, own, edges, points)
-
-
-def _values(
-    name: str, text: str, body: str, own: float | None, unit: str
-) -> tuple[list[float], bool]:
-    """Return the values of a range, and whether they are spaced by factors."""
-    if body:
-        key = Key(name, "real", unit if unit in UNITS else "ohm")
-        found, scale = range_values(key, text, body, POINTS)
-        values = [float(value) for value in found]
-        return values, scale != "lin" and min(values) > 0.0
-    if own is None or not own > 0.0:
-        raise InputError("--over", Complaint(name, "", f"expected {name}=LOW:HIGH:POINTS"))
-    return np.geomspace(own / AROUND, own * AROUND, POINTS).tolist(), True
+    return Sweep(swept.name, swept.unit, swept.own, edges, points)
 
 
 def _points(

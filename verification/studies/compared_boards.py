@@ -28,15 +28,13 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.lambda_rule import read_scene
+from taction.verification.studies.compared_files import RECORDS, ends_with, is_circuit
 from taction.verification.studies.difference import (
     CHANNEL_FIGURES,
     FIGURES,
-    RECORDS,
     Curves,
     StoredKey,
     VerdictDifference,
-    ends_with,
-    is_circuit,
     key_differences,
 )
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
@@ -65,25 +63,22 @@ def compare_circuits(first: Given, second: Given, agree: float) -> VerdictDiffer
     Parameters
     ----------
     first, second : path, Scene or Verdict
-        A scene or a verdict stands for its board.
+        A scene or a verdict stands for its board; `refuse_pair` accepts them.
     agree : float
         Accepted error of a record, as a share of the largest step.
 
     Raises
     ------
     InputError
-        A file cannot be read; two records, or a stored verdict; the two have no output in common.
+        A file cannot be read, or the two have no output in common.
     SimulationError
         ngspice is missing, which expands the decks.
     EngineError
         A board has no equilibrium, or no exact solution for the whole record.
     """
-    places = [_place(first, second), _place(second, first)]
+    places = [_place(first), _place(second)]
     names = (_name(first), _name(second))
     recorded = [ends_with(each, RECORDS) for each in places]
-    if all(recorded):
-        text = "a second record; expected the scene or the deck of the board (.toml, .cir)"
-        raise InputError(names[1], Complaint("file", "", text))
     if not any(recorded):
         return compare_decks(places[0], places[1], names)
     record, board = places if recorded[0] else reversed(places)
@@ -91,15 +86,10 @@ def compare_circuits(first: Given, second: Given, agree: float) -> VerdictDiffer
     return compare_with_record(record, board, names, agree, last=recorded[1])
 
 
-def _place(given: Given, other: Given) -> Place:
+def _place(given: Given) -> Place:
     if isinstance(given, Verdict):
         return given.scene
-    if ends_with(given, (".json",)):
-        text = f"a stored verdict has no circuit to compare with {_name(other)}; expected its scene"
-        raise InputError(str(given), Complaint("file", "", text))
-    if isinstance(given, Scene) or is_circuit(given):
-        return read_scene(given) if isinstance(given, Scene) else given
-    return read_scene(given)
+    return given if isinstance(given, str | Path) and is_circuit(given) else read_scene(given)
 
 
 def _name(given: Given) -> str:

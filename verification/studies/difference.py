@@ -29,8 +29,6 @@ Curves = Callable[[], tuple[Floats, Floats] | None]
 """Returns instants (P,), s, and outputs (P, N), V; None where they cannot be drawn."""
 
 ACCEPTED = "the document of one verdict, from `taction verify SCENE --json`"
-DECKS = (".cir", ".ckt", ".cki", ".sp", ".spice", ".net", ".asc")
-RECORDS = (".raw",)
 FIGURES = ("growth_rate", "frequency", "step_amplitude")
 CHANNEL_FIGURES = ("equilibrium", *READINGS)
 
@@ -85,16 +83,6 @@ class VerdictDifference(Result):
         """1 if a reading differs beyond the uncertainties, else 3 if that is unknown, else 0."""
         found = {reading.beyond for reading in self.readings}
         return 1 if True in found else 3 if None in found else 0
-
-
-def is_circuit(given: object) -> bool:
-    """Return whether something is a file of a deck, or of a record of waveforms, by its ending."""
-    return ends_with(given, (*DECKS, *RECORDS))
-
-
-def ends_with(given: object, endings: tuple[str, ...]) -> bool:
-    """Return whether something is a file with one of these endings."""
-    return isinstance(given, str | Path) and Path(given).suffix.lower() in endings
 
 
 def compare_verdicts(

@@ -19,12 +19,9 @@ from typing import Literal
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.branches import Source, VoltageBetween
 from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.board.opamp_choice import as_opamp
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.flat_cards import (
     MODEL,
-    PINS,
-    RAILS,
     CardError,
     Flat,
     circuit_of,
@@ -32,19 +29,21 @@ from taction.netlist_gen.deck.flat_cards import (
     read_cards,
     stepped,
 )
-from taction.netlist_gen.deck.foreign_deck import LINEAR, Card, ForeignDeck, read_deck
+from taction.netlist_gen.deck.foreign_deck import LINEAR, ForeignDeck, read_deck
+from taction.netlist_gen.deck.macromodels import (
+    PINS,
+    RAILS,
+    cards_of_models,
+    vendors_of,
+    with_stubs,
+)
 from taction.spice_models.imported import ROLES, ImportedOpAmp
+from taction.spice_models.opamp import OpAmp
 from taction.system.errors import Complaint, DidNotLoad, InputError
-from taction.verification.characterise.characterise import import_opamp
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.listing import expand
-from taction.verification.studies.small_signal import linearised
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
-NOT_LINEAR = re.compile(
-    r"^(?:[dqjmsb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
-)
-LISTED = 40  # names in a message
 RELATIVE = 1e-6  # reltol of the witness
 EDGE = 0.01  # of the first step: the edge of a step in ngspice
 Start = Literal["zero", "rest"]
@@ -126,10 +125,6 @@ class ForeignBoard:
 
     def moved(self, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
         """Return the circuit as a function of a ``.param``; `values` are expanded at once."""
-        if name not in self.parameters:
-            knobs = [knob.name for knob in self.circuit.knobs]
-            listed = ", ".join([*self.parameters, *knobs][:LISTED])
-            raise InputError(self.deck.file, Complaint("--over", name, f"expected one of {listed}"))
         known: dict[float, Circuit] = {}
 
         def take(wanted: Sequence[float]) -> None:
@@ -149,12 +144,12 @@ class ForeignBoard:
 
     @cached_property
     def _stubbed(self) -> tuple[str, ...]:
-        return tuple(_with_stubs(self.deck, _vendors(self.deck, self.linearise)))
+        return tuple(with_stubs(self.deck, vendors_of(self.deck, self.linearise)))
 
     def _circuit(self, cards: Iterable[str]) -> Circuit:
         try:
             if self.linearise:
-                cards, _ = linearised(cards, find_simulator())
+                cards, _ = _linearised(cards)
             flat, _ = stepped(read_cards(cards), small=self.linearise)
         except CardError as error:
             raise InputError(self.deck.file, Complaint("deck", "", str(error))) from None
@@ -183,20 +178,20 @@ def read_board(
         ngspice is missing, or does not expand the deck.
     """
     deck = read_deck(file)
-    vendors = _vendors(deck, linearise)
+    vendors = vendors_of(deck, linearise)
     try:
-        (cards,) = expand(tuple(_with_stubs(deck, vendors)), find_simulator())
+        (cards,) = expand(tuple(with_stubs(deck, vendors)), find_simulator())
     except DidNotLoad as error:
         raise InputError(deck.file, Complaint("deck", "", str(error).splitlines()[0])) from None
     try:
         small = ""
         if linearise:
-            cards, small = linearised(cards, find_simulator())
+            cards, small = _linearised(cards)
         flat, stimulus = stepped(read_cards(cards), small=bool(small))
-        nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
     except CardError as error:
         accepted = "" if linearise else f"; {LINEAR}"
         raise InputError(deck.file, Complaint("deck", "", f"{error}{accepted}")) from None
+    nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
     if len(flat.nodes) > MOST_UNKNOWNS:
         text = f"the deck has {len(flat.nodes)} nodes; up to {MOST_UNKNOWNS} are read"
         raise InputError(deck.file, Complaint("deck", "", text))
@@ -206,8 +201,7 @@ def read_board(
         for k, name in enumerate(vendors)
         if any(cell.model == MODEL.format(k) for cell in flat.opamps)
     }
-    models = {name: as_opamp(name, model) for name, model in imported.items()}
-    circuit = circuit_of(flat, deck.file.stem, nodes, models, supply)
+    circuit = circuit_of(flat, deck.file.stem, nodes, _as_opamps(imported), supply)
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
     immediate &= not small  # the small signal begins where the circuit rests
     return ForeignBoard(
@@ -220,6 +214,20 @@ def read_board(
         tuple(cards),
         linearise,
     )
+
+
+def _linearised(cards: Iterable[str]) -> tuple[tuple[str, ...], str]:
+    from taction.verification.studies.small_signal import linearised
+
+    return linearised(cards, find_simulator())
+
+
+def _as_opamps(imported: Mapping[str, ImportedOpAmp]) -> dict[str, OpAmp]:
+    if not imported:
+        return {}
+    from taction.netlist_gen.board.opamp_choice import as_opamp
+
+    return {name: as_opamp(name, model) for name, model in imported.items()}
 
 
 def _notes(
@@ -269,99 +277,6 @@ def _stepping(part: object, transient: Transient) -> str:
     return f"{part.card} {part.a} {part.b} {wave}"
 
 
-@dataclass(slots=True)
-class _Block:
-    """A subcircuit of the text."""
-
-    head: Card
-    cards: list[Card] = field(default_factory=list)
-
-    @property
-    def ports(self) -> list[str]:
-        """Its ports."""
-        words = self.head.text.replace("params:", " ").split()[2:]
-        return [word for word in words if "=" not in word]
-
-
-def _blocks(deck: ForeignDeck) -> tuple[dict[str, _Block], list[Card]]:
-    """Return the subcircuits by name, and the cards of the top level."""
-    blocks, top, inside = dict[str, _Block](), list[Card](), list[_Block]()
-    for card in deck.cards:
-        if card.word == ".subckt":
-            words = card.text.split()
-            if len(words) < 2:
-                raise card.refused("a subcircuit without a name; expected '.subckt NAME ports'")
-            inside.append(blocks.setdefault(words[1], _Block(card)))
-        elif card.word == ".ends":
-            if not inside:
-                raise card.refused("no subcircuit is open")
-            inside.pop()
-        elif inside:
-            inside[-1].cards.append(card)
-        else:
-            top.append(card)
-    return blocks, top
-
-
-def _called(card: Card) -> str:
-    """Return the subcircuit that a card X calls."""
-    words = [w for w in re.sub(r"\s*=\s*", "=", card.text).split() if "=" not in w]
-    return [w for w in words if w != "params:"][-1]
-
-
-def _vendors(deck: ForeignDeck, linearise: bool = False) -> tuple[str, ...]:
-    """Return the subcircuits to replace; InputError for a card that is not linear elsewhere.
-
-    With `linearise` such a card stays where it is.
-    """
-    blocks, top = _blocks(deck)
-    kinds: dict[str, bool] = {}
-
-    def device(cards: Iterable[Card], path: tuple[str, ...]) -> Card | None:
-        """Return the first card that is not linear, beside op-amps that are replaced."""
-        for card in cards:
-            if NOT_LINEAR.match(card.text):
-                return card
-            if card.text[0] == "x" and (name := _called(card)) in blocks:
-                if name in path:
-                    raise card.refused("a subcircuit that calls itself")
-                found = None if replaced(name, (*path, name)) else inner.get(name)
-                if found is not None:
-                    return found
-        return None
-
-    inner: dict[str, Card | None] = {}
-
-    def replaced(name: str, path: tuple[str, ...]) -> bool:
-        if name not in kinds:
-            inner[name] = device(blocks[name].cards, path)
-            kinds[name] = inner[name] is not None and len(blocks[name].ports) == len(ROLES)
-        return kinds[name]
-
-    if (card := device(top, ())) and not linearise:
-        raise card.refused(f"this card is not linear; {LINEAR}, or --linearise")
-    return tuple(name for name, yes in kinds.items() if yes)
-
-
-def _with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
-    """Yield the text with a stub in the place of each op-amp, which shows its nodes."""
-    skipping = 0
-    for card in deck.cards:
-        word, name = card.word, card.text.split()[1:2]
-        if skipping:
-            skipping += (word == ".subckt") - (word == ".ends")
-            if skipping:
-                continue
-        elif word == ".subckt" and name[0] in vendors:
-            inp, inn, vcc, vee, out = _Block(card).ports
-            yield f".subckt {name[0]} {inp} {inn} {vcc} {vee} {out}"
-            yield f"{PINS}{vendors.index(name[0])} {out} 0 {inp} {inn} 1"
-            yield f"{RAILS} {vcc} 0 {vee} 0 1"
-            skipping = 1
-            continue
-        yield card.text
-
-
 def _supply(deck: ForeignDeck, flat: Flat) -> float:
     """Return the supply of all op-amps, ±V."""
     held = {GROUND: 0.0}
@@ -392,9 +307,11 @@ def _imported(deck: ForeignDeck, name: str, supply: float) -> ImportedOpAmp:
     The order + - V+ V- out is that of nearly all vendors; the sign of the measured gain tells
     the other one.
     """
+    from taction.verification.characterise.characterise import import_opamp
+
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder, "macromodel.lib")
-        place.write_text("\n".join(_cards_of_models(deck.lines)) + "\n")
+        place.write_text("\n".join(cards_of_models(deck.lines)) + "\n")
         try:
             try:
                 found = import_opamp(str(place), name, ROLES, supply)
@@ -409,14 +326,3 @@ def _imported(deck: ForeignDeck, name: str, supply: float) -> ImportedOpAmp:
     if found.linear is None:
         raise InputError(deck.file, Complaint(f".subckt {name}", "", found.missing))
     return found
-
-
-def _cards_of_models(lines: Sequence[str]) -> Iterator[str]:
-    """Yield the cards that the import reads: subcircuits, models and parameters."""
-    depth = 0
-    for line in lines:
-        word = line.split()[0]
-        depth += word == ".subckt"
-        if depth or word in (".model", ".param"):
-            yield line
-        depth -= word == ".ends"

@@ -28,7 +28,9 @@ from taction.verification.studies.tolerance.samples import BoardSample, Quantity
 from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
 from taction.verification.studies.wanted_checks import Wanted
 
-ONLY_STABLE = ("stability",)  # what is checked of the boards where nothing was asked for
+ONLY_STABLE: dict[str, dict[str, float]] = {
+    "stability": {}
+}  # what is checked of the boards where nothing was asked for
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +58,8 @@ class VariedDeck(Varied):
     def of(cls, found: MeasuredBoard, spread: Tolerances, asked: Wanted) -> VariedDeck:
         """Return the boards around a measured one; without checks they have to be stable."""
         nominal = found.board.circuit
-        if not (asked.names or asked.expected):
-            asked = replace(asked, names=ONLY_STABLE)
+        if not asked.anything:
+            asked = replace(asked, tables=ONLY_STABLE)
         largest = float(np.abs(found.rest).max(initial=0.0))
         scale = found.measurements.amplitude or largest or 1.0
         varied = parameters(nominal, spread)

@@ -1,18 +1,24 @@
-"""What a user asks of a board without a scene: limits, expected values, and values to sweep."""
+"""What a user asks of a board without a scene: limits of readings, and expected values.
+
+The table of limits, which loads pydantic, is made where there are limits, or where it is needed.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from taction.netlist_gen.scene.checks import Checks
-from taction.netlist_gen.scene.mistakes import validated
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import parse
 
+if TYPE_CHECKING:
+    from taction.netlist_gen.scene.checks import Checks
+
 SHARE = 1e-3  # default tolerance of an expected value
+LISTED = 20  # nodes in a message
 NAMES = {
     "settling": "settling_time", "rise": "rise_time", "margin": "stability",
     "stable": "stability", "agree": "engines_agree",
@@ -29,14 +35,45 @@ class Expected(NamedTuple):
     tolerance: float  # accepted deviation, V
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Wanted:
-    """What is to be checked: limits, expected values of outputs, and values to sweep."""
+    """What is to be checked.
 
-    limits: Checks
-    names: tuple[str, ...] = ()
+    Attributes
+    ----------
+    tables : mapping of str to mapping
+        What is asked of each reading, by the name of its check.
+    expected : tuple of Expected
+        Voltages at rest.
+    """
+
+    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     expected: tuple[Expected, ...] = ()
-    over: tuple[str, ...] = ()
+
+    @cached_property
+    def limits(self) -> Checks:
+        """All limits, those of a scene without checks where nothing is asked."""
+        from taction.netlist_gen.scene.checks import Checks
+        from taction.netlist_gen.scene.mistakes import validated
+
+        return validated(Checks, self.tables, "--check")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The checks that are asked for."""
+        return tuple(self.tables)
+
+    @property
+    def anything(self) -> bool:
+        """Whether anything is asked for."""
+        return bool(self.tables or self.expected)
+
+    def refuse_unknown(self, nodes: Collection[str]) -> None:
+        """Refuse an expected value of a node that is not one of `nodes`."""
+        for each in self.expected:
+            if each.node not in nodes:
+                text = f"the board has the nodes {', '.join([*nodes][:LISTED])}"
+                raise InputError("--expect", Complaint(f"v({each.node})", "", text))
 
     @property
     def lowest(self) -> float | None:
@@ -44,10 +81,8 @@ class Wanted:
         return None if self.limits.noise is None else self.limits.noise.lowest
 
 
-def wanted(
-    checks: Iterable[str] = (), expect: Iterable[str] = (), over: Iterable[str] = ()
-) -> Wanted:
-    """Read the texts of checks, expected values and sweeps.
+def wanted(checks: Iterable[str] = (), expect: Iterable[str] = ()) -> Wanted:
+    """Read the texts of checks and expected values.
 
     Raises
     ------
@@ -64,8 +99,10 @@ def wanted(
     for text in checks:
         name, keys = _check_of(text)
         tables.setdefault(name, {}).update(keys)
-    limits = validated(Checks, tables, "--check")
-    return Wanted(limits, tuple(tables), tuple(map(_expected, expect)), tuple(over))
+    found = Wanted(tables, tuple(map(_expected, expect)))
+    if tables:
+        _ = found.limits  # a wrong one is refused here
+    return found
 
 
 def _check_of(text: str) -> tuple[str, dict[str, Any]]:

@@ -152,17 +152,7 @@ def _with_even_steps(scene: Scene) -> Scene:
 
 def _check(scene: Scene, circuit: Circuit, choice: DeckChoice) -> None:
     """Raise an InputError for what a deck cannot have, all mistakes at once."""
-    dialect = DIALECTS[choice.dialect]()
-    complaints = list(dialect.refusals(circuit))
-    wanted = {
-        "--parameters": (choice.parameters, "parameters"),
-        "--measure": (choice.measures, "measures"),
-    }
-    for option, (asked, what) in wanted.items():
-        if asked and not getattr(dialect, what):
-            able = [name for name, load in DIALECTS.items() if getattr(load(), what)]
-            text = f"no free program checks the {what} of this dialect; expected {', '.join(able)}"
-            complaints.append(Complaint("--dialect", choice.dialect, f"{option}: {text}"))
+    complaints = list(DIALECTS[choice.dialect]().refusals(circuit))
     for key in ("resistor_series", "capacitor_series"):
         series = getattr(scene.design, key)
         if choice.parameters and series != "exact":

@@ -18,6 +18,7 @@ from taction.verification.stability.poles import poles
 from taction.verification.stability.port_response import LawResponse
 from taction.verification.studies.board_check import BoardCheck, check_board
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
+from taction.verification.studies.swept_values import SweptValue
 from taction.verification.studies.wanted_checks import wanted
 from tests.support.designer_decks import DECKS, deck
 from tests.support.nodal_analysis import exact_poles
@@ -40,8 +41,9 @@ def read(tmp_path: Path) -> Read:
 
 
 def checked(board: ForeignBoard, *over: str, checks: tuple[str, ...] = ()) -> BoardCheck:
+    swept = [SweptValue.of(each, board.circuit, board.parameters) for each in over]
     return check_board(
-        board.circuit, wanted(checks, (), over), initial=board.initial, build=board.moved
+        board.circuit, wanted(checks), initial=board.initial, over=swept, build=board.moved
     )
 
 

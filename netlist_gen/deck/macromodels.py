@@ -1,0 +1,123 @@
+"""Macromodels of vendors in a deck's text: which subcircuits they are, and stubs in their place.
+
+Such a subcircuit has transistors, diodes or expressions, and five ports. A stub shows the nodes of
+each op-amp in ngspice's listing, and the model that replaces it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from taction.netlist_gen.deck.foreign_deck import LINEAR, Card, ForeignDeck
+from taction.spice_models.imported import ROLES
+
+NOT_LINEAR = re.compile(
+    r"^(?:[dqjmsb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
+)
+PINS = "e_taction_pins_"  # name of the card that stands for an op-amp: its pins and its model
+RAILS = "g_taction_rails"  # that of its supplies
+
+
+@dataclass(slots=True)
+class _Block:
+    """A subcircuit of the text."""
+
+    head: Card
+    cards: list[Card] = field(default_factory=list)
+
+    @property
+    def ports(self) -> list[str]:
+        """Its ports."""
+        words = self.head.text.replace("params:", " ").split()[2:]
+        return [word for word in words if "=" not in word]
+
+
+def _blocks(deck: ForeignDeck) -> tuple[dict[str, _Block], list[Card]]:
+    """Return the subcircuits by name, and the cards of the top level."""
+    blocks, top, inside = dict[str, _Block](), list[Card](), list[_Block]()
+    for card in deck.cards:
+        if card.word == ".subckt":
+            words = card.text.split()
+            if len(words) < 2:
+                raise card.refused("a subcircuit without a name; expected '.subckt NAME ports'")
+            inside.append(blocks.setdefault(words[1], _Block(card)))
+        elif card.word == ".ends":
+            if not inside:
+                raise card.refused("no subcircuit is open")
+            inside.pop()
+        elif inside:
+            inside[-1].cards.append(card)
+        else:
+            top.append(card)
+    return blocks, top
+
+
+def _called(card: Card) -> str:
+    """Return the subcircuit that a card X calls."""
+    words = [w for w in re.sub(r"\s*=\s*", "=", card.text).split() if "=" not in w]
+    return [w for w in words if w != "params:"][-1]
+
+
+def vendors_of(deck: ForeignDeck, linearise: bool = False) -> tuple[str, ...]:
+    """Return the subcircuits to replace; InputError for a card that is not linear elsewhere.
+
+    With `linearise` such a card stays where it is.
+    """
+    blocks, top = _blocks(deck)
+    kinds: dict[str, bool] = {}
+
+    def device(cards: Iterable[Card], path: tuple[str, ...]) -> Card | None:
+        """Return the first card that is not linear, beside op-amps that are replaced."""
+        first = None
+        for card in cards:
+            found = card if NOT_LINEAR.match(card.text) else None
+            if card.text[0] == "x" and (name := _called(card)) in blocks:
+                if name in path:
+                    raise card.refused("a subcircuit that calls itself")
+                found = None if replaced(name, (*path, name)) else inner.get(name)
+            first = first or found
+        return first
+
+    inner: dict[str, Card | None] = {}
+
+    def replaced(name: str, path: tuple[str, ...]) -> bool:
+        if name not in kinds:
+            inner[name] = device(blocks[name].cards, path)
+            kinds[name] = inner[name] is not None and len(blocks[name].ports) == len(ROLES)
+        return kinds[name]
+
+    if (card := device(top, ())) and not linearise:
+        raise card.refused(f"this card is not linear; {LINEAR}, or --linearise")
+    return tuple(name for name, yes in kinds.items() if yes)
+
+
+def with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
+    """Yield the text with a stub in the place of each op-amp, which shows its nodes."""
+    skipping = 0
+    for card in deck.cards:
+        word, name = card.word, card.text.split()[1:2]
+        if skipping:
+            skipping += (word == ".subckt") - (word == ".ends")
+            if skipping:
+                continue
+        elif word == ".subckt" and name[0] in vendors:
+            inp, inn, vcc, vee, out = _Block(card).ports
+            yield f".subckt {name[0]} {inp} {inn} {vcc} {vee} {out}"
+            yield f"{PINS}{vendors.index(name[0])} {out} 0 {inp} {inn} 1"
+            yield f"{RAILS} {vcc} 0 {vee} 0 1"
+            skipping = 1
+            continue
+        yield card.text
+
+
+def cards_of_models(lines: Sequence[str]) -> Iterator[str]:
+    """Yield the cards that the import reads: subcircuits, models and parameters."""
+    depth = 0
+    for line in lines:
+        word = line.split()[0]
+        depth += word == ".subckt"
+        if depth or word in (".model", ".param"):
+            yield line
+        depth -= word == ".ends"
