@@ -70,8 +70,9 @@ def check(
     accept : str
         Accepted deviation of these outputs, as a share of the largest one.
     tolerances : path, optional
-        TOML file of tolerances: resistor = "1%", and a table [parts] with R1 = "0.1%". The worst
-        corners and the yield are found; without --check a board has to be stable.
+        TOML file of tolerances: resistor = "1%", and tables [parts] with R1 = "0.1%", and [params]
+        with the names of .param. The worst corners and the yield are found; without --check a
+        board has to be stable.
     samples : int
         Boards that are drawn within the tolerances.
     seed : int
@@ -118,7 +119,10 @@ def check(
     board = read_board(deck, _listed(outputs), linearise=linearise)
     notes = board.notes
     asked.refuse_unknown(board.flat.nodes)
-    swept = [SweptValue.of(each, board.circuit, board.parameters) for each in _listed(over)]
+    swept = [
+        SweptValue.of(each, board.circuit, board.parameters, board.value_of)
+        for each in _listed(over)
+    ]
     if matrix is not None and strain is not None:
         asked, more = _with_reference(asked, board, matrix, strain, lam, unit, accept)
         notes = (*notes, *more)
@@ -126,7 +130,7 @@ def check(
     if tolerances is not None:
         from taction.netlist_gen.deck.part_tolerances import read_tolerances
 
-        spread = read_tolerances(tolerances, board.circuit)
+        spread = read_tolerances(tolerances, board.circuit, board.parameters)
     # all that can be refused is refused before the engine is loaded
     from taction.verification.studies.board_check import check_board
     from taction.verification.studies.varied_deck import Samples
@@ -137,7 +141,7 @@ def check(
         initial=board.initial,
         witness=board.witness if ngspice else None,
         over=swept,
-        build=board.moved,
+        deck=board,
         tolerances=spread,
         samples=Samples(samples, seed),
         notes=notes,

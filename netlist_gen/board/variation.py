@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, OpAmpCell, ResistorMatrix, Role
+from taction.netlist_gen.board.circuit import Branch, Circuit, OpAmpCell, ResistorMatrix, Role
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.spice_models.input_errors import MOST, drawn
 from taction.spice_models.opamp import OpAmp
@@ -23,7 +23,7 @@ from taction.system.errors import Complaint, InputError
 TEMPERATURE = "temperature"  # name and kind
 INPUT_ERROR = "input_error"  # kind
 DEVICE = "device"  # kind: an entry of an array that is programmed
-BRANCHES = {"L": "coil", "E": "gain", "F": "gain", "G": "gain", "H": "gain"}
+BRANCHES = {"L": "coil", "E": "gain", "F": "gain", "G": "gain", "H": "gain", "K": "coupling"}
 """Kinds of the branches that vary, by their letter; no table of a scene has them."""
 
 
@@ -129,7 +129,7 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     Raises
     ------
     InputError
-        The DC gain of an op-amp becomes 1 or less.
+        The DC gain of an op-amp becomes 1 or less, or a coupling of coils 1 or more.
     """
     varied = parameters(circuit, tolerances)
     shift = {p.name: float(value) for p, value in zip(varied, z, strict=True)}
@@ -160,10 +160,18 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
             for part in circuit.capacitors
         ),
         branches=tuple(
-            replace(part, value=part.value * scale[part.label]) if part.label in scale else part
+            _branch(part, scale[part.label]) if part.label in scale else part
             for part in circuit.branches
         ),
     )
+
+
+def _branch(part: Branch, factor: float) -> Branch:
+    value = part.value * factor
+    if part.letter == "K" and not abs(value) < 1.0:
+        text = "coils with a coupling of 1 or more; expected a smaller tolerance"
+        raise InputError("tolerances", Complaint(part.label, f"{value:g}", text))
+    return replace(part, value=value)
 
 
 def with_input_errors_at(circuit: Circuit, deviations: Mapping[str, float]) -> Circuit:

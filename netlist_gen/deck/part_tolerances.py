@@ -1,12 +1,16 @@
-"""Tolerances of the parts of a deck, from a small TOML file.
+"""Tolerances of the parts of a deck, and of its ``.param`` cards, from a small TOML file.
 
 ```toml
-resistor = "1%"          # every R outside of subcircuits; likewise capacitor, coil, gain (E F G H)
+resistor = "1%"          # every R outside of subcircuits; likewise capacitor, coil,
+                         # coupling (K), gain (E F G H)
 distribution = "uniform" # within the tolerance; by default normal: the tolerance is three sigma
 
 [parts]                  # by name, as `taction check` lists them; * and ? stand for any letters
 R1 = "0.1%"
 "x*.C1" = "30%"
+
+[params]                 # of a .param: all that depends on it moves together
+gain = "2%"
 ```
 """
 
@@ -14,10 +18,11 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.loading import read_toml
@@ -26,23 +31,34 @@ from taction.system.errors import Complaint, InputError
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.checks import Tolerances
 
-KINDS = ("resistor", "capacitor", "coil", "gain")
+KINDS = ("resistor", "capacitor", "coil", "coupling", "gain")
 DISTRIBUTIONS = ("normal", "uniform")
-KEYS = (*KINDS, "distribution", "parts")
+KEYS = (*KINDS, "distribution", "parts", "params")
 LARGEST = 10.0  # of a tolerance: the value is up to 11 times as large
 ACCEPTED = (
-    'a file of tolerances in TOML: resistor = "1%", capacitor = "5%", coil, gain, distribution,'
-    ' and a table [parts] with R1 = "0.1%"'
+    'a file of tolerances in TOML: resistor = "1%", capacitor = "5%", coil, coupling, gain,'
+    ' distribution, and tables [parts] with R1 = "0.1%" and [params] with the names of .param'
 )
 
 
-def read_tolerances(file: str | Path, circuit: Circuit) -> Tolerances:
-    r"""Return the tolerances of single parts of a circuit; all others are exact.
+class DeckTolerances(NamedTuple):
+    """Tolerances above zero: of parts, and of ``.param`` cards by their names in lower case."""
+
+    parts: Tolerances
+    params: Mapping[str, float] = MappingProxyType({})
+
+
+def read_tolerances(
+    file: str | Path, circuit: Circuit, parameters: Sequence[str] = ()
+) -> DeckTolerances:
+    r"""Return the tolerances of single parts and parameters; all others are exact.
 
     Parameters
     ----------
     circuit : Circuit
         Of a deck.
+    parameters : sequence of str
+        The names of its ``.param`` cards, in lower case.
 
     Raises
     ------
@@ -58,7 +74,7 @@ def read_tolerances(file: str | Path, circuit: Circuit) -> Tolerances:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     place = pathlib.Path(folder, "parts.toml")
     ...     _ = place.write_text('capacitor = "5%"\n[parts]\nC2 = 0.2\n')
-    ...     read_tolerances(place, circuit).parts
+    ...     read_tolerances(place, circuit).parts.parts
     {'C1': 0.05, 'C2': 0.2}
     """
     path = Path(file)
@@ -77,12 +93,14 @@ def read_tolerances(file: str | Path, circuit: Circuit) -> Tolerances:
         wrong.append(Complaint("distribution", repr(distribution), "expected normal or uniform"))
     kinds = {kind: _share(table[kind], kind, wrong) for kind in KINDS if kind in table}
     parts = _parts(circuit, kinds, table.get("parts", {}), wrong)
+    params = _params(parameters, table.get("params", {}), wrong)
+    wrong += _tight_couplings(circuit, parts)
     if wrong:
         raise InputError(path, *wrong)
-    if not parts:
+    if not (parts or params):
         raise InputError(path, Complaint("tolerances", "", "nothing varies; expected " + ACCEPTED))
     exact = dict.fromkeys(("resistor", "capacitor", "stray", "opamp_gbw", "opamp_gain"), 0.0)
-    return Tolerances(distribution=distribution, parts=parts, **exact)
+    return DeckTolerances(Tolerances(distribution=distribution, parts=parts, **exact), params)
 
 
 def _parts(
@@ -107,6 +125,35 @@ def _parts(
             more = f"; the nearest is {folded[near[0]]!r}" if near else ""
             wrong.append(Complaint(f"parts.{key}", "", text + more))
     return {name: share for name, share in found.items() if share > 0.0}
+
+
+def _params(parameters: Sequence[str], named: Any, wrong: list[Complaint]) -> dict[str, float]:
+    """Return the tolerances above zero of ``.param`` cards; mistakes are added to `wrong`."""
+    if not isinstance(named, dict):
+        wrong.append(
+            Complaint("params", repr(named)[:80], 'expected a table: [params], gain = "1%"')
+        )
+        return {}
+    found = dict[str, float]()
+    for key, value in named.items():
+        share = _share(value, f"params.{key}", wrong)
+        if key.lower() not in parameters:
+            listed = f"it has {', '.join(parameters)}" if parameters else "it has none"
+            text = f"the deck has no .param of this name; {listed}"
+            wrong.append(Complaint(f"params.{key}", "", text))
+        elif share > 0.0:
+            found[key.lower()] = share
+    return found
+
+
+def _tight_couplings(circuit: Circuit, parts: Mapping[str, float]) -> Iterator[Complaint]:
+    """Yield couplings that reach 1 within their tolerance."""
+    for branch in circuit.branches:
+        share = parts.get(branch.label, 0.0)
+        if branch.letter == "K" and abs(branch.value) * (1.0 + share) >= 1.0:
+            most = 100.0 * (1.0 / abs(branch.value) - 1.0)
+            text = f"reaches 1 within its tolerance; expected less than {most:.2g} %"
+            yield Complaint(branch.label, f"{branch.value:g} ± {100.0 * share:g} %", text)
 
 
 def _share(value: object, key: str, wrong: list[Complaint]) -> float:

@@ -13,20 +13,20 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps, Volts
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import Measurements
 from taction.verification.stability.poles import Poles
-from taction.verification.studies.board_sweep import Build, Sweep, sweep_board
+from taction.verification.studies.board_sweep import Sweep, sweep_board
 from taction.verification.studies.board_witness import Witness, witnessed
 from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_board
 from taction.verification.studies.part_influence import PartRow, influences
 from taction.verification.studies.swept_values import SweptValue
 from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.yield_report import YieldReport
-from taction.verification.studies.varied_deck import Samples, varied_outcomes
+from taction.verification.studies.varied_deck import Parametric, Samples, varied_outcomes
 from taction.verification.studies.wanted_checks import Wanted
 from taction.verification.verdict.checks import Check, Outcome, overall, undecided
 from taction.verification.verdict.companion import Agreement
@@ -189,8 +189,8 @@ def check_board(
     initial: Start = "rest",
     witness: Witness | None = None,
     over: Iterable[SweptValue] = (),
-    build: Build | None = None,
-    tolerances: Tolerances | None = None,
+    deck: Parametric | None = None,
+    tolerances: DeckTolerances | None = None,
     samples: Samples | None = None,
     notes: tuple[str, ...] = (),
     progress: Progress = lambda stage: None,
@@ -209,10 +209,10 @@ def check_board(
         Returns ngspice's deck of a transient for a solver; without it there is one witness.
     over : iterable of SweptValue
         Values to sweep, one after the other.
-    build : callable, optional
-        Takes the name of a ``.param``, and values; returns the board as a function of the value.
-    tolerances : Tolerances, optional
-        Of its parts: then the worst corners and the yield are found, too.
+    deck : Parametric, optional
+        Builds the board at other values of its ``.param`` cards.
+    tolerances : DeckTolerances, optional
+        Of its parts and parameters: then the worst corners and the yield are found, too.
     samples : Samples, optional
         How many boards are drawn.
     notes : tuple of str
@@ -242,10 +242,14 @@ def check_board(
     if agreement is None and "engines_agree" in asked.names:
         checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))
     progress("sweeps")
-    sweeps = tuple(sweep_board(board, each, initial, band, build) for each in over)
+    sweeps = tuple(
+        sweep_board(board, each, initial, band, None if deck is None else deck.at) for each in over
+    )
     corners, yields = None, None
     if tolerances is not None:
-        corners, yields = varied_outcomes(found, tolerances, asked, samples or Samples(), progress)
+        corners, yields = varied_outcomes(
+            found, tolerances, asked, samples or Samples(), deck, progress
+        )
     return BoardCheck(
         found,
         (*notes, *([why] if why else ())),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit
@@ -17,7 +17,8 @@ from taction.verification.studies.measured_board import MeasuredBoard, Start, me
 from taction.verification.studies.swept_values import SweptValue
 
 COLUMNS = ("settling_time", "rise_time", "overshoot", "undershoot")
-Build = Callable[[str, Sequence[float]], Callable[[float], Circuit]]
+Build = Callable[[Sequence[Mapping[str, float]]], Sequence[Circuit | InputError]]
+"""Returns the circuit at some values of ``.param`` cards, or why there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +67,7 @@ def sweep_board(
     band : float
         Of the settling time.
     build : callable, optional
-        Takes the name of a ``.param``, and values; returns the board as a function of the value.
+        Returns the circuit at values of ``.param`` cards.
 
     Raises
     ------
@@ -78,13 +79,28 @@ def sweep_board(
         family = Family.of(board, swept.knob)
     else:
         assert build is not None  # noqa: S101 - only decks have a .param
-        family = Family.over(build(swept.name, values))
+        family = Family.over(_over(build, swept.name, values))
     if family.ports is not None and swept.logarithmic:
         edges = family.edges(min(values), max(values))
     else:
         edges = family.scan(values, logarithmic=swept.logarithmic)
     points = tuple(_points(family, values, initial, band))
     return Sweep(swept.name, swept.unit, swept.own, edges, points)
+
+
+def _over(build: Build, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
+    """Return the circuit as a function of a ``.param``; those at `values` are built at once."""
+    known = dict(zip(values, build([{name: value} for value in values]), strict=True))
+
+    def at(value: float) -> Circuit:
+        if value not in known:
+            (known[value],) = build([{name: value}])
+        found = known[value]
+        if isinstance(found, InputError):
+            raise found
+        return found
+
+    return at
 
 
 def _points(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -37,6 +37,7 @@ from taction.netlist_gen.deck.macromodels import (
     vendors_of,
     with_stubs,
 )
+from taction.spice_models.foreign_expressions import number
 from taction.spice_models.imported import ROLES, ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import Complaint, DidNotLoad, InputError
@@ -46,6 +47,7 @@ from taction.verification.engines.ngspice.listing import expand
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
 RELATIVE = 1e-6  # reltol of the witness
 EDGE = 0.01  # of the first step: the edge of a step in ngspice
+PROBE = "v_taction_parameter"  # a source whose value is that of a .param
 Start = Literal["zero", "rest"]
 
 
@@ -123,36 +125,45 @@ class ForeignBoard:
         """Names of the ``.param`` cards that can be moved."""
         return self.deck.parameters
 
-    def moved(self, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
-        """Return the circuit as a function of a ``.param``; `values` are expanded at once."""
-        known: dict[float, Circuit] = {}
+    def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
+        """Return the circuit at some values of its ``.param`` cards, one ngspice run for all.
 
-        def take(wanted: Sequence[float]) -> None:
-            changes = [{name: value} for value in wanted]
-            found = expand(self._stubbed, find_simulator(), changes)
-            for value, cards in zip(wanted, found, strict=True):
-                known[value] = self._circuit(cards)
+        Where a value gives no circuit, its error is in the place.
 
-        take(values)
+        Raises
+        ------
+        InputError
+            ngspice does not expand the deck with one of them.
+        """
+        try:
+            return [
+                self._circuit(cards) for cards in expand(self._stubbed, find_simulator(), changes)
+            ]
+        except DidNotLoad as error:
+            text = f"with other values of its .param: {str(error).splitlines()[0]}"
+            raise InputError(self.deck.file, Complaint("deck", "", text)) from None
 
-        def build(value: float) -> Circuit:
-            if value not in known:
-                take([value])
-            return known[value]
-
-        return build
+    def value_of(self, parameter: str) -> float | None:
+        """Return the value of a ``.param``, as ngspice computes it; None if it is no number."""
+        probe = f"{PROBE} {PROBE} 0 {{{parameter}}}"
+        try:
+            (cards,) = expand((*self._stubbed, probe), find_simulator())
+            (found,) = (card for card in cards if card.startswith(PROBE))
+            return number(found.split()[-1])
+        except (DidNotLoad, ValueError):
+            return None
 
     @cached_property
     def _stubbed(self) -> tuple[str, ...]:
         return tuple(with_stubs(self.deck, vendors_of(self.deck, self.linearise)))
 
-    def _circuit(self, cards: Iterable[str]) -> Circuit:
+    def _circuit(self, cards: Iterable[str]) -> Circuit | InputError:
         try:
             if self.linearise:
                 cards, _ = _linearised(cards)
             flat, _ = stepped(read_cards(cards), small=self.linearise)
         except CardError as error:
-            raise InputError(self.deck.file, Complaint("deck", "", str(error))) from None
+            return InputError(self.deck.file, Complaint("deck", "", str(error)))
         outputs = [out.node for out in self.circuit.outputs]
         c = self.circuit
         return circuit_of(flat, c.name, outputs, c.models, c.supply)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
@@ -42,13 +42,21 @@ class SweptValue:
     logarithmic: bool
 
     @classmethod
-    def of(cls, text: str, circuit: Circuit, parameters: Iterable[str] = ()) -> SweptValue:
+    def of(
+        cls,
+        text: str,
+        circuit: Circuit,
+        parameters: Iterable[str] = (),
+        value_of: Callable[[str], float | None] = lambda name: None,
+    ) -> SweptValue:
         """Read ``NAME``, ``NAME=LOW:HIGH`` or ``NAME=LOW:HIGH:POINTS``.
 
         Parameters
         ----------
         parameters : iterable of str
             Names of the ``.param`` cards, in lower case.
+        value_of : callable, optional
+            Returns the value of one of them, or None.
 
         Raises
         ------
@@ -69,7 +77,7 @@ class SweptValue:
         if knob is None and name.lower() not in known:
             listed = ", ".join([*known, *(each.name for each in parts.values())][:LISTED])
             raise InputError("--over", Complaint("name", repr(name), f"expected one of {listed}"))
-        own = circuit.value(knob.name) if knob else None
+        own = circuit.value(knob.name) if knob else value_of(name.lower())
         unit = circuit.facts[knob.name].unit if knob else ""
         found = knob.name if knob else name.lower()
         return cls(found, knob, unit, own, *_values(name, text, body, own, unit))

@@ -1,4 +1,4 @@
-"""A board without a scene whose parts vary: its samples, worst corners and yield.
+"""A board without a scene whose parts and parameters vary: its samples, worst corners and yield.
 
 Corners and Monte Carlo are those of scenes (`verification.studies.tolerance`). The outputs at rest
 are compared with those of the nominal board.
@@ -6,17 +6,22 @@ are compared with those of the nominal board.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.variation import Parameter, parameters
+from taction.netlist_gen.board.variation import Parameter, parameters, vary
+from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.studies.board_sweep import Build
 from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_boards
 from taction.verification.studies.part_influence import influences
 from taction.verification.studies.running.collecting import Pace
@@ -33,6 +38,31 @@ ONLY_STABLE: dict[str, dict[str, float]] = {
 }  # what is checked of the boards where nothing was asked for
 
 
+PARAM = "param"  # kind of a parameter
+
+
+class Parametric(Protocol):
+    """A deck whose ``.param`` cards can be moved."""
+
+    def at(self, changes: Sequence[Mapping[str, float]], /) -> Sequence[Circuit | InputError]:
+        """Return the circuit at some values, or why there is none."""
+
+    def value_of(self, parameter: str, /) -> float | None:
+        """Return the value of one, None if it is no number."""
+
+
+def _none(changes: Sequence[Mapping[str, float]]) -> Sequence[Circuit | InputError]:
+    raise ValueError(f"a board without parameters has no {changes[0]}")
+
+
+def _nominal(deck: Parametric | None, name: str) -> float:
+    value = None if deck is None else deck.value_of(name)
+    if not value:
+        text = "a tolerance needs a .param whose value is a number other than 0"
+        raise InputError("--tolerances", Complaint(f"params.{name}", f"{value}", text))
+    return value
+
+
 @dataclass(frozen=True, slots=True)
 class Samples:
     """How many boards of a yield are drawn, and from which seed."""
@@ -47,6 +77,8 @@ class VariedDeck(Varied):
 
     nominal: Circuit
     spread: Tolerances
+    params: Mapping[str, float]  # nominal values of the .param that vary; last in `varied`
+    build: Build
     varied: tuple[Parameter, ...]
     asked: Wanted
     initial: Start
@@ -55,16 +87,37 @@ class VariedDeck(Varied):
     versions: Versions
 
     @classmethod
-    def of(cls, found: MeasuredBoard, spread: Tolerances, asked: Wanted) -> VariedDeck:
-        """Return the boards around a measured one; without checks they have to be stable."""
+    def of(
+        cls, found: MeasuredBoard, spread: DeckTolerances, asked: Wanted, deck: Parametric | None
+    ) -> VariedDeck:
+        """Return the boards around a measured one; without checks they have to be stable.
+
+        Raises
+        ------
+        InputError
+            A ``.param`` that varies is no number other than 0.
+        """
         nominal = found.board.circuit
         if not asked.anything:
             asked = replace(asked, tables=ONLY_STABLE)
         largest = float(np.abs(found.rest).max(initial=0.0))
         scale = found.measurements.amplitude or largest or 1.0
-        varied = parameters(nominal, spread)
+        params = {name: _nominal(deck, name) for name in spread.params}
+        varied = (
+            *parameters(nominal, spread.parts),
+            *(Parameter(name, PARAM, share) for name, share in spread.params.items()),
+        )
         return cls(
-            nominal, spread, varied, asked, found.initial, found.rest, scale, own_versions(False)
+            nominal,
+            spread.parts,
+            params,
+            _none if deck is None else deck.at,
+            varied,
+            asked,
+            found.initial,
+            found.rest,
+            scale,
+            own_versions(False),
         )
 
     @property
@@ -115,6 +168,35 @@ class VariedDeck(Varied):
         """Return itself."""
         return self
 
+    def at(self, z: Floats) -> Circuit:
+        """Return the board with deviations `z`."""
+        (found,) = self._built([z])
+        if isinstance(found, InputError):
+            raise found
+        return found
+
+    def _built(self, each: Sequence[Floats]) -> Iterator[Circuit | InputError]:
+        """Yield boards with deviations; those of parameters are expanded by one run of ngspice."""
+        count = len(self.varied) - len(self.params)
+        nominal: Sequence[Circuit | InputError] = [self.nominal] * len(each)
+        if self.params:
+            nominal = self.build([self._values(z[count:]) for z in each])
+        for board, z in zip(nominal, each, strict=True):
+            try:
+                if isinstance(board, InputError):
+                    raise board
+                yield vary(board, self.spread, z[:count])
+            except InputError as error:
+                yield error
+
+    def _values(self, z: Floats) -> dict[str, float]:
+        """Return the values of the parameters with their deviations."""
+        shares = (p.tolerance for p in self.varied[len(self.varied) - len(z) :])
+        return {
+            name: own * math.exp(off * math.log1p(share))
+            for (name, own), off, share in zip(self.params.items(), z.tolist(), shares, strict=True)
+        }
+
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`.
 
@@ -135,7 +217,8 @@ class VariedDeck(Varied):
     def _measured(
         self, requests: Sequence[tuple[int, Floats]]
     ) -> Iterator[BoardSample | Exception]:
-        boards = (LinearBoard(self.at(z)) for _, z in requests)
+        circuits = self._built([z for _, z in requests])
+        boards = (c if isinstance(c, InputError) else LinearBoard(c) for c in circuits)
         band = self.asked.limits.settling_time.band
         for (number, _), found in zip(
             requests, measure_boards(boards, self.initial, band), strict=True
@@ -159,19 +242,27 @@ class VariedDeck(Varied):
 
 def varied_outcomes(
     found: MeasuredBoard,
-    spread: Tolerances,
+    spread: DeckTolerances,
     asked: Wanted,
     samples: Samples,
+    deck: Parametric | None = None,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> tuple[CornerStudy, YieldReport]:
     """Return the worst corners of a board within its tolerances, and the yield of its samples.
 
+    Parameters
+    ----------
+    deck : Parametric, optional
+        Builds the board at other values of its ``.param`` cards.
+
     Raises
     ------
+    InputError
+        A ``.param`` that varies is no number other than 0.
     EngineError
         The nominal board, or one at a corner, has no equilibrium.
     """
-    board, tally = VariedDeck.of(found, spread, asked), SampleCollection(samples.count)
+    board, tally = VariedDeck.of(found, spread, asked, deck), SampleCollection(samples.count)
     pace = Pace()
     with in_this_process() as workers:
         corners = worst_of(board, workers, progress)

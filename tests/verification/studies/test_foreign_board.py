@@ -42,9 +42,7 @@ def read(tmp_path: Path) -> Read:
 
 def checked(board: ForeignBoard, *over: str, checks: tuple[str, ...] = ()) -> BoardCheck:
     swept = [SweptValue.of(each, board.circuit, board.parameters) for each in over]
-    return check_board(
-        board.circuit, wanted(checks), initial=board.initial, over=swept, build=board.moved
-    )
+    return check_board(board.circuit, wanted(checks), initial=board.initial, over=swept, deck=board)
 
 
 @pytest.mark.parametrize("name", DECKS)

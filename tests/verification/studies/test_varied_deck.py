@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import taction
+from taction.system.errors import InputError
 from taction.verification.studies.board_check import BoardCheck
 from tests.support.running import taction as command
 
@@ -112,3 +113,65 @@ def test_the_command_says_worst_cases_and_yield(tmp_path: Path) -> None:
     result = command(*call, "--check", "settling=4.7us@1%", "--no-ngspice")
     assert result.exit_code == 1
     assert "settling time not kept" in result.output
+
+
+def test_a_parameter_moves_all_that_depends_on_it(tmp_path: Path) -> None:
+    """R1 = rv and R2 = 2 half both follow half: with C exact tau is 1.02 times its value."""
+    deck = (
+        "RC\n.param rv={2*half} half=500\nV1 in 0 PULSE(0 1)\nR1 in a {rv/2}\nR2 a out {half}\n"
+        "C1 out 0 1n\n"
+    )
+    found = checked(tmp_path, deck, '[params]\nHALF = "2%"\n', samples=40)
+    assert worst(found, "growth_rate") == pytest.approx(-1.0 / (1.02 * TAU), rel=1e-9)
+    assert worst(found, "settling_time") == pytest.approx(1.02 * TAU * math.log(100.0), rel=1e-5)
+    assert found.yields is not None
+    assert (found.yields.samples, found.yields.passed) == (40, 40)
+
+
+def test_a_divider_of_a_parameter_rests_at_its_worst(tmp_path: Path) -> None:
+    """u = 2 V / (1 + k) with k = 1 and tolerances of both k and R1, which is k times R2."""
+    deck = "divider\n.param k=1\nV1 in 0 PULSE(0 2)\nR1 in out {k*1k}\nR2 out 0 1k\nC1 out 0 1n\n"
+    found = checked(tmp_path, deck, '[parts]\nR1 = "1%"\n[params]\nk = "2%"\n', samples=1)
+    low = 1.0 - 2.0 / (1.0 + 1.01 * 1.02)
+    assert worst(found, "steady_state") == pytest.approx(low, rel=1e-6)
+
+
+def test_the_yield_of_a_parameter_is_that_of_its_distribution(tmp_path: Path) -> None:
+    """The bridge oscillates from a gain of 3, which a normal gain passes as the E1 above does."""
+    text = "Wien\n.param gain=2.9\nVn p x PULSE(0 1m)\nE1 out 0 p 0 {gain}\nR1 out a 10k\n"
+    text += "C1 a x 10n\nR2 x 0 10k\nC2 x 0 10n\n.end\n"
+    found = checked(tmp_path, text, '[params]\ngain = "5%"\n', samples=200)
+    same = checked(tmp_path, text.replace("{gain}", "2.9"), '[parts]\nE1 = "5%"\n', samples=200)
+    assert found.yields is not None
+    assert same.yields is not None
+    assert found.yields.passed == same.yields.passed < 200
+
+
+def test_a_coupling_moves_the_leakage_of_a_transformer(tmp_path: Path) -> None:
+    """Behind R1 the leakage L (1 - k^2) of equal coils decays through R2 + R1 fastest."""
+    deck = (
+        "transformer\nV1 in 0 PULSE(0 1)\nR1 in a 1k\nL1 a 0 1m\nL2 out 0 1m\nK1 L1 L2 0.9\n"
+        "R2 out 0 1k\n.end\n"
+    )
+    found = checked(tmp_path, deck, "coupling = 0.05\n", samples=20)
+    # (R1 + s L)(R2 + s L) = (s M)^2 with R1 = R2: s = -R / (L (1 + k)), the slower one
+    k = 0.9 * 1.05
+    assert worst(found, "growth_rate") == pytest.approx(-1e6 / (1.0 + k), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("spread", "reason"),
+    [
+        ("coupling = 0.2\n", "K1 = 0.9 ± 20 %: reaches 1 within its tolerance"),
+        ('[params]\nnone = "1%"\n', "no .param of this name; it has k"),
+        ('params = "1%"\n', "expected a table"),
+        ('[params]\nk = "1%"\n', "a number other than 0"),
+    ],
+)
+def test_a_tolerance_that_cannot_be_is_refused(tmp_path: Path, spread: str, reason: str) -> None:
+    deck = (
+        "transformer\n.param k=0\nV1 in 0 PULSE(0 1)\nR1 in a 1k\nL1 a 0 1m\nL2 out 0 1m\n"
+        "K1 L1 L2 0.9\nR2 out 0 {1k+k}\n.end\n"
+    )
+    with pytest.raises(InputError, match=reason):
+        checked(tmp_path, deck, spread, samples=1)

@@ -21,7 +21,7 @@ from taction.verification.engines.statespace.linearised.rest_sensitivity import 
 from taction.verification.studies.tolerance.samples import Varied
 
 PROBE = 1e-3  # of the tolerance: the error of a central difference is its square
-DYNAMIC = ("capacitor", "stray", "opamp_gbw", "coil")  # kinds that move no equilibrium
+DYNAMIC = ("capacitor", "stray", "opamp_gbw", "coil", "coupling")  # kinds that move no equilibrium
 
 
 def rest_slopes(board: Varied) -> Floats:
