@@ -21,7 +21,7 @@ FILES = (".include", ".inc", ".lib")
 _LEFT = """
     .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .pss .sp .disto
     .four .fourier
-    .print .plot .probe .save .meas .measure .width .step .backanno .ic .nodeset
+    .print .plot .probe .save .meas .measure .width .step .backanno .ic .nodeset .csparam
 """
 LEFT = tuple(_LEFT.split())
 """Cards that say what to simulate and to show, and nothing about the parts."""
@@ -31,6 +31,7 @@ LARGEST = 8 * MEGABYTE  # of a file
 MOST = 20_000  # cards of a deck with its files
 DEEPEST = 10  # files within one another
 _FILE = re.compile(r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))\s*(\S*)\s*", re.I)
+_UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
 _QUOTED = re.compile(r"'([^'{}]*)'")
 
 
@@ -198,7 +199,7 @@ def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterato
     if title and raw and not raw[0].lstrip().startswith((".", "*")):
         raw[0] = ""  # whatever it says
     files: dict[int, re.Match[str]] = {}
-    commands = 0
+    commands, unusual = 0, list[int]()
     inside = False
     for k, line in enumerate(raw):
         word = line.strip().lower().split(maxsplit=1)[:1]
@@ -209,8 +210,15 @@ def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterato
         elif word and word[0] in FILES and (match := _FILE.fullmatch(line.strip())):
             files[k + 1] = match
             raw[k] = ".include"
+        elif line.lstrip().startswith(_UNUSUAL):
+            raw[k] = ""
+            unusual.append(k + 1)
         else:
             raw[k] = _QUOTED.sub(r"{\1}", line)
+    if unusual:
+        more = f" and {len(unusual) - 1} more" if len(unusual) > 1 else ""
+        found = f"{path.name}: line {unusual[0]}{more}"
+        remarks.append(f"{found}: begins with no letter, so that it is a comment, as in ngspice")
     if commands:
         remarks.append(f"{path.name}: {commands} lines of commands (.control) do not run")
     try:

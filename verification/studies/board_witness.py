@@ -24,6 +24,7 @@ from taction.verification.verdict.companion import (
 from taction.verification.verdict.step_forecast import StepModel
 
 MOST_STEPS = 200_000.0  # of ngspice: a longer record is cut, and says so
+SHORTEST = 2e-11  # of ngspice's longest step: below half of it a step is too short for it
 SPARSE = "noopiter"  # the matrix solver that every ngspice has
 TIMEOUT = 300.0  # of ngspice, s
 Witness = Callable[[Transient, str], Deck]
@@ -83,6 +84,9 @@ def _planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
         first_step=forecast.first_step,
         initial=found.initial,
     )
+    longest = plan.begin / SHORTEST  # a longer one would make the first step too short
+    if stop / longest <= MOST_STEPS:
+        plan = replace(plan, max_step=min(plan.max_step, longest))
     return plan, forecast.error, cut
 
 

@@ -12,7 +12,10 @@ from taction.system.errors import Complaint, InputError
 
 DECKS = (".cir", ".ckt", ".cki", ".sp", ".spice", ".net", ".asc")
 RECORDS = (".raw",)
-ACCEPTED = "a scene (.toml), a deck (.cir), a raw file (.raw) or a stored verdict (.json)"
+ACCEPTED = (
+    "a scene (.toml; `taction new` writes one), a deck (.cir), the raw file of one transient (.raw)"
+    " or a stored verdict (.json)"
+)
 
 
 def is_circuit(given: object) -> bool:

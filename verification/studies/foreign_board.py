@@ -48,6 +48,7 @@ MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a t
 RELATIVE = 1e-6  # reltol of the witness
 EDGE = 0.01  # of the first step: the edge of a step in ngspice
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
+_CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 Start = Literal["zero", "rest"]
 
 
@@ -82,7 +83,7 @@ class ForeignBoard:
 
     def witness(self, transient: Transient, solver: str) -> Deck:
         """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
-        cards = [line for line in self._cards if line.partition(" ")[0][0] not in "vi"]
+        cards = [_CHARGE.sub("", line) for line in self._cards if line[0] not in "vi"]
         cards += [_stepping(part, transient) for part in self.flat.branches if _is_source(part)]
         cards += [
             f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}"

@@ -31,6 +31,7 @@ ACCEPTED = "linearised are diodes D, transistors Q J M with a .model; no B S, no
 BAND = NoiseBand(1e3, 6, 1)  # Hz: where the admittance has to be G + s C
 LEAST_SURE = 1e6  # Hz
 MISFIT = 1e-3  # of the largest admittance of a device
+ONE_SIDED = 1.01  # of the difference of a pair: a smaller mean tells nothing
 SMALL = 1e-12  # of the largest one: a smaller element is left out
 SECONDS = 20.0
 _MODEL = re.compile(r"^\.model (\S+) (\S+?)\s*(?:\((.*)\)|\s(.*))?$")
@@ -213,6 +214,17 @@ def _measured(
         first += n * n
 
 
+def _symmetric(C: Floats) -> Floats:
+    """Return capacitances that capacitors can have; 0 where the two of a pair tell no sign.
+
+    A charge that follows a voltage elsewhere makes one of a pair alone, which no capacitor does.
+    Half of it would be a pole of a capacitor that the device does not have.
+    """
+    even, odd = 0.5 * (C + C.T), 0.5 * (C - C.T)
+    known = np.abs(even) > ONE_SIDED * np.abs(odd)
+    return np.where(known, even, 0.0)
+
+
 def _cards(
     device: _SmallSignalDevice, rest: Floats, currents: Floats, response: Complexes
 ) -> tuple[list[str], float]:
@@ -224,7 +236,7 @@ def _cards(
     Y = response[:, :-1, :-1]
     sure_at = int(np.searchsorted(omega, math.tau * LEAST_SURE * 0.99))
     G, C = Y[0].real, Y[sure_at].imag / omega[sure_at]
-    C = 0.5 * (C + C.T)
+    C = _symmetric(C)
     misfit = np.abs(Y - G - 1j * omega[:, None, None] * C).max(axis=(1, 2))
     fits = misfit <= MISFIT * np.abs(Y).max(axis=(1, 2))
     last = len(omega) if fits.all() else int(np.argmin(fits))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from taction import check
 from taction.netlist_gen.deck.flat_cards import CardError, read_cards, stimulus_of
 from taction.netlist_gen.deck.foreign_deck import read_deck
 from taction.system.errors import InputError, TactionError
@@ -51,7 +52,7 @@ def test_commands_do_not_run(text: str, folder: Path, ngspice: str) -> None:
 @pytest.mark.parametrize(
     "card",
     [
-        ".shell touch {mark}", ".exec touch {mark}", ".pre_osdi {mark}", ".csparam x=1",
+        ".shell touch {mark}", ".exec touch {mark}", ".pre_osdi {mark}", ".csparams x=1",
         ".if (1)", ".spiceinit", "A1 in out filesource", ".hdl x.va", ".codemodel x.cm",
         ".verilog x.v", ".save all\x0b.control", "R9 in out `touch {mark}`",
         "R9 in out \"1k\"", "N1 in out model", "Y1 in out model", "P1 in out 3",
@@ -136,6 +137,26 @@ def test_a_bomb_of_subcircuits_ends(
     place = written(folder, text)
     with pytest.raises(TactionError):
         read_board(place)
+
+
+def test_lines_that_ngspice_takes_for_comments_are_left_out(folder: Path, ngspice: str) -> None:
+    """A model of several lines often ends so; ngspice says "will be replaced with '*'"."""
+    text = "title\n" + RC + ".csparam half={0.5}\n.model d d (\n+ is=1f\n)\n, R2 out 0 1\n.end\n"
+    deck = read_deck(written(folder, text))
+    assert deck.lines[-1] == ".model d d ( is=1f"
+    (remark,) = deck.remarks
+    assert remark.startswith("deck.cir: line 8 and 1 more: begins with no letter")
+    assert len(read_board(deck.file).flat.resistors) == 1
+
+
+def test_a_charge_that_does_not_count_is_not_in_the_other_transient(
+    folder: Path, ngspice: str
+) -> None:
+    text = "title\n" + RC.replace("1n\n", "1n IC=0.5\n") + ".tran 1n 10u uic\n.end\n"
+    found = check(written(folder, text))
+    assert "initial charges (ic=, .ic) do not count" in found.notes
+    assert found.agreement is not None
+    assert found.agreement < 1e-4
 
 
 def test_other_files_are_refused(folder: Path) -> None:

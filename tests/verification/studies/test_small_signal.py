@@ -119,3 +119,48 @@ def test_other_devices_are_refused_by_name(
 def test_without_the_option_a_transistor_is_refused_with_it(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--linearise"):
         taction.check(written(tmp_path, BIPOLAR), ngspice=False)
+
+
+COMMON_EMITTER = """common emitter
+VCC vcc 0 12
+Vin in 0 AC 1
+C1 in b 10u
+R1 vcc b 100k
+R2 b 0 22k
+RC vcc c 2.2k
+RE e 0 1k
+CE e 0 100u
+C2 c out 10u
+RL out 0 10k
+Q1 c b e q
+.model q NPN(Is=6.734f Bf=255.9 Vaf=74.03 Cje=4.493p Tf=301.2p)
+.end
+"""
+
+
+def test_a_charge_of_one_side_adds_no_pole(tmp_path: Path) -> None:
+    """Without a collector capacitance C1, CE and the base form a loop: three poles.
+
+    The base charge follows the collector through the Early voltage, and nothing follows it back:
+    half of that as a capacitor was a fourth pole, which rounding decided.
+    """
+    place = tmp_path / "amplifier.cir"
+    place.write_text(COMMON_EMITTER)
+    found = taction.check(place, linearise=True)
+    assert len(found.poles.poles) == 3
+    assert found.poles.known_stable
+    assert found.agreement is not None
+    assert found.agreement < 1e-3
+
+
+def test_a_stiff_amplifier_is_compared_with_ngspice(tmp_path: Path) -> None:
+    """Poles from 10 /s to 1e10 /s: with 50 steps a record the first is too short."""
+    place = tmp_path / "amplifier.cir"
+    text = COMMON_EMITTER.replace("Cje=4.493p Tf=301.2p", "Rb=10 Rc=1 Cjc=3.6p Cje=4.5p Tf=301p")
+    text = text.replace("RE e 0 1k\nCE e 0 100u", "RE e 0 4.7k").replace("C2 c out", "C2 e out")
+    text = text.replace("RC vcc c 2.2k", "RC vcc c 1m")
+    place.write_text(text)
+    found = taction.check(place, linearise=True)
+    assert found.poles.poles.real.min() < -1e9
+    assert found.agreement is not None, found.notes
+    assert found.agreement < 1e-3
