@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks import (
     boards,
+    check,
     deck,
     engines,
     grid,
@@ -38,6 +39,7 @@ SECTIONS = {
     "sweeps": sweeps,
     "engines": engines,
     "polemap": polemap,
+    "check": check,
     "deck": deck,
     "reference": reference,
 }

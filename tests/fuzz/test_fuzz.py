@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.fuzz.targets import TARGETS
 
-FEW = {"scenes": 40}
+FEW = {"scenes": 40, "decks": 30}
 SOME = 150
 
 

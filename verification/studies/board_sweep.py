@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps
@@ -80,6 +81,7 @@ def sweep_board(
     else:
         assert build is not None  # noqa: S101 - only decks have a .param
         family = Family.over(_over(build, swept.name, values))
+    family = replace(family, board=cache(family.board))  # a scan and the readings share boards
     if family.ports is not None and swept.logarithmic:
         edges = family.edges(min(values), max(values))
     else:

@@ -57,7 +57,7 @@ def witnessed(
     if not stop > 0.0:
         return None, "no mode shows at an output, so ngspice's transient was not compared"
     try:
-        plan, error, cut = _planned(found, stop)
+        plan, error, cut = planned(found, stop)
         bound = PHYSICAL_BOUND * max(1.0, amplitude)
         record = _after(_simulated(witness, plan, bound), plan.begin)
         companion = state_space_companion(found.board, plan, record, WANTED)
@@ -66,8 +66,16 @@ def witnessed(
     return compare_engines(companion, error * amplitude, limit or AGREE, 1.0), cut
 
 
-def _planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
-    """Return the transient, its forecast error in step amplitudes, and whether it was cut."""
+def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
+    """Return ngspice's transient of a board up to an instant, s, for an error of `WANTED`.
+
+    With it the forecast error, in step amplitudes, and what is to be said where it was cut.
+
+    Raises
+    ------
+    EngineError
+        No transient reaches this error.
+    """
     stable, cut = found.poles.known_stable, ""
     model = StepModel.of(found.board, stop, found.initial, stable=stable)
     forecast = model.cheapest(WANTED)

@@ -28,7 +28,6 @@ from taction.netlist_gen.board.branches import (
     VoltageByVoltage,
 )
 from taction.netlist_gen.board.circuit import Branch
-from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import GROUND, Stamper
 
@@ -183,11 +182,12 @@ class _Branches:
         self.stamper.mass.add_one(other, one, henries)
 
     def _source(self, part: CurrentBetween) -> None:
+        rows = [*self.rows, GROUND]  # which take the currents into places; ground stays ground
         a, b = self._ends(part)
         for place, sign in ((a, -1.0), (b, 1.0)):
-            row = np.array([place])
+            row, taken = np.array([place]), np.array([rows[place]])
             self.stamper.constant_currents.append((row, np.array([sign * part.before])))
-            self.stamper.switched.append((self._moved(row), np.array([sign * part.step])))
+            self.stamper.switched.append((taken, np.array([sign * part.step])))
 
     def _by_voltage(self, part: CurrentByVoltage) -> None:
         for place, gain in self._controls(part):
@@ -196,10 +196,6 @@ class _Branches:
     def _by_current(self, part: CurrentByCurrent) -> None:
         self._through(part, self._current(part.control), part.value)
 
-    def _moved(self, rows: Ints) -> Ints:
-        """Return the rows that take the currents into places; ground stays ground."""
-        return np.asarray(np.append(np.array(self.rows, dtype=np.int64), GROUND)[rows])
-
     def _move(self) -> None:
         stamper = self.stamper
         stamper.moved = {k: row for k, row in enumerate(self.rows) if row != k}
@@ -207,10 +203,10 @@ class _Branches:
             arrays = (zip(*(part.tolist() for part in each), strict=True) for each in entries.parts)
             entries.single = self._joined([*chain(*arrays), *entries.single])
             entries.parts = []
-        moved: list[tuple[Ints, Floats]] = [
-            (self._moved(i), values) for i, values in stamper.constant_currents
+        rows = np.array([*self.rows, GROUND], dtype=np.int64)
+        stamper.constant_currents[:] = [
+            (rows[i], values) for i, values in stamper.constant_currents
         ]
-        stamper.constant_currents[:] = moved
 
     def _joined(self, entries: list[tuple[int, int, float]]) -> list[tuple[int, int, float]]:
         """Return entries in the rows that take them, without those that cancel.

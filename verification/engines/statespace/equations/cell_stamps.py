@@ -342,6 +342,9 @@ def stamp_transistors(stamper: Stamper, pins: Ints) -> Devices:
         Two exponentials for each transistor.
     """
     circuit = stamper.circuit
+    if not circuit.transistors:
+        places, scale = np.zeros(0, dtype=np.int64), np.zeros(0)
+        return Devices((), places, places, scale, scale)
     models = [circuit.transistor_models[cell.model] for cell in circuit.transistors]
     sign, IS, BF, BR, RE, CJE, CJC = np.array(
         [

@@ -47,7 +47,7 @@ class ScaledInverse:
     def magnitudes(self) -> Floats:
         """Return the sizes of the elements of the inverse."""
         inverse = np.diag(1.0 / np.abs(self.diagonal[:, 0]))
-        inverse[np.ix_(self.coupled, self.coupled)] = np.abs(self.inverse) / self.scale.T
+        inverse[self.coupled[:, None], self.coupled] = np.abs(self.inverse) / self.scale.T
         return inverse
 
     def solve(self, B: Floats, names: Sequence[str], failure: str) -> Floats:
@@ -206,15 +206,15 @@ class Terms:
         n, pull = len(d), self.pull
         passive = np.abs(passive[:, :n])
         moved = (self.mass[:, d] + self.mass[:, a] @ passive) @ np.abs(A)
-        aside = pull[np.ix_(a, d)] + pull[np.ix_(a, a)] @ passive + moved[a]
-        terms = pull[np.ix_(d, d)] + moved[d]
-        terms += pull[np.ix_(d, a)] @ (passive + inner.magnitudes() @ aside)
+        aside = pull[a[:, None], d] + pull[a[:, None], a] @ passive + moved[a]
+        terms = pull[d[:, None], d] + moved[d]
+        terms += pull[d[:, None], a] @ (passive + inner.magnitudes() @ aside)
         return np.asarray(mass.magnitudes() @ terms)
 
     def decide(self, d: Ints, a: Ints, mass: ScaledInverse, inner: ScaledInverse) -> bool:
         """Whether rounding can make neither M on d nor K on a singular."""
-        found = mass.magnitudes() @ self.mass[np.ix_(d, d)]
-        passive = inner.magnitudes() @ self.pull[np.ix_(a, a)]
+        found = mass.magnitudes() @ self.mass[d[:, None], d]
+        passive = inner.magnitudes() @ self.pull[a[:, None], a]
         return all(X.sum(axis=1).max(initial=0.0) < DECIDED for X in (found, passive))
 
 
@@ -229,19 +229,19 @@ def _without_sources(
     """
     listed = [names[place] for place in (*o, *f)]
     # 0 = K_oo z_o + K_of z_f + b_o
-    right = np.hstack([K[np.ix_(o, f)], b[o]])
+    right = np.hstack([K[o[:, None], f], b[o]])
     failure = "ideal sources form a loop without a solution"
-    inverse = ScaledInverse(-K[np.ix_(o, o)])
+    inverse = ScaledInverse(-K[o[:, None], o])
     sources = inverse.solve(right, listed, failure)
     P, p = sources[:, : len(f)], sources[:, len(f) :]
-    source_charge = M[np.ix_(f, o)] @ p
+    source_charge = M[f[:, None], o] @ p
     if np.any(source_charge[:, 2:]):
         raise EngineError("a capacitor at the output of a behavioural amplifier: not supported")
     charge = np.hstack([M[f], -source_charge[:, :2].sum(axis=1)[:, None]])
     within = _terms(M, K, f, o, inverse, P) if P.any() else None
-    b = b[f] + K[np.ix_(f, o)] @ p
-    K = K[np.ix_(f, f)] + K[np.ix_(f, o)] @ P
-    M = M[np.ix_(f, f)] + M[np.ix_(f, o)] @ P
+    b = b[f] + K[f[:, None], o] @ p
+    K = K[f[:, None], f] + K[f[:, None], o] @ P
+    M = M[f[:, None], f] + M[f[:, None], o] @ P
     decided = inverse.condition < DECIDED
     if within is not None:  # what cancels leaves no capacitance
         decided &= not np.any((np.abs(M) < within.mass / DECIDED) & (within.mass > 0.0))
@@ -252,8 +252,10 @@ def _without_sources(
 def _terms(M: Floats, K: Floats, f: Ints, o: Ints, inverse: ScaledInverse, P: Floats) -> Terms:
     """Return the sizes of the terms of M and K without the voltages that sources determine."""
     M, K, size = np.abs(M), np.abs(K), np.abs(P)
-    size = np.maximum(size, inverse.magnitudes() @ (K[np.ix_(o, f)] + K[np.ix_(o, o)] @ size))
-    return Terms(M[np.ix_(f, f)] + M[np.ix_(f, o)] @ size, K[np.ix_(f, f)] + K[np.ix_(f, o)] @ size)
+    size = np.maximum(size, inverse.magnitudes() @ (K[o[:, None], f] + K[o[:, None], o] @ size))
+    return Terms(
+        M[f[:, None], f] + M[f[:, None], o] @ size, K[f[:, None], f] + K[f[:, None], o] @ size
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -313,7 +315,7 @@ def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -
     rounding. In the new unknowns every capacitance has its own equation, the fastest first.
     """
     n, size = len(d), len(M)
-    left, D, basis = np.eye(n), M[np.ix_(d, d)], np.eye(n)
+    left, D, basis = np.eye(n), M[d[:, None], d], np.eye(n)
     for k in range(n):
         i, j = (place + k for place in divmod(int(np.abs(D[k:, k:]).argmax()), n - k))
         for matrix in (D, left):
@@ -327,6 +329,6 @@ def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -
         D[k, k + 1 :] = 0.0
     order = np.arange(n)[::-1]
     outer, inner = np.eye(size), np.eye(size)
-    outer[np.ix_(d, d)], inner[np.ix_(d, d)] = left[order], basis[:, order]
+    outer[d[:, None], d], inner[d[:, None], d] = left[order], basis[:, order]
     mass = ScaledInverse(np.diag(D.diagonal()[order]))
     return Split((d, a, inner, mass, outer @ K @ inner, outer @ b, outer @ charge), outer)
