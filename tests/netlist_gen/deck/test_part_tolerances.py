@@ -25,7 +25,7 @@ def circuit() -> Circuit:
 def tolerances(text: str, circuit: Circuit, folder: Path) -> dict[str, float]:
     place = folder / "parts.toml"
     place.write_text(text)
-    return read_tolerances(place, circuit).parts
+    return read_tolerances(place, circuit).parts.parts
 
 
 @pytest.mark.parametrize(
@@ -34,6 +34,7 @@ def tolerances(text: str, circuit: Circuit, folder: Path) -> dict[str, float]:
         ('resistor = "1%"', {"R1": 0.01, "Rf": 0.01}),
         ("[tolerances]\ncapacitor = 0.05", {"C1": 0.05}),
         ('coil = "2 %"\ngain = 0.1', {"L1": 0.02, "L2": 0.02, "E1": 0.1}),
+        ('coupling = "1%"', {"K1": 0.01}),
         ('[parts]\n"x*.c1" = "30%"', {"x1.C1": 0.3, "x2.C1": 0.3}),
         ('resistor = "1%"\n[parts]\nRF = 0', {"R1": 0.01}),
         ('[parts]\n"x1.*" = 0.2\n"x1.Rin" = 0.5', {"x1.Rin": 0.5, "x1.C1": 0.2}),
@@ -57,7 +58,8 @@ def test_kinds_and_names(
         ("resistor = 1e300", ("resistor", "1e+300")),
         ("parts = 3", ("parts", "[parts]")),
         ("[parts]\nR9 = 0.1", ("parts.R9", "the nearest is")),
-        ("[parts]\nK1 = 0.1", ("parts.K1", "no part")),
+        ("[parts]\nK9 = 0.1", ("parts.K9", "no part")),
+        ("coupling = 1", ("K1", "reaches 1")),
         ('distribution = "flat"', ("distribution", "normal or uniform")),
         ("", ("nothing varies", "[parts]")),
         ("resistor 1", ("line 1",)),
