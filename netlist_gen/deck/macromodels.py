@@ -6,6 +6,7 @@ each op-amp in ngspice's listing, and the model that replaces it.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -16,6 +17,8 @@ from taction.spice_models.imported import ROLES
 NOT_LINEAR = re.compile(
     r"^(?:[dqjmsb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
 )
+MISSING = {"pi": f".param pi={math.pi!r}", "mc": ".func mc(x,tol) {x}"}
+"""What LTspice defines, by its name; a drawn value counts with its nominal one."""
 PINS = "e_taction_pins_"  # name of the card that stands for an op-amp: its pins and its model
 RAILS = "g_taction_rails"  # that of its supplies
 
@@ -94,7 +97,11 @@ def vendors_of(deck: ForeignDeck, linearise: bool = False) -> tuple[str, ...]:
 
 
 def with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
-    """Yield the text with a stub in the place of each op-amp, which shows its nodes."""
+    """Yield the text with a stub in the place of each op-amp, which shows its nodes.
+
+    Before it, what LTspice defines and ngspice does not, where the deck has a word for it.
+    """
+    yield from _missing(deck)
     skipping = 0
     for card in deck.cards:
         word, name = card.word, card.text.split()[1:2]
@@ -110,6 +117,14 @@ def with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
             skipping = 1
             continue
         yield card.text
+
+
+def _missing(deck: ForeignDeck) -> Iterator[str]:
+    for word, definition in MISSING.items():
+        if any(re.search(rf"\b{word}\b", card.text) for card in deck.cards):
+            own = re.compile(rf"^\.func {word}\b|\b{word} ?=(?!=)")
+            if not any(own.search(card.text) for card in deck.cards):
+                yield definition
 
 
 def cards_of_models(lines: Sequence[str]) -> Iterator[str]:

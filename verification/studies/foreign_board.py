@@ -252,6 +252,9 @@ def _notes(
     if immediate:
         yield "uic: the board starts with no charge"
     yield from deck.remarks
+    for card in deck.left:
+        if card.word == ".step":
+            yield f"{card.text}: does not run; {_sweep_of(card.text)} does it"
     for k, name in enumerate(vendors):
         model = imported.get(MODEL.format(k))
         cells = [c for c in flat.opamps if c.model == MODEL.format(k)]
@@ -259,7 +262,8 @@ def _notes(
             yield (
                 f"{', '.join('x' + c.name for c in cells)}: the macromodel {name} is replaced by"
                 f" its linear model, measured at ±{model.supply:g} V, within"
-                f" {100 * model.linear.error:.2g} %"
+                f" {100 * model.linear.error:.2g} %; ngspice's transient keeps it, with its slew"
+                " rate and its swing"
             )
     times = {found.at for found in flat.stimuli.values() if found.moves}
     if len(times) > 1:
@@ -272,6 +276,15 @@ def _notes(
         yield "a sine counts with its offset"
     if flat.charged or any(card.word == ".ic" for card in deck.left):
         yield "initial charges (ic=, .ic) do not count"
+
+
+def _sweep_of(text: str) -> str:
+    """Return the option that sweeps as a card ``.step`` does."""
+    words = [w for w in text.split()[1:] if w not in ("param", "lin", "dec", "oct", "temp")]
+    name, values = words[:1], words[1:]
+    if values[:1] == ["list"] and len(values) > 1:
+        return f"--over {name[0]}={','.join(values[1:])}"
+    return f"--over {name[0]}={':'.join(values[:2])}" if len(values) > 1 else "--over"
 
 
 def _is_source(part: object) -> bool:

@@ -33,6 +33,7 @@ LEAST_SURE = 1e6  # Hz
 MISFIT = 1e-3  # of the largest admittance of a device
 ONE_SIDED = 1.01  # of the difference of a pair: a smaller mean tells nothing
 SMALL = 1e-12  # of the largest one: a smaller element is left out
+NAMED = 12  # devices in a note
 SECONDS = 20.0
 _MODEL = re.compile(r"^\.model (\S+) (\S+?)\s*(?:\((.*)\)|\s(.*))?$")
 _VALUE = re.compile(r"(\w+)\s*=\s*([^\s()]+)")
@@ -76,7 +77,8 @@ def linearised(cards: Iterable[str], simulator: Simulator) -> tuple[tuple[str, .
         found, sure = _cards(device, rest, currents, response)
         made += found
         least = min(least, sure)
-    names = ", ".join(shown(device.name) for device in devices)
+    names = ", ".join(shown(device.name) for device in devices[:NAMED])
+    names += f" and {len(devices) - NAMED} more" * (len(devices) > NAMED)
     where = "" if least >= BAND.stop else f", up to {least:.0e} Hz"
     note = (
         f"linearised at ngspice's operating point, for small signals only: {names}"

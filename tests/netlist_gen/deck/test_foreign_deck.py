@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 
@@ -147,6 +148,19 @@ def test_lines_that_ngspice_takes_for_comments_are_left_out(folder: Path, ngspic
     (remark,) = deck.remarks
     assert remark.startswith("deck.cir: line 8 and 1 more: begins with no letter")
     assert len(read_board(deck.file).flat.resistors) == 1
+
+
+def test_what_ltspice_defines_and_ngspice_does_not(folder: Path, ngspice: str) -> None:
+    text = (
+        "title\nV1 in 0 1\nR1 in out {mc(1k, 0.05)}\nC1 out 0 {1/(2*pi*1k)}\n.step param x 1 2 1\n"
+    )
+    board = read_board(written(folder, text))
+    assert board.circuit.value("C1") == pytest.approx(1.0 / (2.0 * math.pi * 1e3), rel=1e-9)
+    assert board.circuit.value("R1") == 1e3
+    assert board.parameters == ()
+    assert ".step param x 1 2 1: does not run; --over x=1:2 does it" in board.notes
+    own = read_board(written(folder, text + ".param pi=3\n"))
+    assert own.circuit.value("C1") == pytest.approx(1.0 / 6e3, rel=1e-9)
 
 
 def test_a_charge_that_does_not_count_is_not_in_the_other_transient(

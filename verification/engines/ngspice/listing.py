@@ -23,6 +23,7 @@ _CARD = re.compile(r"^ *\d+ : (\S.*)$")
 _HEAD = re.compile(r"^\t\S", re.M)  # of a listing: the title
 _WRONG = re.compile(r"^(?:Error|Cannot|Undefined|Too few|Unknown|.*[Ee]rror).*$", re.M)
 _REFUSED = re.compile(r"^Error on line \d+ or its substitute:\n\s*(\S.*)\n\s*(\S.*)$", re.M)
+_PLACE = re.compile(r"Error in netlist line no\.")
 SHOWN = 5  # lines of an error
 
 
@@ -83,7 +84,9 @@ def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...]:
         re.sub(r"Error: $", "", text.strip())
     )
     if wrong or not all(found):
-        said = "; ".join(line.strip() for line in wrong[:SHOWN]) or "it lists no card"
+        lines = dict.fromkeys(line.strip() for line in wrong)  # places are of the text as written
+        said = "; ".join([each for each in lines if not _PLACE.match(each)][:SHOWN])
+        said = said or next(iter(lines), "it lists no card")
         raise DidNotLoad(f"ngspice does not expand the deck: {said}")
     return tuple(found)
 
