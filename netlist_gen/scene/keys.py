@@ -33,6 +33,7 @@ FILES = ("problem.matrix", "problem.strain", "problem.stress", "problem.load.fil
 SECTIONS = ("", "design", "design.opamp", "problem", "problem.load", "problem.noise", "analysis")
 
 Value = float | int | str | bool
+Kind = Literal["real", "integer", "choice"]  # choice: words and truth values
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class Key:
     """One key of a scene."""
 
     path: str  # dotted, as in the scene file
-    kind: Literal["real", "integer", "choice"]  # choice: words and truth values
+    kind: Kind
     unit: str  # SI unit; empty for a plain number
 
 
@@ -81,21 +82,30 @@ def all_keys(scene: Scene) -> Iterator[Key]:
 
 def _keys(model: BaseModel, prefix: str, python: str) -> Iterator[tuple[str, Key]]:
     """Yield each key with its path in a file, and again with its path in Python (`lam`)."""
-    for name, field in type(model).model_fields.items():
-        path, value = f"{prefix}{field.alias or name}", getattr(model, name)
+    for name, (alias, kind, unit) in _fields(type(model)).items():
+        path, value = f"{prefix}{alias}", getattr(model, name)
         if isinstance(value, BaseModel):
             yield from _keys(value, f"{path}.", f"{python}{name}.")
         elif not isinstance(value, dict):
-            key = _key(path, field.annotation, field.metadata)
+            key = Key(path, kind, unit)
             yield from ((path, key), (f"{python}{name}", key))
 
 
-def _key(path: str, annotation: Any, metadata: list[Any]) -> Key:
+@functools.cache
+def _fields(model: type[BaseModel]) -> dict[str, tuple[str, Kind, str]]:
+    """Return the name in a file, the kind and the unit of every field of a table."""
+    return {
+        name: (field.alias or name, *_kind(field.annotation, field.metadata))
+        for name, field in model.model_fields.items()
+    }
+
+
+def _kind(annotation: Any, metadata: list[Any]) -> tuple[Kind, str]:
     parts = [*_parts(annotation), *metadata]
     units = [part.unit for part in parts if isinstance(part, Unit)]
     if float in parts:
-        return Key(path, "real", units[0] if units else "")
-    return Key(path, "integer" if int in parts else "choice", "")
+        return "real", units[0] if units else ""
+    return "integer" if int in parts else "choice", ""
 
 
 def _parts(annotation: Any) -> Iterator[Any]:

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,9 +37,10 @@ from taction.verification.report.texts import (
     readable,
     spaced,
 )
-from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.verdict.record import ERROR, finite
-from taction.verification.verdict.verify import Verdict, verify
+
+if TYPE_CHECKING:
+    from taction.verification.verdict.verify import Verdict
 
 LONGEST_ERROR = 60  # characters of an error in a table
 SHOWN = 12  # op-amps in a terminal
@@ -62,6 +64,8 @@ def full_view(choice: Choice) -> Page:
     """
     if not choice.best:
         return view(choice)
+    from taction.verification.verdict.verify import verify
+
     place = proposed(choice.confirmations)
     known = choice.confirmations[place].verdict
     return view(choice, known or verify(choice.scenes[place].with_engine("statespace")))
@@ -95,6 +99,8 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
     )
     if verdict is None:
         return page
+    from taction.verification.report.views.verdict import view as verdict_report
+
     full = verdict_report(verdict, COMMAND)
     return replace(
         page,
