@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taction.system.errors import SolverError
-from taction.verification.evidence.paper.condition_number import asymptotic, condition_number
+from taction.verification.evidence.paper.conditioning import asymptotic, condition_number
 from taction.verification.evidence.paper.findings import ClaimOutcome, load_claims
 from taction.verification.evidence.paper.reproduce import CHAPTERS
 from taction.verification.evidence.paper.tactile import Geometry
