@@ -177,7 +177,7 @@ def _netlist_text(found: Any) -> None:
 
 
 def _kicad_remarks(found: KicadProject, call: Call) -> None:
-    for what in found.project.not_drawn:
+    for what in found.not_drawn:
         click.echo(f"not drawn: {what}", err=True)
 
 

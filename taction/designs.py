@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
@@ -166,11 +166,11 @@ def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) ->
     >>> import taction, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     drawn = taction.kicad("scenes/custom-matrix.toml", output=folder)
-    >>> drawn.project.channel, len(drawn.written)
+    >>> drawn.channel, len(drawn.written)
     (1, 5)
     """
     from taction.netlist_gen.board.synthesis import synthesise
-    from taction.netlist_gen.kicad.project import KicadProject, kicad_project
+    from taction.netlist_gen.kicad.project import kicad_project
     from taction.system.atomic_files import write_together
     from taction.system.errors import Complaint, InputError
     from taction.system.output_files import make_folder
@@ -187,7 +187,7 @@ def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) ->
     check_separate([str(scene.file)], {f"-o {output} ({f.name})": str(f) for f in files})
     make_folder(place)
     write_together(files)
-    return KicadProject(scene, project, tuple(map(str, files)))
+    return replace(project, written=tuple(map(str, files)))
 
 
 def build(

@@ -25,30 +25,23 @@ GROUPED = ("Value", "Tolerance", "MPN", "Description")
 
 
 @dataclass(frozen=True, slots=True)
-class Project:
-    """The files of a project by their names, and what they show."""
-
-    files: dict[str, str]
-    channel: int
-    row: int
-    not_drawn: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class KicadProject:
     """The drawing of a channel, and the files that were written."""
 
     DOCUMENT = (
-        *("scene = scene.name", "files = written", "channel = project.channel # from 1"),
-        *("row = project.row # from 1", "not_drawn = project.not_drawn"),
+        *("scene = scene.name", "files = written", "channel # from 1", "row # from 1"),
+        "not_drawn",
     )
 
     scene: Scene = field(repr=False)
-    project: Project = field(repr=False)
-    written: tuple[str, ...]
+    files: dict[str, str] = field(repr=False)
+    channel: int
+    row: int
+    not_drawn: tuple[str, ...] = field(repr=False)
+    written: tuple[str, ...] = ()
 
 
-def kicad_project(circuit: Circuit, scene: Scene, channel: int = 1) -> Project:
+def kicad_project(circuit: Circuit, scene: Scene, channel: int = 1) -> KicadProject:
     """Return the KiCad project of a channel, counted from 1, of the board of `scene`.
 
     The sensor row is the one that the channel drives most. The list has the parts of the whole
@@ -83,7 +76,7 @@ def kicad_project(circuit: Circuit, scene: Scene, channel: int = 1) -> Project:
     )
     drawn = {f"{name}.kicad_sch": sheet.schematic(scene.name, comments)}
     files = drawn | project_files(catalogue, scene, name)
-    return Project(files, channel, row, tuple(_not_drawn(circuit)))
+    return KicadProject(scene, files, channel, row, tuple(_not_drawn(circuit)))
 
 
 def project_files(catalogue: Catalogue, scene: Scene, name: str) -> dict[str, str]:

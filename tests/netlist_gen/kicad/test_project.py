@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.kicad.project import Project, kicad_project
+from taction.netlist_gen.kicad.project import KicadProject, kicad_project
 from taction.netlist_gen.kicad.sheet import Quoted, written
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
@@ -39,7 +39,7 @@ def parsed(text: str) -> Any:
     return whole
 
 
-def project_of(scene: Scene, channel: int = 1) -> Project:
+def project_of(scene: Scene, channel: int = 1) -> KicadProject:
     return kicad_project(synthesise(scene), scene, channel)
 
 
@@ -47,7 +47,7 @@ def custom() -> Scene:
     return load_scene(SCENES / "custom-matrix.toml")
 
 
-def schematic(project: Project) -> Any:
+def schematic(project: KicadProject) -> Any:
     (text,) = (text for name, text in project.files.items() if name.endswith(".kicad_sch"))
     return parsed(text)
 
