@@ -290,6 +290,7 @@ def _new_files(found: NewScene, call: Call) -> list[str]:
 
 def _rescaled(call: Call) -> None:
     """Take the file as for a new scene, and the op-amp of the scene where none is asked for."""
+    from taction.netlist_gen.scene.open_tables import refuse_unknown
     from taction.searches import refuse_existing
 
     _new_file(call)
@@ -298,6 +299,8 @@ def _rescaled(call: Call) -> None:
     call.arguments["output"] = file
     if click.get_current_context().get_parameter_source("opamp") is ParameterSource.DEFAULT:
         del call.arguments["opamp"]
+    else:
+        refuse_unknown(call.arguments["opamp"], "--opamp")
 
 
 NEW_MATRIX = Job(function="new", schema="new-matrix", before=_new_file, files=_new_files)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
@@ -47,6 +47,8 @@ class CommandParameter:
         The function whose keyword it is, if this is not the command's own function.
     reads, writes : bool
         Whether it is a file or a folder that the command reads or writes.
+    check : Target or None
+        Takes the value and refuses it, before any work is done.
     """
 
     name: str
@@ -55,6 +57,7 @@ class CommandParameter:
     of: str = ""
     reads: bool = False
     writes: bool = False
+    check: Target | None = None
 
     def made(self, function: str) -> click.Parameter:
         """Return the parameter of click; default and help are those of the function."""
@@ -77,8 +80,9 @@ class CommandParameter:
 
 
 def option(name: str, *flags: str, **attributes: Any) -> CommandParameter:
-    """Return an option; `of`, `reads` and `writes` are those of `CommandParameter`."""
-    own = {key: attributes.pop(key) for key in ("of", "reads", "writes") if key in attributes}
+    """Return an option; `of`, `reads`, `writes`, `check` are those of `CommandParameter`."""
+    kept = ("of", "reads", "writes", "check")
+    own = {key: attributes.pop(key) for key in kept if key in attributes}
     return CommandParameter(name, flags or (f"--{name.replace('_', '-')}",), attributes, **own)
 
 
@@ -116,7 +120,8 @@ class OutputOption:
     def parameter(self) -> CommandParameter:
         """The option."""
         attributes = {"type": click.Path(dir_okay=False), "metavar": "FILE", "help": self.help}
-        return CommandParameter(self.name, (f"--{self.name}",), attributes, writes=True)
+        flags = (f"--{self.name}",)
+        return CommandParameter(self.name, flags, attributes, writes=True, check=self.check)
 
 
 def picture(content: str) -> OutputOption:
@@ -299,9 +304,12 @@ class EngineChoice(click.Choice[str]):
 SCENE = argument("scene")
 ENGINE = option("engine", type=EngineChoice(ENGINES))
 JOBS = option("jobs", type=click.IntRange(1, 4096))
-CLUSTER = option("cluster", metavar="tcp://HOST:PORT")
+CLUSTER = option(
+    "cluster", metavar="tcp://HOST:PORT", check="verification.studies.running.cluster:check_address"
+)
 ANY_PART = option("any_part", is_flag=True)
 OUTPUT = option("output", "-o", "--output", type=click.Path(dir_okay=False), writes=True)
+DATABASE = replace(OUTPUT, check="verification.studies.store_file:check_database")
 
 
 def folder(name: str, *flags: str, **attributes: Any) -> CommandParameter:

@@ -122,10 +122,10 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
 
     Neither may an output be an input, or another output.
     """
-    for output in command.outputs:
-        if output.check is not None and given[output.name] is not None:
-            load(output.check)(given[output.name])
     for parameter in command.every:
+        if parameter.check is not None:
+            for value in _names(given[parameter.name]):
+                load(parameter.check)(value)
         if parameter.reads and parameter.name not in BOARDS:
             _refuse_missing(parameter, _names(given[parameter.name]))
     for name in BOARDS:

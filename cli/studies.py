@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -9,6 +11,7 @@ import click
 from taction.cli.command import (
     ANY_PART,
     CLUSTER,
+    DATABASE,
     ENGINE,
     ENGINES,
     GRID_ENGINES,
@@ -54,11 +57,11 @@ MONTECARLO = Command(
         option("samples", "-n", "--samples", type=click.IntRange(1, 10_000_000)),
         option("seed", type=click.IntRange(0)),
         option("sample", type=click.IntRange(0), of="verify_sample", required=False),
-        option("until"),
+        option("until", check="verification.studies.tolerance.options:half_width"),
         option("min_yield", type=click.FloatRange(0, 1)),
         option("remedy", "--remedy/--no-remedy"),
         option("engine", type=EngineChoice(ENGINES)),
-        OUTPUT,
+        DATABASE,
         JOBS,
         CLUSTER,
     ),
@@ -70,7 +73,18 @@ MONTECARLO = Command(
 CORNERS = Command(
     function="corners",
     outputs=(REPORT,),
-    parameters=(SCENE, option("corner", multiple=True, metavar="KEY=Z,..."), ENGINE, JOBS, CLUSTER),
+    parameters=(
+        SCENE,
+        option(
+            "corner",
+            multiple=True,
+            metavar="KEY=Z,...",
+            check="verification.studies.tolerance.options:deviations_of",
+        ),
+        ENGINE,
+        JOBS,
+        CLUSTER,
+    ),
     ends="Exit status: 1 if a corner fails, else 3 if a corner has no verdict.",
 )
 
@@ -102,7 +116,7 @@ TUNE = Command(
 
 def _ask_limits(call: Call) -> None:
     """Ask on stderr what may be a slip in the limits of the options; name the database."""
-    from taction.netlist_gen.scene.axes import LIMITS, look_at_limits
+    from taction.netlist_gen.scene.axes import LIMITS, look_at_ends, look_at_limits
     from taction.netlist_gen.scene.checks import unitless_times
     from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.open_tables import refuse_unknown
@@ -111,6 +125,7 @@ def _ask_limits(call: Call) -> None:
     given = call.arguments
     read, own = load_scene(given["scene"]), ("settling", "rise", "noise", "supply")
     look_at_limits(read, {name: given[name] for name in own})
+    look_at_ends(read, {"--c-range": given["c_range"], "--gain-range": given["gain_range"]})
     for name in (given["opamps"] or "").split(","):
         if name.strip():
             refuse_unknown(name.strip(), "--opamps")
@@ -162,7 +177,7 @@ CHOOSE = Command(
         option("points", type=click.IntRange(1, 101)),
         ANY_PART,
         folder("output", "-o"),
-        option("store", metavar="FILE", type=click.Path(dir_okay=False), writes=True),
+        replace(DATABASE, name="store", flags=("--store",)),
         JOBS,
         CLUSTER,
     ),
@@ -288,7 +303,7 @@ SWEEP = Command(
         SCENE,
         option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),
         option("fix", multiple=True, metavar="KEY[=VALUE]"),
-        OUTPUT,
+        DATABASE,
         option("engine", type=EngineChoice([*ENGINES, *GRID_ENGINES])),
         option("strict", is_flag=True),
         option("retry_failed", "--retry", type=click.Choice(["failed"]), default=None),
@@ -301,6 +316,17 @@ SWEEP = Command(
 )
 
 
+def _look_at_baseline(call: Call) -> None:
+    """Refuse a folder without scenes and a file that is no baseline, before numpy is loaded."""
+    from taction.verification.studies.regression.baseline_file import baseline_table
+    from taction.verification.studies.scene_files import find_scenes
+
+    given = call.arguments
+    if not (given["update"] and not Path(given["baseline"]).exists()):
+        baseline_table(given["baseline"])
+    find_scenes(given["folder"])
+
+
 def _regression_markdown(found: RegressionReport) -> str:
     from taction.verification.report.renderers.markdown import markdown
 
@@ -309,6 +335,7 @@ def _regression_markdown(found: RegressionReport) -> str:
 
 REGRESS = Command(
     function="regress",
+    before=_look_at_baseline,
     outputs=(
         text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
         text_file("markdown", "Write a Markdown summary.", _regression_markdown),

@@ -115,7 +115,7 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     Raises
     ------
     InputError
-        The scene cannot be built, or the file cannot be written.
+        The scene cannot be built, or the file is no ``.csv`` or cannot be written.
 
     Examples
     --------
@@ -125,6 +125,10 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     (7, 'ideal')
     """
     from taction.system.atomic_files import write_atomically
+    from taction.system.output_files import check_file, is_special
+
+    if output is not None and not is_special(output):
+        check_file(str(output), "-o", (".csv",), {})
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.report.views.parts import parts_csv
     from taction.verification.verdict.board_power import parts_list

@@ -366,6 +366,10 @@ def new(
     from taction.netlist_gen.scene.open_tables import refuse_unknown
 
     refuse_unknown(opamp, "--opamp")
+    if matrix is not None and strain is not None:  # what is wrong in the files is said at once
+        from taction.netlist_gen.scene.problem_tables import problem_tables
+
+        tables = problem_tables(Path(matrix), Path(strain))
     from taction.netlist_gen.scene.loading import load_scene
     from taction.system.atomic_files import write_atomically
     from taction.verification.design.fresh_scene import NewScene, fresh_scene
@@ -380,8 +384,7 @@ def new(
     progress("scalings")
     design = {"opamp": opamp, "supply": supply, "prune": prune}
     fresh = fresh_scene(
-        Path(matrix),
-        Path(strain),
+        *tables,
         path,
         noise=noise,
         lam=lam,

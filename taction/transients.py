@@ -254,7 +254,9 @@ def verify_files(
     ('pass', {'pass': 3})
     """
     from taction.system.errors import Interrupted
-    from taction.verification.studies.verify_files import scene_files
+    from taction.verification.studies.scene_files import scene_files
+
+    files = scene_files([str(name) for name in scenes], exclude)
     from taction.verification.studies.verify_files import verify_files as verify_each
 
     describe: Callable[..., dict[str, Any]]
@@ -264,7 +266,6 @@ def verify_files(
         )
     else:
         from taction.system.documents import plain as describe
-    files = scene_files([str(name) for name in scenes], exclude)
     found = verify_each(files, describe, engine=engine, jobs=jobs, progress=progress)
     if found.interrupted:
         raise Interrupted("the finished scenes are in the report", found)

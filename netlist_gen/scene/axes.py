@@ -191,27 +191,48 @@ def look_at_ranges(scene: Scene, over: Iterable[str]) -> None:
     """
     for text in over:
         name, _, body = (part.strip() for part in text.partition("="))
-        path = find_key(scene, name).path
+        key = find_key(scene, name)
+        if key.kind == "choice":
+            raise _wrong(text, "a search needs a key with numbers; `taction sweep` tries names")
         if body:
-            rising_ends(scene, path, body)
+            rising_ends(scene, key.path, body)
+
+
+def look_at_ends(scene: Scene, given: Mapping[str, str | None]) -> None:
+    """Refuse ranges of `ENDS` by their options, before anything that computes is loaded."""
+    for option, text in given.items():
+        if text:
+            read_ends(scene, ENDS[option], text, option)
 
 
 def rising_ends(scene: Scene, path: str, body: str) -> tuple[float, float]:
     """Return the ends of ``"LOW:HIGH"``, above zero; raises `InputError`."""
-    low, high = read_ends(scene, path, body)
-    if not 0.0 < low < high:
-        swapped = "; are the two swapped?" if low > high > 0.0 else ""
-        text = f"expected a range above zero, LOW below HIGH: {path}=LOW:HIGH{swapped}"
-        raise InputError("--over", Complaint(path, repr(body), text))
+    low, high = read_ends(scene, path, body, "--over")
+    if low == high:
+        raise InputError("--over", Complaint(path, repr(body), _rising(f"{path}=LOW:HIGH")))
     return low, high
 
 
-def read_ends(scene: Scene, path: str, body: str) -> tuple[float, float]:
+def read_ends(scene: Scene, path: str, body: str, option: str) -> tuple[float, float]:
     """Return the ends of ``"LOW:HIGH"``, of a single value twice; raises `InputError`."""
-    key, (low, colon, high) = find_key(scene, path), body.partition(":")
-    return float(read_value(key, low)), float(read_value(key, high if colon else low))
+    key, (first, colon, last) = find_key(scene, path), body.partition(":")
+    try:
+        low, high = (float(read_value(key, end)) for end in (first, last if colon else first))
+    except InputError as error:
+        raise InputError(option, *error.complaints) from None
+    if not 0.0 < low <= high:
+        shown = f"{path}=LOW:HIGH" if option == "--over" else f"{option} LOW:HIGH"
+        swapped = "; are the two swapped?" if low > high > 0.0 else ""
+        raise InputError(option, Complaint(path, repr(body), f"{_rising(shown)}{swapped}"))
+    return low, high
 
 
+def _rising(shown: str) -> str:
+    return f"expected a range above zero, LOW below HIGH: {shown}"
+
+
+ENDS = {"--c-range": "design.capacitance", "--gain-range": "design.gain"}
+"""Options of a choice that give the ends of a key."""
 LIMITS = {
     "settling": "checks.settling_time.max",
     "rise": "checks.rise_time.max",

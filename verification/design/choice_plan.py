@@ -268,7 +268,7 @@ def base_of(scene: str | Path | Scene, request: ChoiceRequest) -> tuple[Scene, S
 def _values(scene: Scene, path: str, option: str, text: str, points: int) -> tuple[float, ...]:
     found = SearchRange.around(scene, path, AROUND)
     if text and found is not None:
-        low, high = read_ends(scene, path, text)
+        low, high = read_ends(scene, path, text, option)
         found = replace(found, low=low, high=high)
     if found is None or not (0.0 < found.low <= found.high and 1 <= points <= MOST_POINTS):
         accepted = f"expected LOW:HIGH above zero, and 1 to {MOST_POINTS} points"

@@ -24,7 +24,7 @@ from taction.netlist_gen.board.part_warnings import (
     AcceptedParts,
 )
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.problem_tables import ProblemTable, problem_tables, shape_text
+from taction.netlist_gen.scene.problem_tables import ProblemTable, shape_text
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.entries import pruned
@@ -249,8 +249,8 @@ class NewScene(Result):
 
 
 def fresh_scene(
-    matrix: Path,
-    strain: Path,
+    matrix: ProblemTable,
+    strain: ProblemTable,
     output: Path,
     *,
     noise: str | float | None = None,
@@ -258,9 +258,7 @@ def fresh_scene(
     design: Mapping[str, Any] | None = None,
     any_part: bool = False,
 ) -> FreshScene:
-    """Return a scene for a matrix (M, N) and a strain (M,) from .csv or .npy files.
-
-    A matrix (N, M) is transposed; header rows are recognised.
+    """Return a scene for a matrix (M, N) and a strain (M,), see `problem_tables`.
 
     Parameters
     ----------
@@ -280,17 +278,16 @@ def fresh_scene(
     Raises
     ------
     InputError
-        A file cannot be read, the shapes do not fit, no design has these numbers, or the noise
-        does not explain the strain: the message proposes one that does.
+        No design has these numbers, or the noise does not explain the strain: the message proposes
+        one that does.
     """
-    first, second = problem_tables(matrix, strain)
-    chosen, rule = _lambda(first.values, second.values, noise, lam)
+    chosen, rule = _lambda(matrix.values, strain.values, noise, lam)
     name = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in output.stem)
-    arrays = {"kind": "matrix", "matrix": first.values, "strain": second.values}
+    arrays = {"kind": "matrix", "matrix": matrix.values, "strain": strain.values}
     asked = dict(design or {})
     pruning = FreshPruning()
     if "prune" not in asked:
-        pruning = pruning_for(first.values, second.values, chosen)
+        pruning = pruning_for(matrix.values, strain.values, chosen)
         asked |= {"prune": pruning.fraction} if pruning.entries else {}
     data = {
         "name": name[:64] or "scene",
@@ -304,11 +301,11 @@ def fresh_scene(
     }
     accepted = ANY_PART if any_part else AcceptedParts({})
     scaling = scale(parse_scene(data, output), accepted=accepted)
-    names, files = _placed({"matrix": first, "strain": second}, output)
+    names, files = _placed({"matrix": matrix, "strain": strain}, output)
     limited, limits = with_limits(scaling.scene)
-    notes = [f"{t.path.name}: {t.changed}" for t in (first, second) if t.changed]
+    notes = [f"{t.path.name}: {t.changed}" for t in (matrix, strain) if t.changed]
     notes += [pruning.note] if pruning.entries else []
-    head = f"Scaled by taction for a matrix of {shape_text(first.values)}; lambda: {rule}."
+    head = f"Scaled by taction for a matrix of {shape_text(matrix.values)}; lambda: {rule}."
     text = _commented([head, *notes, f"Limits: {limits}."], with_values(limited, names))
     if limited.checks.steady_state.tolerance > WANTED:  # else no more than was searched for
         notes.append(limits)

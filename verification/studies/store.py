@@ -15,40 +15,21 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from taction.system.errors import Complaint, InputError, OutOfDisk
-from taction.system.foreign_files import read_ends
 from taction.verification.studies.running.versions import digest
+from taction.verification.studies.store_file import (
+    ACCEPTED,
+    CORRUPT,
+    PATIENCE,
+    check_database,
+    explained,
+    unusable,
+)
 from taction.verification.verdict.record import ERROR, Record
 
 APPLICATION = 0x7461_6374  # "tact", in the file's header
 FORMAT = 3  # of the results; a change in what a record means gets a new number
-PATIENCE = 60.0  # s to wait for another process that has locked the file
-
-ACCEPTED = "expected a database of `taction sweep` or `montecarlo`, or the name of a new file"
-_LINES = '{"kind": "taction samples'  # beginning of a file of samples by older versions
-_OLD_SAMPLES = (
-    "the samples are lines of JSON, written by an older taction; this taction cannot read them."
-    " Give another name to draw the samples again, or use the taction that wrote them"
-)
-CORRUPT = (
-    "the database is damaged and was not changed; `sqlite3 FILE .recover` may save its points;"
-    " start anew with another name"
-)
-_NOT_A_DATABASE = "SQLITE_NOTADB"
-_MESSAGES = {  # by the beginnings of SQLite's error names
-    (_NOT_A_DATABASE,): f"the file is no SQLite database; {ACCEPTED}. It was not changed",
-    ("SQLITE_CORRUPT",): CORRUPT,
-    ("SQLITE_READONLY", "SQLITE_PERM"): "the file cannot be written; give it write permission, or"
-    " give another name",
-    ("SQLITE_CANTOPEN",): "the file cannot be opened or made; does the folder exist, and may you"
-    " write to it?",
-    ("SQLITE_BUSY", "SQLITE_LOCKED"): f"another process has locked the file for {PATIENCE:g} s;"
-    " is that process suspended?",
-}
-_FULL = ("SQLITE_FULL", "SQLITE_IOERR")
 
 SCHEMA = """
 create table points (
@@ -110,8 +91,7 @@ class Store:
     def __init__(self, path: str) -> None:
         self.path = path
         self.damaged: set[bytes] = set()
-        if Path(path).exists() and not Path(path).is_file():
-            raise unusable(path, f"not a regular file; {ACCEPTED}")
+        check_database(path)
         with explained(self.path):
             self._db = sqlite3.connect(
                 path, timeout=PATIENCE, isolation_level=None, check_same_thread=False
@@ -252,29 +232,3 @@ class Store:
                 if self._db.in_transaction:
                     self._db.execute("rollback")
                 raise
-
-
-@contextmanager
-def explained(path: str) -> Iterator[None]:
-    """Turn an error of SQLite in the block into an `InputError` or `OutOfDisk`."""
-    try:
-        yield
-    except sqlite3.Error as error:
-        name = getattr(error, "sqlite_errorname", "")
-        if name.startswith(_FULL):
-            raise OutOfDisk(
-                f"{path}: {error}. All earlier points are stored; make room on the disk"
-                " and run the same command again to continue"
-            ) from error
-        texts = (text for names, text in _MESSAGES.items() if name.startswith(names))
-        text = next(texts, f"{error}; {ACCEPTED}")
-        if name == _NOT_A_DATABASE and read_ends(path, 100).startswith(_LINES):
-            text = _OLD_SAMPLES
-        raise unusable(path, text) from error
-    except UnicodeDecodeError as error:  # SQLite's message quotes a damaged name
-        raise unusable(path, CORRUPT) from error
-
-
-def unusable(path: str, text: str) -> InputError:
-    """Return the error of a database that cannot be used, with the reason `text`."""
-    return InputError(path, Complaint("database", "", text))

@@ -19,6 +19,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.problem_tables import problem_tables
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.design.fresh_scene import (
@@ -133,7 +134,8 @@ def plain(tmp_path_factory: pytest.TempPathFactory, problem: tuple[Matrix, Matri
 
 def fresh(folder: Path, **options: Any) -> FreshScene:
     """The scene for the files that `write` wrote."""
-    return fresh_scene(folder / "T.csv", folder / "eps.csv", folder / "s.toml", **options)
+    tables = problem_tables(folder / "T.csv", folder / "eps.csv")
+    return fresh_scene(*tables, folder / "s.toml", **options)
 
 
 def write(folder: Path, T: Matrix, eps: Matrix, head: str = "") -> list[str]:

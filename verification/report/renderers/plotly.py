@@ -45,6 +45,7 @@ COLORSCALES = {
 }
 DECADES = 1e-4  # of the largest value: smaller ones have the lightest colour
 FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the chart
+NEAR, ROOM = 0.2, 1.5  # of points on a logarithmic axis: decades, and the factor around them
 
 
 def plotly_spec(chart: Chart) -> dict[str, Any]:
@@ -178,6 +179,8 @@ def _axis(chart: Chart, name: str, shown: tuple[float, float] | None) -> dict[st
         decades = float(np.log10(ends.max() / ends.min())) if len(ends) else 0.0
         step = next((each for end, each in LABELS if decades < end), 1)
         made |= {"type": "log", "dtick": step, "tickformat": "~g" if unit == "step" else "~s"}
+        if limits is None and len(ends) and decades < NEAR:  # Plotly would show two decades
+            limits = float(ends.min()) / ROOM, float(ends.max()) * ROOM
         if unit and unit != "step":  # Plotly leaves a suffix out within a decade
             made["title"] = {"text": words(f"{title} ({unit})")}
     elif unit and unit != "step":
@@ -387,9 +390,13 @@ Ticks = list[tuple[float, float]]
 
 
 def _colour_bar(ticks: Ticks, unit: str, title: str) -> dict[str, Any]:
+    for digits in (3, 4, 5, 6):  # until the labels differ
+        labels = [figure(value, unit, digits) for _, value in ticks]
+        if len({*labels}) == len(labels):
+            break
     return {
         "thickness": 12, "outlinewidth": 0, "tickvals": [place for place, _ in ticks],
-        "ticktext": [figure(value, unit, 3) for _, value in ticks], "title": {"text": words(title)},
+        "ticktext": labels, "title": {"text": words(title)},
     }  # fmt: skip
 
 

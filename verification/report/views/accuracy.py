@@ -147,7 +147,7 @@ def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
                 late.append(
                     Curve(
                         np.array([point.seconds]), np.array([top]), text, colour, "", "x",
-                        size=9.0, label="", hover=(text,), written=(text,),
+                        size=9.0, label="", hover=(text,),
                     )
                 )  # fmt: skip
     return Chart(
@@ -188,6 +188,7 @@ def _steps(study: WorkPrecisionStudy, problem: str) -> Chart:
     periods = problem == "board"
     unit = study.extent.period if periods else 1.0
     marks: list[Mark] = []
+    orders: dict[float, str] = {}
     for method, (colour, shape, _) in _methods(study, problem).items():
         points, order = study.of(method), study.orders[method.name]
         for fitted in (True, False):
@@ -213,6 +214,7 @@ def _steps(study: WorkPrecisionStudy, problem: str) -> Chart:
             name += f" (theory {method.order:g})" if method.order is not None else " (varies)"
             fit = order.constant * ends**order.value
             marks.append(Curve(ends / unit, fit, name, colour, "dot", width=1.4))
+            orders[order.value] = method.name
     return Chart(
         f"Error against the mean step, {PROBLEMS[problem]}",
         Axis("mean step (periods of the fastest ringing)", "", "log")
@@ -220,6 +222,7 @@ def _steps(study: WorkPrecisionStudy, problem: str) -> Chart:
         else Axis("mean step", "s", "log"),
         ERROR,
         tuple(marks),
+        message=f"{orders[max(orders)]} has the largest order, {max(orders):.3g}" if orders else "",
         summary=(
             "The order of convergence is fitted to the filled marks; the dotted lines show the"
             " fits."

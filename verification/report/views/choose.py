@@ -42,7 +42,7 @@ from taction.verification.verdict.record import ERROR, finite
 if TYPE_CHECKING:
     from taction.verification.verdict.verify import Verdict
 
-LONGEST_ERROR = 60  # characters of an error in a table
+LONGEST = 60  # characters of a reason in a table
 SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
 MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
@@ -188,8 +188,8 @@ def _outcome(design: ChosenDesign) -> Cell:
         return Cell(f"no parts: {readable(design.refused)}", None, "fail")
     line = design.reason.split("\n")[0]
     if design.outcome == ERROR:  # file, key and value, then what is wrong with it
-        line = shortened(line.rpartition(": ")[2], LONGEST_ERROR)
-    check = spaced(line.partition(" (limit")[0])
+        line = line.rpartition(": ")[2]
+    check = shortened(spaced(line.partition(" (limit")[0].partition("; ")[0]), LONGEST)
     return outcome_cell(": ".join(filter(None, (design.outcome, check))), design.outcome)
 
 

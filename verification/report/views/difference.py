@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Literal
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from taction.verification.report.texts import (
     spaced,
     value_text,
 )
+from taction.verification.report.views.waveforms import end_names
 from taction.verification.studies.difference import KeyDifference, VerdictDifference
 from taction.verification.verdict.compare import Difference
 
@@ -140,21 +140,24 @@ def _waveforms(difference: VerdictDifference) -> Iterator[Chart]:
     count = min(u.shape[1], v.shape[1])
     names = difference.outputs or [f"u_{n + 1}" for n in range(count)]
     colours = spread_colours(count)
-    label: Literal["end", ""] = "end" if count <= LABELLED else ""
+    both = np.concatenate([u[:, :count], v[:, :count]])
+    low, high = float(both.min()), float(both.max())
 
-    def curves(
-        x: Floats, values: Floats, line: Line, width: float, where: Literal["end", ""]
-    ) -> Iterator[Curve]:
+    def curves(x: Floats, values: Floats, line: Line, width: float) -> Iterator[Curve]:
         for n, look in enumerate(colours):
             shown = thinned(x, values[:, n], POINTS // count)
-            yield Curve(*shown, names[n], look, line, width=width, label=where)
+            yield Curve(*shown, names[n], look, line, width=width, label="")
 
+    def named(group: Iterable[int]) -> str:
+        return ", ".join(names[n] for n in sorted(group))
+
+    ends = end_names(u[-1, :count].tolist(), low, high, colours, named) if count <= LABELLED else ()
     yield Chart(
-        "Outputs of A and B over each other",
+        "Outputs",
         Axis("time", "s"),
         Axis("output", "V"),
-        (*curves(time, u, "solid", 2.2, label), *curves(other, v, "dash", 1.2, "")),
-        "",
+        (*curves(time, u, "solid", 2.2), *curves(other, v, "dash", 1.2), *ends),
+        "solid A, dashed B",
         f"Solid: A, {difference.first}. Dashed: B, {difference.second}.",
         height=420,
     )
@@ -167,7 +170,7 @@ def _waveforms(difference: VerdictDifference) -> Iterator[Chart]:
         "B minus A",
         Axis("time", "s"),
         Axis("difference", "V"),
-        tuple(curves(inside, np.column_stack(apart), "solid", 1.2, "")),
+        tuple(curves(inside, np.column_stack(apart), "solid", 1.2)),
         f"apart by at most {quantity(float(np.abs(apart).max()), 'V', 3)}",
         "The outputs of B minus those of A.",
         height=300,

@@ -330,6 +330,8 @@ def _culprits(result: YieldReport) -> Block:
         Axis("share of the variance (%)", limits=(0.0, 1.25 * float(shares.max()))),
         Axis(scale="names", names=names, reverse=True),
         (bars,),
+        message=f"{shown[0].parameter} is behind {shares[0]:.0f} % of the variance of the"
+        f" {spaced(shown[0].quantity)}",
         summary=(
             "Share of a part in the variance of a quantity with a limit; the quantity whose check"
             " costs most yield comes first. Solid with +: the quantity grows with the part; hatched"

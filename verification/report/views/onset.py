@@ -121,6 +121,8 @@ def _crossings(onset: Onset) -> Iterator[Block]:
         "rate above": lambda each: _rate(each.confirmation.above),
         "remark": lambda each: each.confirmation.reason,
     }
+    if not any(each.confirmation.reason for each in onset.findings):
+        del columns["remark"]
     yield Table.of("Crossings", onset.findings, columns, RATES)
     yield Notes("", tuple(_remarks(onset)))
     counts = tuple(

@@ -94,7 +94,7 @@ def view(
     engine = tuple((name, getattr(waves, name) or "–") for name in ("engine", "solver", "method"))
     detailed = BOTH if verbose else (PAGE,)
     return Page(
-        title=title_of(verdict),
+        title=verdict.scene.name,
         command=command,
         outcome=verdict.outcome.value,
         summary=decisive_text(verdict.checks, verdict.outcome.value),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Literal
 
 import numpy as np
@@ -181,8 +181,14 @@ def _window(verdict: Verdict) -> tuple[float, float, bool]:
     return low - room, high + room, cut
 
 
-def end_names(targets: list[float], low: float, high: float, colours: list[str]) -> Iterator[Text]:
-    """Yield the names of the channels at their targets; neighbours share a label."""
+def end_names(
+    targets: Sequence[float],
+    low: float,
+    high: float,
+    colours: Sequence[str],
+    name: Callable[[Iterable[int]], str] = channel_names,
+) -> Iterator[Text]:
+    """Yield the names of the channels at their targets; neighbours share a label, by `name`."""
     groups: list[list[int]] = []
     for n in sorted(range(len(targets)), key=targets.__getitem__):
         near = groups and targets[n] - targets[groups[-1][0]] < SEPARATE * (high - low)
@@ -193,7 +199,7 @@ def end_names(targets: list[float], low: float, high: float, colours: list[str])
     for group in groups:
         height = sum(targets[n] for n in group) / len(group)
         look = colours[group[0]] if len(group) == 1 else "muted"
-        yield Text(channel_names(group), None, height, ("right", "middle"), look)
+        yield Text(name(group), None, height, ("right", "middle"), look)
 
 
 def deviation_chart(verdict: Verdict) -> Chart:

@@ -24,17 +24,20 @@ from taction.system.array_types import Floats
 from taction.system.document_schema import unknown_keys
 from taction.system.documents import INLINE, plain, read
 from taction.system.errors import Complaint, InputError
-from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.system.foreign_files import LARGEST, read_bounded
 from taction.system.quantities import written
 from taction.system.reading_definitions import READINGS
+from taction.verification.studies.regression.baseline_file import (
+    FORMAT,
+    MARK,
+    MOVE_AWAY,
+    baseline_table,
+)
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict
 
-FORMAT = 2
-MARK = "taction_baseline"
 UNKNOWN = "unknown"
-MOVE_AWAY = "rename it, and `--update` writes a new baseline"
 INSTANTS = 256  # samples of each output in a baseline
 
 ALWAYS = ("step_amplitude", "growth_rate", "frequency", "margin")
@@ -221,24 +224,7 @@ def load_baseline(path: str | Path) -> dict[str, Entry]:
     InputError
         The file cannot be read, is damaged, is no baseline, or has another format.
     """
-    path = Path(path)
-    try:
-        text = read_bounded(path, LARGEST)
-    except UnusableFileError as error:
-        reason = f"{error}; `--update` writes a baseline"
-        raise InputError(path, Complaint("baseline", "", reason)) from None
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = f"damaged, no JSON: {error}; restore the file, or {MOVE_AWAY}"
-        raise InputError(path, Complaint("baseline", "", reason)) from None
-    if not isinstance(data, dict) or MARK not in data:
-        reason = f"JSON, but no baseline of taction ('{MARK}' is missing); give another file"
-        raise InputError(path, Complaint("baseline", "", reason))
-    if data[MARK] != FORMAT:
-        reason = f"another format; this taction reads {FORMAT}. Use the taction that wrote it, or "
-        raise InputError(path, Complaint(MARK, repr(data[MARK]), reason + MOVE_AWAY))
-    return _entries(data, path)
+    return _entries(baseline_table(path), Path(path))
 
 
 def _entries(data: dict[str, Any], path: Path) -> dict[str, Entry]:

@@ -31,7 +31,7 @@ from taction.verification.studies.regression.baseline import (
     observe,
 )
 from taction.verification.studies.running.collecting import for_each_file
-from taction.verification.studies.verify_files import find_scenes
+from taction.verification.studies.scene_files import find_scenes
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import (
     Difference,
@@ -289,7 +289,7 @@ def regress(
     Raises
     ------
     InputError
-        See `taction.verification.studies.verify_files.find_scenes`.
+        See `taction.verification.studies.scene_files.find_scenes`.
     NoVerdictError
         The processes do not start.
     """

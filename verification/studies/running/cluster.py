@@ -6,7 +6,6 @@ made, because a client of Dask waits for ever where something else listens at th
 
 from __future__ import annotations
 
-import asyncio
 import importlib
 import logging
 import pickle
@@ -52,7 +51,7 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
         The address cannot be one, dask.distributed is not installed, or no scheduler answers at
         `address` within `PATIENCE`.
     """
-    _check_address(address)
+    check_address(address)
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
@@ -75,7 +74,8 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
                 client.close(timeout=CLOSING)
 
 
-def _check_address(address: str) -> None:
+def check_address(address: str) -> None:
+    """Refuse what cannot be an address, with `InputError`."""
     found = ADDRESS.fullmatch(address)
     if found is None or not 1 <= int(found[1]) <= 65535:
         raise _refusal(address, EXPECTED)
@@ -87,6 +87,8 @@ def _refusal(address: str, text: str) -> InputError:
 
 def _client(distributed: Any, address: str) -> Any:
     """Return a client of the scheduler at `address`, or raise InputError with the reason."""
+    import asyncio  # 30 ms that a study without a cluster does not need
+
     try:
         kind = asyncio.run(asyncio.wait_for(_kind(distributed, address), PATIENCE))
         if kind != "Scheduler":

@@ -142,35 +142,6 @@ def _largest(gradient: Floats, board: Varied, deviations: Mapping[str, float]) -
     return largest_parts(gradient, board.varied, signs, NAMED)
 
 
-def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:
-    """Return the name of a corner and its deviations, in units of the tolerances.
-
-    Raises
-    ------
-    InputError
-        A part of the text is not ``KEY=Z``, or Z is not from -100 to 100.
-
-    Examples
-    --------
-    >>> deviations_of("capacitor=-1,opamp_gbw=0.5")[1]
-    {'capacitor': -1.0, 'opamp_gbw': 0.5}
-    """
-    if not isinstance(corner, str):
-        return ",".join(f"{key}={value:g}" for key, value in corner.items()), corner
-    deviations = {}
-    for part in corner.split(","):
-        name, _, value = part.partition("=")
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.inf
-        if not abs(number) <= 100:
-            accepted = "expected KEY=Z, Z from -100 to 100 in units of the tolerance: capacitor=-1"
-            raise InputError("--corner", Complaint("KEY=Z", repr(part), accepted))
-        deviations[name.strip()] = number
-    return corner, deviations
-
-
 def named_corner(board: Varied, name: str, ends: Mapping[str, float]) -> Corner:
     """Verify a corner that the user gives.
 

@@ -165,24 +165,3 @@ def draw_samples(
             count = f"{len(collection.samples)} of {collection.limit} samples"
             left = pace.ended(collection.limit - len(collection.samples))
             progress(f"{label}: {count}, {collection.passed} pass{left}")
-
-
-def half_width(until: str | float | None) -> float | None:
-    """Return the requested half width of the confidence interval, from ``"1%"`` or 0.01.
-
-    Raises
-    ------
-    InputError
-        The half width is not between 0 and 0.5.
-    """
-    if until is None:
-        return None
-    text = str(until)
-    try:
-        value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < 0.5:
-        accepted = "expected a half width such as 1% or 0.01"
-        raise InputError("--until", Complaint("WIDTH", repr(until), accepted))
-    return value

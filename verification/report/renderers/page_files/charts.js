@@ -40,11 +40,12 @@ const tactionCharts = (() => {
   const draw = (canvas, spec, more = {}) => {
     const data = coloured(spec.data), layout = { ...layoutOf(spec), ...more };
     if ((more.width || canvas.clientWidth) < NARROW) {
-      data.forEach((each) => delete each.texttemplate);
-      for (const name of ["xaxis", "yaxis"]) {
-        const dtick = FEWER[layout[name]?.dtick];
-        if (dtick) layout[name] = { ...layout[name], dtick };
-      }
+      data.forEach((each) => {
+        delete each.texttemplate;
+        each.mode = each.mode?.replace("+text", ""); // a table or the pointer has what has no room
+      });
+      const dtick = FEWER[layout.xaxis?.dtick];
+      if (dtick) layout.xaxis = { ...layout.xaxis, dtick };
     }
     return Plotly.react(canvas, data, layout, config);
   };
