@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import io
 import os
+import re
 import signal
 import sys
 import threading
@@ -83,6 +84,8 @@ def _instead(error: click.ClickException) -> str:
         return f"Expected{kind}: {about}\n" if about else ""
     text, context = error.format_message(), getattr(error, "ctx", None)
     if isinstance(error, click.BadParameter) and error.param is not None:
+        if isinstance(error.param.type, click.Choice):
+            return _nearest_choice(error.param.type, text)
         return _number_instead(error.param.type) if "is not a valid" in text else ""
     if context is None:
         return ""
@@ -96,6 +99,15 @@ def _instead(error: click.ClickException) -> str:
     if "No such command" in text and "Did you mean" not in text:
         return f"Expected one of {', '.join(context.command.list_commands(context))}.\n"
     return ""
+
+
+def _nearest_choice(kind: click.Choice[Any], text: str) -> str:
+    """Return a question with the choice nearest to the word that a message refuses."""
+    import difflib
+
+    word = text.rpartition(" is not one of ")[0].rpartition(": ")[2].strip("'")
+    close = difflib.get_close_matches(word.lower(), map(str, kind.choices), n=1)
+    return f"Did you mean {close[0]!r}?\n" if close else ""
 
 
 def _number_instead(kind: click.ParamType[Any]) -> str:
@@ -158,7 +170,7 @@ def _told(text: str, words: Sequence[str]) -> str:
     """Return a message that repeats words of the command line, these as a reader sees them."""
     for word in words:
         text = text.replace(word, visible(word))
-    return text
+    return re.sub(r"is not a valid (integer|float)( range)?\.", "is no number.", text)
 
 
 def of_stdout(error: OSError) -> bool:

@@ -123,9 +123,10 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
     Neither may an output be an input, or another output.
     """
     for parameter in command.every:
-        if parameter.check is not None:
-            for value in _names(given[parameter.name]):
-                load(parameter.check)(value)
+        value = given[parameter.name]
+        if parameter.check is not None and value is not None:
+            for each in value if isinstance(value, tuple) else (value,):
+                load(parameter.check)(each)
         if parameter.reads and parameter.name not in BOARDS:
             _refuse_missing(parameter, _names(given[parameter.name]))
     for name in BOARDS:

@@ -165,7 +165,7 @@ def margin() -> Figure:
         arrowprops={"arrowstyle": "->", "color": INK},
     )  # fmt: skip
     axes.text(place[0], place[1], f" oscillates below {edge * 1e12:.3g} pF", color=BAD)
-    axes.text(own * 1e12, rightmost(circuit) / 1e3, "  this board", va="bottom")
+    axes.text(own * 1e12, rightmost(circuit) / 1e3, "  this board", va="top")
     return figure
 
 

@@ -134,11 +134,20 @@ def read_value(key: Key, text: str) -> Value:
         number = int(text) if key.kind == "integer" else read
     except ValueError as error:
         plain = f"expected {'a whole' if key.kind == 'integer' else 'a plain'} number"
-        accepted = str(error) if key.unit else plain
+        accepted = str(error) if key.unit else plain + _share(text)
         raise InputError("--over", Complaint(key.path, repr(text), accepted)) from None
     if not math.isfinite(number):
         raise InputError("--over", Complaint(key.path, repr(text), "expected a finite number"))
     return number
+
+
+def _share(text: str) -> str:
+    """Return how a percentage is written as a plain number; empty for another text."""
+    number, percent, rest = text.strip().partition("%")
+    try:
+        return f"; {text} is {plain_number(number) / 100.0:g}" if percent and not rest else ""
+    except ValueError:
+        return ""
 
 
 def _refuse_impossible(key: Key, text: str) -> None:

@@ -128,7 +128,7 @@ def charts() -> dict[str, Chart]:
             "Error against run time", Axis("wall time", "s", "log"), Axis("error", "step", "log"),
             (Curve([0.1, 1.0, 10.0], [1e-2, 1e-4, 1e-6], "order 2", "#009e73", mark="square",
                    spread=[[0.08, 0.9, 8.0], [0.2, 1.2, 11.0]], written=("", "tuned", "")),
-             Curve([0.1, 10.0], [1e-3, 1e-5], "fit", "#cc79a7", "dot", label="end")),
+             Curve([0.1, 10.0], [1e-3, 1e-5], "fit", "#cc79a7", "dot")),
             summary="Errors of three runs.", legend="beside",
         ),
     }  # fmt: skip

@@ -127,6 +127,7 @@ def spread_colours(count: int) -> list[str]:
     ]
 
 
+SIGNS = {"ohm": "Ω", "1/s": "/s", "step": "%", "ratio": ""}
 Limits = tuple[float, float]
 Scale = Literal["linear", "log", "names"]
 Line = Literal["solid", "dash", "dot", "dashdot", ""]
@@ -164,6 +165,21 @@ class Axis:
     reverse: bool = False
     ticks: tuple[float, ...] = ()
 
+    @property
+    def factor(self) -> float:
+        """What values are multiplied by: parts of the step are shown in per cent."""
+        return 100.0 if self.unit == "step" else 1.0
+
+    @property
+    def sign(self) -> str:
+        """The unit as it is written."""
+        return SIGNS.get(self.unit, self.unit)
+
+    @property
+    def caption(self) -> str:
+        """The title, which says what per cent are of."""
+        return f"{self.title} (% of the step)".lstrip() if self.unit == "step" else self.title
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
@@ -174,7 +190,7 @@ class Curve:
     x, y : ndarray (P,)
         In the units of the axes.
     name : str
-        For the legend, or for the end of the line (`label`), and for the hover.
+        For the legend (`label`), and for the hover.
     colour : str
         Hexadecimal, or one of `COLOURS`.
     line : str
@@ -184,7 +200,7 @@ class Curve:
     width, size : float
         Points.
     label : str
-        Where the name stands: ``"legend"``, ``"end"`` of the line, or empty for nowhere.
+        Where the name stands: ``"legend"``, or empty for nowhere.
     hover : tuple of str
         A text for each point, for media with a pointer; empty: the coordinates.
     written : tuple of str
@@ -209,7 +225,7 @@ class Curve:
     mark: str = ""
     width: float = 1.5
     size: float = 6.0
-    label: Literal["legend", "end", ""] = "legend"
+    label: Literal["legend", ""] = "legend"
     hover: tuple[str, ...] = ()
     written: tuple[str, ...] = ()
     spread: ArrayLike | None = None

@@ -55,7 +55,7 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
         axis: Axis = getattr(chart, name)
         ends = limits or axis.limits
         if ends is not None:
-            low, high = (_factor(axis) * end for end in ends)
+            low, high = (axis.factor * end for end in ends)
             getattr(axes, f"set_{name}lim")(low, high)
         if axis.reverse:
             getattr(axes, f"invert_{name}axis")()
@@ -113,12 +113,8 @@ def cell_edges(places: ArrayLike, *, log: bool = False) -> Floats:
     return np.exp(edges) if log else np.asarray(edges)
 
 
-def _factor(axis: Axis) -> float:
-    return 100.0 if axis.unit == "step" else 1.0
-
-
 def _values(values: ArrayLike, axis: Axis) -> Floats:
-    return np.asarray(np.asarray(values, dtype=np.float64) * _factor(axis))
+    return np.asarray(np.asarray(values, dtype=np.float64) * axis.factor)
 
 
 def _label(axes: Axes, chart: Chart, name: str) -> None:
@@ -128,7 +124,7 @@ def _label(axes: Axes, chart: Chart, name: str) -> None:
     axis: Axis = getattr(chart, name)
     ruler: Any = getattr(axes, f"{name}axis")
     low, high = sorted(getattr(axes, f"get_{name}lim")())
-    unit = UNITS.get(axis.unit, axis.unit)
+    unit = axis.sign
     shown = ""
     if axis.scale == "names":
         getattr(axes, f"set_{name}ticks")(range(len(axis.names)), axis.names)
@@ -151,18 +147,15 @@ def _label(axes: Axes, chart: Chart, name: str) -> None:
         ruler.set_major_formatter(lambda value, _: f"{value:.6g}".replace("-", "−"))
         shown = unit
     if axis.ticks:
-        ruler.set_ticks([_factor(axis) * tick for tick in axis.ticks])
+        ruler.set_ticks([axis.factor * tick for tick in axis.ticks])
         ruler.set_minor_locator(MaxNLocator(1))
         ruler.set_minor_formatter(NullFormatter())
     elif axis.whole:
         ruler.set_major_locator(MaxNLocator(integer=True))
-    title = f"{axis.title} (% of the step)".lstrip() if shown == "%" else axis.title
+    title = axis.caption
     if shown and shown != "%":
         title = f"{title} ({shown})".lstrip()
     getattr(axes, f"set_{name}label")(title)
-
-
-UNITS = {"ohm": "Ω", "1/s": "/s", "step": "%", "ratio": ""}
 
 
 def _prefix(reach: float) -> tuple[float, str]:
@@ -215,7 +208,7 @@ def _shaded(axes: Axes, mark: Curve, x: Floats, y: Floats) -> None:
     dots = axes.scatter(x, y, c=shades, s=mark.size**2 / 2.0, norm=norm, cmap="viridis", zorder=2.5)
     figure: Any = axes.figure
     bar = figure.colorbar(dots, ax=axes, location="bottom", aspect=50, pad=0.02)
-    bar.ax.xaxis.set_major_formatter(EngFormatter(UNITS.get(axis.unit, axis.unit)))
+    bar.ax.xaxis.set_major_formatter(EngFormatter(axis.sign))
     bar.ax.xaxis.set_minor_formatter(NullFormatter())
     bar.set_label(axis.title)
 
@@ -224,11 +217,11 @@ def _limit(axes: Axes, mark: Limit, chart: Chart) -> None:
     axis = getattr(chart, mark.across)
     draw = axes.axvline if mark.across == "x" else axes.axhline
     look: dict[str, Any] = {"color": colour(mark.colour), "ls": LINES[mark.line], "lw": mark.width}
-    draw(_factor(axis) * mark.value, label=mark.name or None, zorder=1.8, **look)
+    draw(axis.factor * mark.value, label=mark.name or None, zorder=1.8, **look)
 
 
 def _band(axes: Axes, mark: Band, chart: Chart) -> None:
-    factor = _factor(getattr(chart, mark.across))
+    factor = getattr(chart, mark.across).factor
     draw = axes.axvspan if mark.across == "x" else axes.axhspan
     look, ends = colour(mark.colour), (factor * mark.low, factor * mark.high)
     more: dict[str, Any] = {"zorder": 0, "label": mark.name or None, "lw": 0.0}
@@ -287,7 +280,7 @@ def _grid(axes: Axes, mark: Grid, chart: Chart) -> None:
     if not shown.count():
         axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
         return
-    factor = _factor(Axis(unit=mark.unit))
+    factor = Axis(unit=mark.unit).factor
     low, high = mark.limits or (float(shown.min()) / factor, float(shown.max()) / factor)
     low, high = factor * low, factor * high
     colours = LinearSegmentedColormap.from_list("shares", DIVERGING)
@@ -313,7 +306,7 @@ def _grid(axes: Axes, mark: Grid, chart: Chart) -> None:
 def _colour_bar(axes: Axes, mark: Grid, mesh: Any, ends: tuple[float, float]) -> None:
     from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter, StrMethodFormatter
 
-    unit = UNITS.get(mark.unit, mark.unit)
+    unit = Axis(unit=mark.unit).sign
     figure: Any = axes.figure
     more = {"extend": "both"} if mark.scale == "share" else {}
     bar = figure.colorbar(mesh, ax=axes, pad=0.015, **more)
@@ -360,7 +353,7 @@ def _text(axes: Axes, mark: Text, chart: Chart) -> None:
         (mark.x, chart.x, {"left": 0.99, "right": 0.01, "middle": 0.5}[side]),
         (mark.y, chart.y, {"above": 0.02, "below": 0.98, "middle": 0.5}[level]),
     ):
-        place.append((edge, "axes fraction") if value is None else (_factor(axis) * value, "data"))
+        place.append((edge, "axes fraction") if value is None else (axis.factor * value, "data"))
     axes.annotate(
         mark.text, (place[0][0], place[1][0]), xycoords=(place[0][1], place[1][1]),
         ha={"left": "right", "right": "left", "middle": "center"}[side],
@@ -385,15 +378,11 @@ DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
 
 
 def _end_labels(axes: Axes, chart: Chart) -> None:
-    """Write names beside the right ends of lines, none over another."""
+    """Write the texts beside the right edge, none over another."""
     found: list[tuple[str, float, str]] = []
-    factor = _factor(chart.y)
+    factor = chart.y.factor
     for mark in chart.marks:
-        if isinstance(mark, Curve) and mark.label == "end" and mark.name:
-            y = np.asarray(mark.y, dtype=np.float64)
-            known = y[np.isfinite(y)]
-            found += [(mark.name, factor * float(known[-1]), mark.colour)] if len(known) else []
-        elif isinstance(mark, Text) and _is_end_label(mark) and mark.y is not None:
+        if isinstance(mark, Text) and _is_end_label(mark) and mark.y is not None:
             found.append((mark.text, factor * mark.y, mark.colour))
     if not found:
         return

@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import html
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,6 @@ from taction.verification.report.charts import (
 )
 from taction.verification.report.texts import figure
 
-SIGNS = {"ohm": "Ω", "1/s": "/s", "ratio": ""}
 LABELS = ((1.0, "D1"), (2.5, "D2"))  # decades up to which an axis has labels at these digits
 PACKED = 64  # points from which numbers are packed
 LETTER = 6.5  # width of a letter beside a chart, pixels
@@ -54,21 +53,12 @@ def plotly_spec(chart: Chart) -> dict[str, Any]:
     shapes: list[dict[str, Any]] = []
     texts: list[dict[str, Any]] = []
     for mark in chart.marks:
-        if isinstance(mark, Curve):
-            data += _curve(mark, chart)
-            texts += _end_label(mark, chart)
-        elif isinstance(mark, Columns):
-            data += _columns(mark, chart)
-        elif isinstance(mark, Grid):
-            data.append(_grid(mark, chart))
-        elif isinstance(mark, Cells):
-            data += _cells(mark, chart)
-        elif isinstance(mark, Text):
+        if isinstance(mark, Text):
             texts.append(_text(mark, chart))
-        else:
+            continue
+        data += TRACES[type(mark)](mark, chart)
+        if isinstance(mark, Limit | Band):
             shapes.append(_shape(mark, chart))
-            if mark.name and chart.legend:
-                data.append(_key(mark))
     first = chart.views[0] if chart.views else None
     layout: dict[str, Any] = {
         "xaxis": _axis(chart, "x", first.x if first else None),
@@ -135,17 +125,13 @@ def colour(name: str) -> str:
     return name if name.startswith("#") else f"--{name}"
 
 
-def _factor(axis: Axis) -> float:
-    return 100.0 if axis.unit == "step" else 1.0
-
-
 def _values(values: ArrayLike, axis: Axis) -> Any:
-    array = np.asarray(values, dtype=np.float64) * _factor(axis)
+    array = np.asarray(values, dtype=np.float64) * axis.factor
     return packed(array) if array.ndim == 1 and len(array) >= PACKED else numbers(array)
 
 
 def _range(axis: Axis, limits: tuple[float, float]) -> list[float]:
-    low, high = (_factor(axis) * end for end in limits)
+    low, high = (axis.factor * end for end in limits)
     if axis.scale == "log":
         low, high = math.log10(low), math.log10(high)
     return [high, low] if axis.reverse else [low, high]
@@ -167,8 +153,8 @@ def _known(chart: Chart, name: str) -> Floats:
 
 def _axis(chart: Chart, name: str, shown: tuple[float, float] | None) -> dict[str, Any]:
     axis: Axis = getattr(chart, name)
-    unit = SIGNS.get(axis.unit, axis.unit)
-    title = f"{axis.title} (% of the step)".lstrip() if unit == "step" else axis.title
+    unit = axis.sign
+    title = axis.caption
     made: dict[str, Any] = {"title": {"text": words(title)}}
     limits, known = shown or axis.limits, _known(chart, name)
     if axis.scale == "names":
@@ -178,19 +164,19 @@ def _axis(chart: Chart, name: str, shown: tuple[float, float] | None) -> dict[st
         ends = known[known > 0.0] if limits is None else np.asarray(limits)
         decades = float(np.log10(ends.max() / ends.min())) if len(ends) else 0.0
         step = next((each for end, each in LABELS if decades < end), 1)
-        made |= {"type": "log", "dtick": step, "tickformat": "~g" if unit == "step" else "~s"}
+        made |= {"type": "log", "dtick": step, "tickformat": "~g" if unit == "%" else "~s"}
         if limits is None and len(ends) and decades < NEAR:  # Plotly would show two decades
             limits = float(ends.min()) / ROOM, float(ends.max()) * ROOM
-        if unit and unit != "step":  # Plotly leaves a suffix out within a decade
+        if unit and unit != "%":  # Plotly leaves a suffix out within a decade
             made["title"] = {"text": words(f"{title} ({unit})")}
-    elif unit and unit != "step":
+    elif unit and unit != "%":
         made |= {"ticksuffix": unit, "tickformat": "~s", "hoverformat": ".5s"}
     if axis.whole:
         made["tickformat"] = "d"
         if len(known) and np.ptp(known) <= 20:
             made["dtick"] = 1
     if axis.ticks:
-        made |= {"tickmode": "array", "tickvals": [_factor(axis) * each for each in axis.ticks]}
+        made |= {"tickmode": "array", "tickvals": [axis.factor * each for each in axis.ticks]}
     if any(isinstance(mark, Grid) for mark in chart.marks):
         made |= {"showgrid": False, "zeroline": False}
     if limits is not None:
@@ -198,7 +184,7 @@ def _axis(chart: Chart, name: str, shown: tuple[float, float] | None) -> dict[st
     elif axis.reverse:
         made["autorange"] = "reversed"
     elif name == "y" and axis.scale == "linear" and len(known) and _is_flat(known):
-        made["range"] = sorted((0.0, CLEAR * _factor(axis) * float(known.max())))
+        made["range"] = sorted((0.0, CLEAR * axis.factor * float(known.max())))
     return made
 
 
@@ -230,8 +216,8 @@ def _hover(mark: Curve, chart: Chart) -> str:
     parts = []
     for letter in ("y", "x"):
         axis: Axis = getattr(chart, letter)
-        unit = SIGNS.get(axis.unit, axis.unit)
-        if unit == "step":
+        unit = axis.sign
+        if unit == "%":
             parts.append(f"%{{{letter}:.4g}} %")
         elif unit:
             parts.append(f"%{{{letter}:.5s}}{unit}")
@@ -284,13 +270,6 @@ def _curve(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
         yield trace | chosen | {"mode": "markers", "showlegend": named}
 
 
-def _end_label(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
-    y = np.asarray(mark.y, dtype=np.float64)
-    known = y[np.isfinite(y)]
-    if mark.label == "end" and mark.name and len(known):
-        yield _text(Text(mark.name, None, float(known[-1]), ("right", "middle"), "ink"), chart)
-
-
 def _shape(mark: Limit | Band, chart: Chart) -> dict[str, Any]:
     across, other = mark.across, "y" if mark.across == "x" else "x"
     axis: Axis = getattr(chart, across)
@@ -308,16 +287,18 @@ def _shape(mark: Limit | Band, chart: Chart) -> dict[str, Any]:
 
 def _place(value: float, axis: Axis) -> float:
     """Return a place for a shape or an annotation; Plotly wants logarithms of annotations only."""
-    return _factor(axis) * value
+    return axis.factor * value
 
 
-def _key(mark: Limit | Band) -> dict[str, Any]:
-    """Return an empty curve that has the name of a line or a band in the legend."""
+def _key(mark: Limit | Band, chart: Chart) -> Iterator[dict[str, Any]]:
+    """Yield an empty curve that has the name of a line or a band in the legend."""
+    if not (mark.name and chart.legend):
+        return
     dash = mark.line if isinstance(mark, Limit) else "solid"
     width = 1.5 if isinstance(mark, Limit) else 8
     line = {"color": colour(mark.colour), "dash": dash, "width": width}
-    return {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "name": words(mark.name),
-            "line": line, "opacity": 1.0 if isinstance(mark, Limit) else 0.4}  # fmt: skip
+    yield {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "name": words(mark.name),
+           "line": line, "opacity": 1.0 if isinstance(mark, Limit) else 0.4}  # fmt: skip
 
 
 def _columns(mark: Columns, chart: Chart) -> Iterator[dict[str, Any]]:
@@ -360,7 +341,7 @@ def _pattern(look: str) -> str:
     return PATTERNS.get(OUTCOMES[look].hatch, "/") if look in OUTCOMES else ""
 
 
-def _grid(mark: Grid, chart: Chart) -> dict[str, Any]:
+def _grid(mark: Grid, chart: Chart) -> Iterator[dict[str, Any]]:
     values = np.asarray(mark.values, dtype=np.float64)
     levels, ticks, ends = _levels(mark, values)
     unit = "" if mark.scale == "share" else mark.unit
@@ -383,20 +364,20 @@ def _grid(mark: Grid, chart: Chart) -> dict[str, Any]:
                   "texttemplate": "%{text}", "textfont": {"size": 11}}  # fmt: skip
     if values.size <= 4096:
         trace |= {"xgap": 1, "ygap": 1}
-    return trace
+    yield trace
 
 
 Ticks = list[tuple[float, float]]
 
 
 def _colour_bar(ticks: Ticks, unit: str, title: str) -> dict[str, Any]:
-    for digits in (3, 4, 5, 6):  # until the labels differ
-        labels = [figure(value, unit, digits) for _, value in ticks]
-        if len({*labels}) == len(labels):
-            break
+    labels = [figure(value, unit, 3) for _, value in ticks]
+    shown = [
+        text if text != last else "" for text, last in zip(labels, ["", *labels], strict=False)
+    ]
     return {
         "thickness": 12, "outlinewidth": 0, "tickvals": [place for place, _ in ticks],
-        "ticktext": labels, "title": {"text": words(title)},
+        "ticktext": shown, "title": {"text": words(title)},
     }  # fmt: skip
 
 
@@ -448,6 +429,16 @@ def _place_text(axis: Axis, value: float) -> str:
     return f"{axis.title} {figure(float(value), axis.unit)}"
 
 
+TRACES: dict[type, Callable[[Any, Chart], Iterator[dict[str, Any]]]] = {
+    Curve: _curve,
+    Limit: _key,
+    Band: _key,
+    Columns: _columns,
+    Grid: _grid,
+    Cells: _cells,
+}
+
+
 SIDES = {"left": "right", "right": "left", "middle": "center"}
 LEVELS = {"above": "bottom", "below": "top", "middle": "middle"}
 
@@ -471,5 +462,5 @@ def _text(mark: Text, chart: Chart) -> dict[str, Any]:
 
 
 def _annotated(value: float, axis: Axis) -> float:
-    value *= _factor(axis)
+    value *= axis.factor
     return math.log10(value) if axis.scale == "log" and value > 0.0 else value

@@ -9,7 +9,7 @@ from typing import Any
 from taction.system.documents import read
 from taction.verification.report.blocks import BOTH, Notes, Page, Section, Table
 from taction.verification.report.charts import OUTCOMES, Outcome
-from taction.verification.report.texts import number_cell, outcome_cell
+from taction.verification.report.texts import counted, number_cell, outcome_cell
 from taction.verification.report.views.checks import margin_lines
 from taction.verification.studies.verify_files import VerifiedFiles
 from taction.verification.verdict.cause import causes
@@ -33,10 +33,10 @@ def view(files: VerifiedFiles) -> Page:
         Notes(f"{each['file']}: {each['outcome']}", tuple(_lines(each))) for each in files.documents
     )
     return Page(
-        title=f"{len(files.documents)} scenes",
+        title=counted(len(files.documents), "scene"),
         command="taction verify",
         outcome=_outcome(files.outcome),
-        summary=f"{len(files.documents)} scenes: {counts}",
+        summary=f"{counted(len(files.documents), 'scene')}: {counts}",
         sections=(
             Section("Scenes", (Table.of("Scenes", files.documents, columns),), media=BOTH),
             Section("Remarks", tuple(remarks), media=BOTH),
