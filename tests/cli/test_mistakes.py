@@ -92,7 +92,9 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("verify", "ok.toml", "--plot"): ("'--plot' requires an argument",),
     ("verify", "ok.toml", "--plot", "a.bmp"): ("--plot", "'a.bmp'", ".png, .svg, .pdf"),
     ("verify", "ok.toml", "--set", "c=12"): ("--set", "'c'", "did you mean 'C'?"),
-    ("verify", "ok.toml", "--engine", "spice"): ("'--engine'", "'spice'", "'statespace'"),
+    ("verify", "ok.toml", "--engine", "spice"): ("'--engine'", "'spice'", "mean 'ngspice'?"),
+    ("verify", "ok.toml", "--plot="): ("--plot", "''", ".png"),
+    ("verify", "ok.toml", "--set", "checks.overshoot.max=5%"): ("--set", "'5%'", "5% is 0.05"),
     ("sweep", "ok.toml", "--over", "cap=1p:1n:3"): ("--over", "'cap'", "known: C, R"),
     ("sweep", "ok.toml", "--over", "C", "1pF:1nF:3"): ("(1pF:1nF:3)", "--over C=1pF:1nF:3"),
     ("onset", "ok.toml"): ("Missing option '--over'", "Expected KEY"),
@@ -122,6 +124,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     (*GOOD, "--noise", "much"): ("--noise", "'much'", "1% of the largest strain"),
     # start: new, verify, netlist, explore
     ("new", "none/y.toml"): ("FILE", "'none/y.toml'", "its folder does not exist"),
+    ("new", "y.toml", "--from", "ok.toml", "--opamp", "tl704"): ("--opamp", "'tl704'", "'tl084'"),
     ("new", "y.toml", "--from", "none.toml"): ("none.toml", "No such file", "a scene file"),
     (*GOOD, "--lambda", "-1"): ("'--lambda'", "-1.0", "x>0"),
     (*GOOD, "--prune", "2"): ("'--prune'", "2.0", "0<=x<1"),
@@ -136,6 +139,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("verify", "ok.toml", "--report", "none/a.html"): ("--report", "its folder does not exist"),
     ("verify", "ok.toml", "--jobs", "0"): ("'--jobs'", "0", "1<=x"),
     ("netlist", "ok.toml", "-o", "ok.toml"): ("-o", "an input of the same command", "another"),
+    ("netlist", "ok.toml", "--dialect", "LTspice"): ("'LTspice'", "Did you mean 'ltspice'?"),
     ("netlist", "T.csv"): ("T.csv", "line 1, column 5", "`taction new` writes one"),
     ("explore", "none.toml"): ("none.toml", "No such file", "`taction new` writes one"),
     ("explore", "ok.toml", "--port", "abc"): ("'--port'", "'abc'", "a whole number in 0<=x"),
@@ -146,7 +150,12 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("design", "tune", "ok.toml", "--over", "gain=500k:50k"):
         ("--over", "'500k:50k'", "LOW below HIGH", "are the two swapped?"),
     ("design", "tune", "ok.toml", "--over", "gain=50k:abc"): ("--over", "'abc'", "'1.8Mohm'"),
+    ("design", "tune", "ok.toml", "--over", "opamp=ua741"):
+        ("--over", "'opamp=ua741'", "a key with numbers"),
     ("design", "choose", "ok.toml", "--settling", "abc"): ("--settling", "'abc'", "such as '5ms'"),
+    ("design", "choose", "ok.toml", "--gain-range", "abc"): ("--gain-range", "'abc'", "'1.8Mohm'"),
+    ("design", "choose", "ok.toml", "--c-range", "1n:1p"):
+        ("--c-range", "'1n:1p'", "LOW below HIGH", "are the two swapped?"),
     ("design", "choose", "ok.toml", "--noise", "-1mV"): ("--noise", "'-1mV'", "above zero"),
     ("design", "choose", "ok.toml", "--margin", "0.5"): ("'--margin'", "0.5", "1<=x<=100"),
     ("design", "choose", "ok.toml", "--opamps", "tl704"): ("--opamps", "'tl704'", "'tl084'?"),
@@ -163,6 +172,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("yield", "montecarlo", "ok.toml", "-n", "abc"): ("'--samples'", "'abc'", "a whole number"),
     ("build", "ok.toml"): ("Missing option '-o'", "Expected FOLDER"),
     ("export", "bom", "ok.toml", "-o", "none/p.csv"): ("-o", "its folder does not exist"),
+    ("export", "bom", "ok.toml", "-o", "p.xlsx"): ("-o", "'p.xlsx'", "ends in .csv"),
     ("export", "waveforms", "ok.toml", "-o", "w.txt"): ("-o", "'w.txt'", ".csv, .parquet, .raw"),
     ("export", "waveform", "ok.toml"): ("'waveform'", "Did you mean 'waveforms'?"),
     # check: check, regress, diff, reproduce
@@ -232,6 +242,12 @@ AT_ONCE = (
     ("onset", "ok.toml", "--over", "CC"),
     ("sweep", "ok.toml", "--over", "C=1pF:1nF:0"),
     ("sweep", "ok.toml", "--over", "C=1pF:1nF:3", "--fix", "lamda"),
+    ("sweep", "ok.toml", "--over", "C=1pF:1nF:3", "--cluster", "abc"),
+    ("sweep", "ok.toml", "--over", "C=1pF:1nF:3", "-o", "T.csv"),
+    ("yield", "montecarlo", "ok.toml", "--until", "abc"),
+    ("yield", "corners", "ok.toml", "--corner", "abc"),
+    ("regress", "empty", "--baseline", "T.csv"),
+    ("verify", "empty"),
     ("check", "none.cir"),
     ("parts", "show", "tl704"),
 )

@@ -17,6 +17,7 @@ from tests.support.paths import ROOT
 from tests.support.terminals import Session, run_in_terminal
 
 SIZES = ((80, 24), (120, 40))
+SEARCH = "what to change, at most"
 NEVER = ("Traceback", "this is a bug", "Input should be")
 
 
@@ -99,5 +100,8 @@ def test_a_user_comes_to_the_end(name: str, size: tuple[int, int], tmp_path: Pat
         done = typed(command, tmp_path, size)
         assert done.status == status, "\n".join(done.lines)
         assert [word for word in NEVER if word in done.raw] == []
+        if status == 1:  # the verdict stands on the screen before the search for changes begins
+            assert "FAIL: " in done.raw.partition(SEARCH)[0]
+            assert SEARCH in done.raw
     last = "\n".join(done.lines[-(size[1] - 1) :])  # what the screen still shows
     assert re.search(user.sentence, last, re.MULTILINE), last
