@@ -39,6 +39,7 @@ def cell(value: Shown) -> Cell:
     return Cell("–" if value is None else str(value), value if isinstance(value, int) else None)
 
 
+LETTER, SHORT = 0.085, 12  # width of a letter, inches; letters that have room beside any chart
 ALIKE = 3  # rows with the same value, which `Table.folded` says once
 
 
@@ -382,7 +383,14 @@ class Sheet:
         count = max(min(len(blocks), across), 1)
         columns = tuple(tuple(blocks[k::count]) for k in range(count))
         height = panel[1] * max(map(len, columns)) + border[1]
-        return cls(title, columns, size=(panel[0] * count + border[0], height), foot=foot)
+        widths = tuple(panel[0] + max(map(_names_width, column), default=0.0) for column in columns)
+        return cls(title, columns, widths, size=(sum(widths) + border[0], height), foot=foot)
+
+
+def _names_width(block: Block) -> float:
+    """Return the width of long names beside a chart, inches, which its title shall not lose."""
+    names = block.y.names if isinstance(block, Chart) and block.y.scale == "names" else ()
+    return LETTER * max((len(name) for name in names if len(name) > SHORT), default=0)
 
 
 @dataclass(frozen=True, slots=True)

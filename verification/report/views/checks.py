@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from taction.system.quantities import readable
 from taction.verification.report.blocks import Bar
 from taction.verification.report.texts import figure, spaced, with_error
-from taction.verification.verdict.cause import causes, listed, named
+from taction.verification.verdict.cause import FIRST, cause, causes, listed, named
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict
 
@@ -49,10 +50,18 @@ def nearest_bar(checks: Sequence[Check]) -> Bar | None:
 
 
 def check_bars(verdict: Verdict) -> tuple[Bar, ...]:
-    """Return the checks of a verdict as bars, in their order."""
+    """Return the checks of a verdict as bars, in their order; what follows from one says so."""
     limits = {name: getattr(verdict.scene.checks, name) for name in LIMITED}
     least = {name: each.min for name, each in limits.items() if each and each.min is not None}
-    return tuple(check_bar(check, least.get(check.name)) for check in verdict.checks)
+    bars = [check_bar(check, least.get(check.name)) for check in verdict.checks]
+    found = cause(verdict.checks)
+    if found is None or found.check not in FIRST:
+        return tuple(bars)
+    reason = f"follows from the check of {spaced(found.check)}"
+    return tuple(
+        replace(bar, reason=reason) if check.name in found.follows else bar
+        for bar, check in zip(bars, verdict.checks, strict=True)
+    )
 
 
 def check_bar(check: Check, smallest: float | None = None) -> Bar:
