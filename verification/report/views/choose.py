@@ -172,14 +172,19 @@ def _best(best: Sequence[ChosenDesign], confirmations: Sequence[Confirmation]) -
 def _opamps(designs: Sequence[ChosenDesign]) -> Table:
     """Return the best design of each op-amp, and why it does not pass."""
     passing = Counter(design.group for design in designs if design.good)
-    columns = {**_columns(designs), "passing": lambda each: passing[each.group]}
+    columns = {
+        **_columns(designs),
+        "passing": lambda each: passing[each.group],
+        "outcome": _outcome,
+    }
     title, most = "The best design of each op-amp", {TERMINAL: SHOWN}
     return Table.of(title, _first_of_each(designs), columns, "", most, "{} more: --json.")
 
 
 def _table(designs: Sequence[ChosenDesign]) -> Table:
+    columns = {**_columns(designs), "outcome": _outcome}
     more = f"The first {LISTED} of {len(designs)}; --json has all."
-    return Table.of("Designs, the best first", designs, _columns(designs), "", {PAGE: LISTED}, more)
+    return Table.of("Designs, the best first", designs, columns, "", {PAGE: LISTED}, more)
 
 
 def _outcome(design: ChosenDesign) -> Cell:
@@ -197,7 +202,6 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesig
     columns: dict[str, Callable[[ChosenDesign], Shown]] = {
         "op-amp": lambda each: each.group,
         **dict(_moved_columns(designs)),
-        "outcome": _outcome,
         "settling": lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
         "op-amp load": lambda each: number_cell(each.headroom, "step", 3),

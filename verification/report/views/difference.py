@@ -35,7 +35,7 @@ from taction.verification.report.texts import (
     spaced,
     value_text,
 )
-from taction.verification.report.views.waveforms import end_names
+from taction.verification.report.views.waveforms import channel_names, end_names
 from taction.verification.studies.difference import KeyDifference, VerdictDifference
 from taction.verification.verdict.compare import Difference
 
@@ -149,7 +149,7 @@ def _waveforms(difference: VerdictDifference) -> Iterator[Chart]:
             yield Curve(*shown, names[n], look, line, width=width, label="")
 
     def named(group: Iterable[int]) -> str:
-        return ", ".join(names[n] for n in sorted(group))
+        return ", ".join(names[n] for n in group) if difference.outputs else channel_names(group)
 
     ends = end_names(u[-1, :count].tolist(), low, high, colours, named) if count <= LABELLED else ()
     yield Chart(
