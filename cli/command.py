@@ -120,8 +120,7 @@ class OutputOption:
     def parameter(self) -> CommandParameter:
         """The option."""
         attributes = {"type": click.Path(dir_okay=False), "metavar": "FILE", "help": self.help}
-        flags = (f"--{self.name}",)
-        return CommandParameter(self.name, flags, attributes, writes=True, check=self.check)
+        return CommandParameter(self.name, (f"--{self.name}",), attributes, writes=True)
 
 
 def picture(content: str) -> OutputOption:

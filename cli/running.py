@@ -122,11 +122,10 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
 
     Neither may an output be an input, or another output.
     """
+    for output in command.outputs:
+        if output.check is not None and given[output.name] is not None:
+            load(output.check)(given[output.name])
     for parameter in command.every:
-        value = given[parameter.name]
-        if parameter.check is not None and value is not None:
-            for each in value if isinstance(value, tuple) else (value,):
-                load(parameter.check)(each)
         if parameter.reads and parameter.name not in BOARDS:
             _refuse_missing(parameter, _names(given[parameter.name]))
     for name in BOARDS:
@@ -143,6 +142,11 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
         for parameter, file in asked.items():
             if not _is_folder(parameter):
                 check_folder(file, parameter.option)
+    for parameter in command.parameters:
+        value = given[parameter.name]
+        if parameter.check is not None and value is not None:
+            for each in value if isinstance(value, tuple) else (value,):
+                load(parameter.check)(each)
     able = {output.name for output in job.outputs}
     for output in command.outputs:
         if given[output.name] is not None and output.name not in able:

@@ -241,7 +241,8 @@ def test_a_record_of_a_board_with_amplifiers(tmp_path: Path) -> None:
 def test_both_waveforms_are_drawn_over_each_other(tmp_path: Path) -> None:
     first, second = low_pass(tmp_path / "a.cir"), low_pass(tmp_path / "b.cir", "1.5n")
     outputs, apart = taction_package.diff(first, second).page().sheet().columns[0]
-    assert [curve.name for curve in outputs.marks] == ["out", "out"]
+    assert [curve.name for curve in outputs.marks[:2]] == ["out", "out"]
+    assert [label.text for label in outputs.marks[2:]] == ["out"]
     assert outputs.marks[1].line == "dash"
     assert max(abs(apart.marks[0].y)) == pytest.approx(1.5**-2 - 1.5**-3, rel=1e-3)
 

@@ -50,18 +50,18 @@ def nearest_bar(checks: Sequence[Check]) -> Bar | None:
 
 
 def check_bars(verdict: Verdict) -> tuple[Bar, ...]:
-    """Return the checks of a verdict as bars, in their order; what follows from one says so."""
+    """Return the checks of a verdict as bars, in their order."""
     limits = {name: getattr(verdict.scene.checks, name) for name in LIMITED}
     least = {name: each.min for name, each in limits.items() if each and each.min is not None}
-    bars = [check_bar(check, least.get(check.name)) for check in verdict.checks]
+    return tuple(check_bar(check, least.get(check.name)) for check in verdict.checks)
+
+
+def bars_of_a_picture(verdict: Verdict) -> tuple[Bar, ...]:
+    """Return `check_bars`, without the reasons of those that follow from another check."""
     found = cause(verdict.checks)
-    if found is None or found.check not in FIRST:
-        return tuple(bars)
-    reason = f"follows from the check of {spaced(found.check)}"
-    return tuple(
-        replace(bar, reason=reason) if check.name in found.follows else bar
-        for bar, check in zip(bars, verdict.checks, strict=True)
-    )
+    follows = () if found is None or found.check not in FIRST else tuple(map(spaced, found.follows))
+    bars = check_bars(verdict)
+    return tuple(replace(bar, reason="") if bar.name in follows else bar for bar in bars)
 
 
 def check_bar(check: Check, smallest: float | None = None) -> Bar:

@@ -43,7 +43,12 @@ from taction.verification.report.views.board import (
     omission_blocks,
     parts_blocks,
 )
-from taction.verification.report.views.checks import MARGINS, check_bars, decisive_text
+from taction.verification.report.views.checks import (
+    MARGINS,
+    bars_of_a_picture,
+    check_bars,
+    decisive_text,
+)
 from taction.verification.report.views.origin import origin_section
 from taction.verification.report.views.stability import (
     active_set_blocks,
@@ -131,7 +136,7 @@ def sample_view(found: VerifiedSample) -> Page:
 def _sheet(verdict: Verdict) -> Sheet:
     """Return the waveforms beside the recovered stress and the checks."""
     left = tuple(each for each in _records(verdict) if each is not None)
-    bars = Bars("", check_bars(verdict))
+    bars = Bars("", bars_of_a_picture(verdict))
     settling, title = verdict.measurements.settling_time, title_of(verdict)
     if verdict.outcome is Outcome.PASS:
         title += ": pass"

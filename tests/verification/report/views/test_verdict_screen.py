@@ -89,9 +89,11 @@ def test_an_unstable_board_has_its_cause_once() -> None:
     follows = "; from this follow steady state, settling time, rise time, overshoot"
     assert re.match(f"FAIL: paper-breadboard: {cause}{follows}", text)
     page = verdict.page()
-    assert re.fullmatch(f"paper-breadboard: {cause}", page.title)
-    assert page.sheet().title == page.title
-    assert "follow steady state" in page.summary
+    assert page.title == "paper-breadboard"
+    assert re.match(f"{cause}{follows}", page.summary)
+    assert re.fullmatch(f"paper-breadboard: {cause}", page.sheet().title)
+    told = [bar for block in page.sheet().columns[1] for bar in getattr(block, "rows", ())]
+    assert [bar.name for bar in told if bar.outcome != "pass" and bar.reason] == ["stability"]
 
 
 def test_a_bar_shows_the_part_of_the_limit_and_what_is_beyond_it() -> None:
