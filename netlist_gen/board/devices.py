@@ -1,4 +1,9 @@
-"""Conductance devices of arrays as data: window, levels and programming error; and the presets."""
+"""Conductance devices of arrays as data: what they are aimed at, how far off they are, presets.
+
+A device is set to the nearest level within its window, with a programming error. It drifts as
+``g (t/t0)^-nu``, where nu differs from device to device; from solve to solve it has a read noise.
+Some cells are stuck at an end of the window, whatever they are aimed at.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +12,32 @@ import tomllib
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Floats
 
 MICRO = 1e-6
+KINDS = ("programming", "drift", "read_noise")
+"""Why a device differs from what it is aimed at, as a standard deviation; in `Device.spreads`."""
+OWN = ("levels", "read_noise", "drift", "drift_spread", "drift_start")  # as a file has them
+REPEATS = 60  # of the iteration for what has drifted
 FLOOR = 1e-6  # of the largest conductance: what a device without a window keeps
+
+
+@dataclass(frozen=True, slots=True)
+class Logarithmic:
+    """A number that falls with the logarithm of x, between two limits; a constant by default."""
+
+    offset: float = 0.0
+    slope: float = 0.0
+    low: float = -math.inf
+    high: float = math.inf
+
+    def at(self, x: Floats) -> Floats:
+        """Return it at positive x."""
+        return np.clip(self.offset + self.slope * np.log(x), self.low, self.high)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +53,14 @@ class Device:
     programming_error : tuple of float
         Coefficients of the polynomial in S, lowest power first, that gives the standard deviation
         after programming, S.
+    read_noise : float
+        Standard deviation from solve to solve, a fraction of the conductance.
+    drift, drift_spread : Logarithmic
+        Mean and standard deviation of nu, over the conductance in `most` (in S without one).
+    drift_start, age : float
+        t0, from which a device drifts, and t, both since its programming, s; no drift up to t0.
+    stuck_at_least, stuck_at_most : float
+        Fractions of the cells that are stuck at the ends of the window.
     source : str
         Where the figures were read.
     """
@@ -37,6 +69,13 @@ class Device:
     most: float = math.inf
     levels: int = 0
     programming_error: tuple[float, ...] = ()
+    read_noise: float = 0.0
+    drift: Logarithmic = Logarithmic()
+    drift_spread: Logarithmic = Logarithmic()
+    drift_start: float = 1.0
+    age: float = 0.0
+    stuck_at_least: float = 0.0
+    stuck_at_most: float = 0.0
     source: str = ""
 
     @classmethod
@@ -46,7 +85,11 @@ class Device:
         given: object = table["programming_error"]
         assert isinstance(given, list)  # noqa: S101 - a file of this package
         error = tuple(MICRO * float(each) / MICRO**power for power, each in enumerate(given))
-        return cls(least, most, int(str(table.get("levels", 0))), error, str(table["source"]))
+        own: dict[str, Any] = {key: table[key] for key in OWN if key in table}
+        for name in ("drift", "drift_spread"):
+            if name in own:
+                own[name] = Logarithmic(*own[name])
+        return cls(least, most, programming_error=error, source=str(table["source"]), **own)
 
     def settable(self, siemens: Floats) -> Floats:
         """Return the conductances that are aimed at for those that are wanted; zeros stay.
@@ -62,22 +105,95 @@ class Device:
             aimed = self.least + step * np.round((aimed - self.least) / step)
         return np.where(siemens > 0.0, aimed, 0.0)
 
+    @property
+    def stuck(self) -> float:
+        """Fraction of the cells that are stuck."""
+        return self.stuck_at_least + self.stuck_at_most
+
+    @property
+    def decades(self) -> float:
+        """``ln(t/t0)``; 0 without drift."""
+        return max(math.log(self.age / self.drift_start), 0.0) if self.age else 0.0
+
+    def drifted(self, siemens: Floats) -> Floats:
+        """Return what devices have now that had `siemens` when they were programmed; zeros stay.
+
+        Examples
+        --------
+        >>> old = Device(drift=Logarithmic(0.05), age=100.0)
+        >>> old.drifted(np.array([0.0, 1e-5])).round(9)
+        array([0.000e+00, 7.943e-06])
+        """
+        return siemens * self._kept(siemens) if self.decades else siemens
+
+    def programmed_for(self, siemens: Floats) -> Floats:
+        """Return what devices had when they were programmed that have `siemens` now."""
+        before = siemens
+        for _ in range(REPEATS if self.decades else 0):
+            before = siemens / self._kept(before)
+        return before
+
+    def _kept(self, siemens: Floats) -> Floats:
+        """Return the share of programmed conductances that is left."""
+        return np.exp(-self.decades * self.drift.at(self._share(siemens)))
+
+    def _share(self, siemens: Floats) -> Floats:
+        unit = self.most if math.isfinite(self.most) else 1.0
+        return np.where(siemens > 0.0, siemens, unit) / unit
+
+    def spreads(self, siemens: Floats) -> dict[str, Floats]:
+        """Return the standard deviations of devices that have `siemens` on average, S, by `KINDS`.
+
+        Only those that the device has.
+        """
+        before, found = self.programmed_for(siemens), dict[str, Floats]()
+        if self.programming_error:
+            terms = [each * before**power for power, each in enumerate(self.programming_error)]
+            kept = np.divide(siemens, before, out=np.zeros_like(siemens), where=before > 0.0)
+            found["programming"] = np.maximum(np.sum(terms, axis=0), 0.0) * kept
+        if self.decades and self.drift_spread != Logarithmic():
+            nu = np.maximum(self.drift_spread.at(self._share(before)), 0.0)
+            found["drift"] = siemens * self.decades * nu
+        if self.read_noise:
+            found["read_noise"] = siemens * self.read_noise
+        return found
+
     def spread(self, siemens: Floats) -> Floats:
-        """Return the standard deviation of programmed conductances, S.
+        """Return the standard deviation of devices for all reasons together, S.
 
         Examples
         --------
         >>> load_devices()["rram-milo"].spread(np.array([100e-6])).round(12)
         array([3.8713e-06])
         """
-        powers = [each * siemens**power for power, each in enumerate(self.programming_error)]
-        return np.maximum(np.sum(powers, axis=0) if powers else np.zeros_like(siemens), 0.0)
+        parts = [each**2 for each in self.spreads(siemens).values()]
+        return np.sqrt(np.sum(parts, axis=0)) if parts else np.zeros_like(siemens)
 
     def programmed(self, siemens: Floats, deviations: Floats) -> Floats:
-        """Return what devices have that were aimed at `siemens`, for standard normal deviations."""
+        """Return what devices have that have `siemens` on average, for standard normal deviations.
+
+        The tails of the deviations are the cells that are stuck; what is between them is as normal
+        as without these.
+
+        Examples
+        --------
+        >>> half = Device(1e-6, 9e-6, stuck_at_least=0.25, stuck_at_most=0.25)
+        >>> half.programmed(np.full(3, 5e-6), np.array([-1.0, 0.0, 1.0]))
+        array([1.e-06, 5.e-06, 9.e-06])
+        """
+        low = high = np.zeros(siemens.shape, dtype=np.bool_)
+        if self.stuck:
+            from scipy.special import ndtr, ndtri
+
+            place = ndtr(deviations)
+            low, high = place < self.stuck_at_least, place > 1.0 - self.stuck_at_most
+            inner = (place - self.stuck_at_least) / (1.0 - self.stuck)
+            deviations = ndtri(np.where(low | high, 0.5, inner))
+        floor = FLOOR * float(siemens.max(initial=0.0))
         most = np.maximum(siemens, self.most)
-        least = np.minimum(siemens, max(self.least, FLOOR * float(siemens.max(initial=0.0))))
-        return np.clip(siemens + deviations * self.spread(siemens), least, most)
+        least = np.minimum(siemens, max(float(self.drifted(np.array([self.least]))[0]), floor))
+        found = np.clip(siemens + deviations * self.spread(siemens), least, most)
+        return np.where(low, max(self.least, floor), np.where(high, self.most, found))
 
 
 @cache

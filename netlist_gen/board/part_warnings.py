@@ -179,6 +179,23 @@ def part_warnings(circuit: Circuit, rest: Rest | None = None) -> tuple[str, ...]
     return tuple(broken.text for broken in broken_limits(circuit, rest).values())
 
 
+def stuck_cells(circuit: Circuit) -> tuple[str, ...]:
+    """Return a warning that the check of the rest counts no stuck cells, if there may be some."""
+    arrays = [m for m in circuit.matrices if m.device is not None and m.device.stuck]
+    counts = [int(np.isfinite(matrix.ohms).sum()) for matrix in arrays]
+    shares = [each.device.stuck for each in arrays if each.device is not None]
+    if not counts:
+        return ()
+    stuck = math.fsum(k * share for k, share in zip(counts, shares, strict=True))
+    none = math.prod((1.0 - share) ** k for k, share in zip(counts, shares, strict=True))
+    text = (
+        f"stuck cells: {stuck:.3g} of {sum(counts)} on average, one or more in"
+        f" {100.0 * (1.0 - none):.3g} % of the boards; steady_state does not count them,"
+        " 'taction yield montecarlo' does"
+    )
+    return (text,)
+
+
 @dataclass(frozen=True, slots=True)
 class BrokenLimit:
     """A warning, and the factor by which the extreme part is beyond the limit, above 1."""

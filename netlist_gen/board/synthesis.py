@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import NEEDED, Circuit, ResistorMatrix
-from taction.netlist_gen.board.devices import Device, load_devices
+from taction.netlist_gen.board.devices import Device, Logarithmic, load_devices
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.board.wired_arrays import as_ohms
 from taction.netlist_gen.board.wires import Wires, compensated
@@ -16,6 +17,14 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, InputError
+
+FIGURES = {
+    "least_conductance": "least",
+    "most_conductance": "most",
+    "cell_levels": "levels",
+    "drift_exponent": "drift",
+}
+"""Keys of the table ``[devices]`` by whose names `Device` has other ones."""
 
 
 def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
@@ -54,7 +63,7 @@ def _realised(matrix: ResistorMatrix, scene: Scene, device: Device | None) -> Re
             ohms = as_ohms(np.abs(compensated(siemens, wires, by_column=matrix.by_column)))
             ohms = nearest(ohms, scene.design.resistor_series)
     if device is not None:
-        ohms = as_ohms(device.settable(1.0 / ohms))
+        ohms = as_ohms(device.drifted(device.settable(1.0 / ohms)))
     if wires is not None and scene.wires.compensate:
         scale = np.divide(ohms, matrix.ohms, out=np.ones_like(ohms), where=np.isfinite(ohms))
         wires = replace(wires, scale=scale)
@@ -73,18 +82,30 @@ def _device(scene: Scene) -> Device | None:
     if not asked.model_fields_set:
         return None
     device = Device() if asked.cell is None else load_devices()[asked.cell]
-    error = asked.programming_error
-    device = replace(
-        device,
-        least=asked.least_conductance or device.least,
-        most=asked.most_conductance or device.most,
-        levels=asked.cell_levels or device.levels,
-        programming_error=device.programming_error if error is None else (error,),
-    )
+    given: dict[str, Any] = asked.model_dump(exclude={"cell"}, exclude_none=True)
+    for key, name in FIGURES.items():
+        if key in given:
+            given[name] = given.pop(key)
+    if "programming_error" in given:
+        given["programming_error"] = (given["programming_error"],)
+    for name in ("drift", "drift_spread"):
+        if name in given:
+            given[name] = Logarithmic(given[name])
+    device = replace(device, **given)
     if not device.least < device.most:
         text = f"not above the least conductance of {device.least:g} S"
         raise InputError(
             scene.file, Complaint("devices.most_conductance", f"{device.most:g}", text)
+        )
+    if device.stuck >= 1.0:
+        text = "with stuck_at_least this must be below 1"
+        raise InputError(
+            scene.file, Complaint("devices.stuck_at_most", f"{device.stuck_at_most:g}", text)
+        )
+    if device.stuck_at_most and not math.isfinite(device.most):
+        text = "cells stuck at the largest conductance need 'most_conductance', or a 'cell'"
+        raise InputError(
+            scene.file, Complaint("devices.stuck_at_most", f"{device.stuck_at_most:g}", text)
         )
     if device.levels and not math.isfinite(device.most):
         text = "levels need 'most_conductance', or a 'cell'"

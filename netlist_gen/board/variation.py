@@ -23,6 +23,7 @@ from taction.system.errors import Complaint, InputError
 TEMPERATURE = "temperature"  # name and kind
 INPUT_ERROR = "input_error"  # kind
 DEVICE = "device"  # kind: an entry of an array that is programmed
+LEAST = 1e-12  # standard deviation of a device that may be stuck, over itself
 BRANCHES = {"L": "coil", "E": "gain", "F": "gain", "G": "gain", "H": "gain", "K": "coupling"}
 """Kinds of the branches that vary, by their letter; no table of a scene has them."""
 
@@ -51,7 +52,7 @@ def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...
         raise InputError("scene", Complaint(f"tolerances.parts.{unknown[0]}", "", text))
     spreads = device_spreads(circuit)
     every = (
-        Parameter(name, DEVICE, math.expm1(MOST * spreads[name]))
+        Parameter(name, DEVICE, math.expm1(MOST * max(math.hypot(*spreads[name].values()), LEAST)))
         if kind == DEVICE and name not in own
         else Parameter(name, kind, own.get(name, getattr(tolerances, kind, 0.0)))
         for name, kind in pairs.items()
@@ -83,16 +84,22 @@ def varying_parts(circuit: Circuit) -> Iterator[tuple[str, str]]:
     yield TEMPERATURE, TEMPERATURE
 
 
-def device_spreads(circuit: Circuit) -> dict[str, float]:
-    """Return the standard deviation of every programmed conductance, over itself, by its name."""
-    found = {}
+def device_spreads(circuit: Circuit) -> dict[str, dict[str, float]]:
+    """Return the standard deviations of every device, over its conductance, by name and kind.
+
+    The kinds are those of `devices.KINDS`; a device that may only be stuck has none.
+    """
+    found = dict[str, dict[str, float]]()
     for matrix in circuit.matrices:
         if matrix.device is not None:
             present = np.argwhere(np.isfinite(matrix.ohms))
             ohms = matrix.ohms[tuple(present.T)]
-            relative = matrix.device.spread(1.0 / ohms) * ohms
-            for (k, n), each in zip(present.tolist(), relative.tolist(), strict=True):
-                found[f"{matrix.name}_{k + 1}_{n + 1}"] = each
+            spreads = matrix.device.spreads(1.0 / ohms)
+            if not spreads and not matrix.device.stuck:
+                continue
+            for place, (k, n) in enumerate(present.tolist()):
+                own = {kind: float(each[place] * ohms[place]) for kind, each in spreads.items()}
+                found[f"{matrix.name}_{k + 1}_{n + 1}"] = own
     return found
 
 
@@ -196,7 +203,8 @@ def with_devices_at(circuit: Circuit, deviations: Mapping[str, float]) -> Circui
     """Return `circuit` with programmed devices, off by so many of `MOST` standard deviations.
 
     By their names; a positive deviation is a larger resistance, and without one a device is what it
-    was aimed at. What is programmed varies no more.
+    was aimed at. Deviations of exactly one are the corners of a study, at which no cell is stuck.
+    What is programmed varies no more.
     """
     return replace(
         circuit, matrices=tuple(_programmed(each, deviations) for each in circuit.matrices)
@@ -209,10 +217,12 @@ def _programmed(matrix: ResistorMatrix, deviations: Mapping[str, float]) -> Resi
     off = np.zeros(matrix.ohms.shape)
     for k, n in np.argwhere(np.isfinite(matrix.ohms)).tolist():
         off[k, n] = -MOST * deviations.get(f"{matrix.name}_{k + 1}_{n + 1}", 0.0)
-    siemens = 1.0 / matrix.ohms
+    siemens, device = 1.0 / matrix.ohms, matrix.device
+    if np.all(np.isin(np.abs(off), (0.0, MOST))):
+        device = replace(device, stuck_at_least=0.0, stuck_at_most=0.0)
     ohms = matrix.ohms.copy()
     moved = np.isfinite(ohms) & (off != 0.0)
-    ohms[moved] = 1.0 / matrix.device.programmed(siemens, off)[moved]
+    ohms[moved] = 1.0 / device.programmed(siemens, off)[moved]
     return replace(matrix, ohms=ohms, device=None)
 
 

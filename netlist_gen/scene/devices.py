@@ -6,15 +6,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from taction.netlist_gen.scene.fields import Model, Siemens
+from taction.netlist_gen.scene.fields import Model, NonNegative, Real, Seconds, Siemens
 
+Share = Annotated[Real, Field(ge=0, lt=1)]
 Levels = Annotated[int, Field(strict=True, ge=2, le=65536)]
 
 
 class DevicesTable(Model):
     """Devices in the place of the arrays' resistors; without any key there are resistors."""
 
-    cell: Literal["rram-wan", "rram-milo", "pcm-joshi"] | None = Field(
+    cell: Literal["rram-wan", "rram-milo", "pcm-joshi", "pcm-aihwkit"] | None = Field(
         None, description="a device by its name, whose figures hold"
     )
     least_conductance: Siemens | None = Field(None, description="a smaller entry of T has this one")
@@ -26,4 +27,25 @@ class DevicesTable(Model):
         None,
         description="standard deviation of every device after programming; by default that of the"
         " cell, as a function of its conductance",
+    )
+    read_noise: Share | None = Field(
+        None, description="standard deviation from solve to solve, a fraction of the conductance"
+    )
+    drift_exponent: NonNegative | None = Field(
+        None, description="nu: a device has g (t/t0)^-nu; by default that of the cell"
+    )
+    drift_spread: NonNegative | None = Field(
+        None, description="standard deviation of nu among the devices"
+    )
+    drift_start: Seconds | None = Field(
+        None, description="t0 since programming; by default that of the cell, or 1 s"
+    )
+    age: Seconds | None = Field(
+        None, description="t since programming; by default devices have not drifted"
+    )
+    stuck_at_least: Share | None = Field(
+        None, description="fraction of the cells that are stuck at the least conductance"
+    )
+    stuck_at_most: Share | None = Field(
+        None, description="fraction of the cells that are stuck at the most conductance"
     )

@@ -35,7 +35,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.answer_error import AnswerError
-from taction.verification.verdict.input_spread import DEVICES, InputSpread
+from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.pruning import pruning_effect
@@ -326,10 +326,18 @@ def difference(name: str, how: str, before: Floats, after: Floats) -> ErrorPart:
     return ErrorPart(name, largest, how, None, tuple(apart.tolist()))
 
 
+DEVICES = {
+    "programming": "as every device is programmed by itself",
+    "drift": "as every device drifts by itself",
+    "read_noise": "as every device is read by itself",
+}
+"""Why devices of arrays differ, by the kinds of their spreads."""
+
+
 def around(design: Design, change: str) -> str:
     """Return where a board must work, as far as a change of its errors depends on it."""
-    if change == DEVICES:
-        return "as every device is programmed by itself, to first order"
+    if change in DEVICES:
+        return f"{DEVICES[change]}, to first order"
     if change == "supply_rejection":
         return f"at supplies of ±{design.supply:g} V ± {100.0 * design.supply_tolerance:g} %"
     return f"at {design.temperature}"

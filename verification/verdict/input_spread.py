@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from taction.netlist_gen.board.devices import KINDS
 from taction.netlist_gen.board.variation import (
     device_spreads,
     with_input_errors_at,
@@ -30,7 +31,6 @@ from taction.verification.engines.statespace.linearised.rest_sensitivity import 
 SHARE = 0.95  # of the boards, which keep the stated distance
 PROBED = 2.0  # standard deviations: where the first order is compared with an equilibrium
 STEPS = 60  # halvings of the interval in which the distance lies
-DEVICES = "programming"  # the kind of change that devices of arrays are
 NO_SPREAD = 1e-30  # V: a channel with less is beyond a distance, or it is not
 
 
@@ -51,8 +51,8 @@ class InputSpread:
     moved : ndarray (N,)
         What the changes add to the mean, V; without them the board rests there, too.
     changes : dict of str to float
-        How far each kind of change (`CHANGES`, ``"resistor_drift"``, `DEVICES`) moves an output by
-        itself in all but 5 % of the boards, V.
+        How far each kind of change (`CHANGES`, ``"resistor_drift"``, `KINDS` of devices) moves an
+        output by itself in all but 5 % of the boards, V.
     """
 
     mean: Floats
@@ -106,7 +106,11 @@ class InputSpread:
             for cell in board.circuit.opamps
             for figure, each in models[cell.model].varying
         } | dict.fromkeys(own, (Spread(0.0, resistors), 0.0))
-        spreads |= {f"{name}.{DEVICES}": (Spread(0.0, s), 0.0) for name, s in devices.items()}
+        spreads |= {
+            f"{name}.{kind}": (Spread(0.0, share), 0.0)
+            for name, own in devices.items()
+            for kind, share in own.items()
+        }
         slopes |= own | programmed
         shifts = np.array([slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()])
         mean = _outputs(board) + shifts.sum(axis=0)
@@ -119,16 +123,16 @@ class InputSpread:
             z = PROBED * parts[:, worst] / sigma[worst]
             deviations = dict(zip(spreads, z.tolist(), strict=True))
             scale = {name: math.exp(resistors * deviations[name]) for name in own}
-            for name, relative in devices.items():
-                off = math.exp(relative * deviations[f"{name}.{DEVICES}"])
-                scale[name] = scale.get(name, 1.0) * off
+            for name, shares in devices.items():
+                off = sum(share * deviations[f"{name}.{kind}"] for kind, share in shares.items())
+                scale[name] = scale.get(name, 1.0) * math.exp(off)
             there = with_input_errors_at(with_resistors_at(board.circuit, scale), deviations)
             off = _outputs(LinearBoard(there)) - mean - parts.T @ z
             curvature = float(np.abs(off).max()) / (PROBED * float(sigma[worst]))
         assumed = any(each.assumed for each, _ in spreads.values())
         kinds = np.array(["resistor_drift" if n in own else n.split(".")[1] for n in spreads])
         moved, changes = np.zeros(len(sigma)), {}
-        for kind in (*CHANGES, "resistor_drift", DEVICES):
+        for kind in (*CHANGES, "resistor_drift", *KINDS):
             if (here := kinds == kind).any():
                 shift, deviation = shifts[here].sum(axis=0), (parts[here] ** 2).sum(axis=0)
                 moved += shift
@@ -174,10 +178,12 @@ def _resistor_slopes(sensitivity: RestSensitivity, sigma: float) -> dict[str, Fl
     return sensitivity.resistors() if sigma else {}
 
 
-def _device_slopes(sensitivity: RestSensitivity, spreads: Mapping[str, float]) -> dict[str, Floats]:
-    """Return the slopes with the logarithms of the devices, V, (N,), by names of their own."""
+def _device_slopes(
+    sensitivity: RestSensitivity, spreads: Mapping[str, Mapping[str, float]]
+) -> dict[str, Floats]:
+    """Return the slopes with the logarithms of the devices, V, (N,), by names and kinds."""
     slopes = sensitivity.resistors() if spreads else {}
-    return {f"{name}.{DEVICES}": slopes[name] for name in spreads}
+    return {f"{name}.{kind}": slopes[name] for name, own in spreads.items() for kind in own}
 
 
 def _value(model: OpAmp, figure: str) -> float:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.part_warnings import part_warnings
+from taction.netlist_gen.board.part_warnings import part_warnings, stuck_cells
 from taction.netlist_gen.scene.questions import questions
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.input_errors import not_known
@@ -35,6 +35,7 @@ def all_warnings(evidence: Evidence, recording: Recording) -> tuple[str, ...]:
         *recording.ends.flags,
         *design.plan.notes,
         *part_warnings(design.circuit, design.rest),
+        *stuck_cells(design.circuit),
         *notes(design.circuit),
         *not_known(design.circuit.models.values()),
     )

@@ -64,6 +64,34 @@ def test_a_programming_error_spreads_one_output_by_its_own_share() -> None:
     assert check.value == pytest.approx(1.95996 * 0.02, rel=1e-2)
 
 
+def test_drift_and_read_noise_are_parts_of_the_error() -> None:
+    """u = eps / T: with g (t/t0)^-nu it grows by (t/t0)^nu, by 1 % of read noise, and by sd(nu)."""
+    keys = {"drift_exponent": 0.02, "drift_spread": 0.004, "age": 1e4, "read_noise": 0.01}
+    verdict = taction.verify(scene([[1.0]], [0.5], **keys))
+    u = 0.5 * 1e4**0.02
+    assert float(verdict.steady.values[0]) == pytest.approx(u, rel=1e-5)
+    parts = {part.name: part.value for part in verdict.budget}
+    assert parts["resistors"] == pytest.approx(u - 0.5, rel=1e-4)
+    assert parts["read_noise"] == pytest.approx(1.95996 * 0.01 * u, rel=1e-3)
+    assert parts["drift"] == pytest.approx(1.95996 * 0.004 * np.log(1e4) * u, rel=1e-3)
+
+
+def test_stuck_cells_are_drawn_but_are_at_no_corner_and_in_no_check() -> None:
+    keys = {"cell": "rram-wan", "programming_error": "0.1uS", "stuck_at_least": 0.3}
+    asked = scene(ROWS, [0.1, 0.2, 0.3], **keys)
+    circuit, tolerances = taction.synthesise(asked), Tolerances(**NONE)
+    varied = parameters(circuit, tolerances)
+
+    def least(z: Floats) -> int:
+        return int(np.sum(np.isclose(vary(circuit, tolerances, z).matrices[0].ohms, 1e6)))
+
+    drawn = [least(draw(tolerances, varied, 1, k)) for k in range(60)]
+    assert sum(drawn) == pytest.approx(0.3 * 9 * 60, abs=4.0 * np.sqrt(0.21 * 9 * 60))
+    assert least(np.ones(len(varied))) == 0
+    text = " ".join(taction.verify(asked).warnings)
+    assert "stuck cells: 2.7 of 9 on average, one or more in 96 % of the boards" in text
+
+
 def test_drawn_devices_have_the_spread_of_their_source() -> None:
     """rram-milo at 100 uS: 4.782 - 0.9107 uS; every device by itself, whatever others do."""
     asked = scene([[1.0]], [0.5], cell="rram-milo", unit_conductance=100e-6)
@@ -113,6 +141,8 @@ def test_slopes_of_devices_are_those_of_boards_solved_anew() -> None:
         ({"cell": "rram"}, "devices.cell"),
         ({"least_conductance": "2uS", "most_conductance": "1uS"}, "devices.most_conductance"),
         ({"cell_levels": 4}, "devices.cell_levels"),
+        ({"stuck_at_most": 0.1}, "devices.stuck_at_most"),
+        ({"cell": "rram-wan", "stuck_at_most": 0.5, "stuck_at_least": 0.5}, "below 1"),
     ],
 )
 def test_what_is_no_device_is_refused(keys: dict[str, Any], wrong: str) -> None:
