@@ -35,6 +35,7 @@ COMMANDS = {
     "tune": ("studies", "Find the gain with the least settling time."),
     "choose": ("studies", "Choose op-amp, C and gain for given limits."),
     "scale": ("studies", "Propose G0, U0, s and R for op-amps and supply."),
+    "refine": ("studies", "Solve again for the residual: bits a cycle, by condition."),
     "onset": ("studies", "Find every stability crossing over a range."),
     "sweep": ("studies", "Verify a grid of scenes, here or on a cluster; resumable."),
     "regress": ("studies", "Compare a folder of scenes with a stored baseline, for CI."),
@@ -52,7 +53,7 @@ COMMANDS = {
 All of these names work; `SECTIONS` are those that --help lists.
 """
 FAMILIES = {
-    "design": (("tune", "choose"), "Search for a better board: tune, choose."),
+    "design": (("tune", "choose", "refine"), "Search for a better board: tune, choose, refine."),
     "yield": (("montecarlo", "corners"), "See what tolerances of parts do: montecarlo, corners."),
     "export": (
         ("bom", "kicad", "waveforms"),

@@ -52,13 +52,20 @@ def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...
         raise InputError("scene", Complaint(f"tolerances.parts.{unknown[0]}", "", text))
     spreads = device_spreads(circuit)
     every = (
-        Parameter(name, DEVICE, math.expm1(MOST * max(math.hypot(*spreads[name].values()), LEAST)))
+        Parameter(name, DEVICE, _of_a_device(spreads.get(name)))
         if kind == DEVICE and name not in own
         else Parameter(name, kind, own.get(name, getattr(tolerances, kind, 0.0)))
         for name, kind in pairs.items()
     )
     tolerated = (parameter for parameter in every if parameter.tolerance > 0)
     return (*tolerated, *_input_errors(circuit))
+
+
+def _of_a_device(spreads: Mapping[str, float] | None) -> float:
+    """Return the tolerance of a device by its standard deviations; 0 if there are none."""
+    if spreads is None:
+        return 0.0
+    return math.expm1(MOST * max(math.hypot(*spreads.values()), LEAST))
 
 
 def varying_parts(circuit: Circuit) -> Iterator[tuple[str, str]]:
