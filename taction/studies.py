@@ -130,7 +130,7 @@ def refine(
     5
     """
     from taction.system.errors import Complaint, InputError
-    from taction.verification.reference.ideal_answer import read_scene
+    from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.refinement import refinement
 
     words = conditions.split(",") if isinstance(conditions, str) else list(map(str, conditions))

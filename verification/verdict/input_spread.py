@@ -82,7 +82,7 @@ class InputSpread:
         Costs one dense factorisation of all unknowns, and one equilibrium.
         """
         models = board.circuit.models
-        devices = device_spreads(board.circuit)
+        devices = {name: own for name, own in device_spreads(board.circuit).items() if own}
         if not (resistors or devices or any(model.varying for model in models.values())):
             return None
         if not board.circuit.is_small_signal:
@@ -95,7 +95,9 @@ class InputSpread:
         return remembered(_KNOWN, same, lambda: cls._of(board, resistors, devices))
 
     @classmethod
-    def _of(cls, board: LinearBoard, resistors: float, devices: Mapping[str, float]) -> InputSpread:
+    def _of(
+        cls, board: LinearBoard, resistors: float, devices: Mapping[str, Mapping[str, float]]
+    ) -> InputSpread:
         """Return the spread of a board at the small-signal level; `devices` are their spreads."""
         models = board.circuit.models
         sensitivity = RestSensitivity.of(board)
@@ -108,8 +110,8 @@ class InputSpread:
         } | dict.fromkeys(own, (Spread(0.0, resistors), 0.0))
         spreads |= {
             f"{name}.{kind}": (Spread(0.0, share), 0.0)
-            for name, own in devices.items()
-            for kind, share in own.items()
+            for name, shares in devices.items()
+            for kind, share in shares.items()
         }
         slopes |= own | programmed
         shifts = np.array([slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()])
