@@ -78,7 +78,15 @@ WIDE = {
     "sweep": "sweep a.toml --over C=1pF:10pF:2 --over opamp=ua741,op27 --jobs 1",
 }
 SAME = ("verify-files", "diff", "bom", "build", "montecarlo", "regress", "stress", "accuracy")
-SAME += ("reproduce", "models", "models-show", "tune", "choose", "onset, without transients")
+SAME += (
+    "reproduce",
+    "models",
+    "models-show",
+    "tune",
+    "choose",
+    "refine",
+    "onset, without transients",
+)
 TABLES = {**{name: LINES[name] for name in SAME}, **WIDE}
 WITHOUT_TABLES = {
     "demo": "sentences, and a line for each of three boards",
