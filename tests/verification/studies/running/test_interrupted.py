@@ -40,7 +40,9 @@ def resumed(folder: Path) -> dict[str, Any]:
     done = subprocess.run(
         command(folder, "--json"), cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert re.fullmatch(r"taction: 40 points, \d+ results are stored: about .+\n", done.stderr)
+    said, *later = done.stderr.splitlines()
+    assert re.fullmatch(r"taction: 40 points, \d+ results are stored: about .+", said)
+    assert [line for line in later if " of 40 points" not in line] == []  # on a slow machine
     document: dict[str, Any] = json.loads(done.stdout)
     return document
 
