@@ -170,13 +170,15 @@ def _best(best: Sequence[ChosenDesign], confirmations: Sequence[Confirmation]) -
 
 
 def _opamps(designs: Sequence[ChosenDesign]) -> Table:
-    """Return the best design of each op-amp, and why it does not pass."""
+    """Return the best design of each op-amp, and why it does not pass; `_table` has its G0, U0."""
     passing = Counter(design.group for design in designs if design.good)
     columns = {
         **_columns(designs),
         "passing": lambda each: passing[each.group],
         "outcome": _outcome,
     }
+    for path in (G0, U0):
+        columns.pop(NAMES[path], None)
     title, most = "The best design of each op-amp", {TERMINAL: SHOWN}
     return Table.of(title, _first_of_each(designs), columns, "", most, "{} more: --json.")
 
