@@ -82,9 +82,9 @@ def typed(command: str, folder: Path, size: tuple[int, int], **variables: str) -
     return run_in_terminal([*start, *words], folder, *size, PYTHONPATH=str(ROOT), **variables)
 
 
-# Each user in one size with every commit; the other one, and the long demonstration, nightly.
+# Each user in one size with every commit; in the other one nightly.
 TERMINALS = [
-    pytest.param(name, size, marks=[pytest.mark.nightly] * (k % 2 != place or name == "student"))
+    pytest.param(name, size, marks=[pytest.mark.nightly] * (k % 2 != place))
     for k, name in enumerate(USERS)
     for place, size in enumerate(SIZES)
 ]
