@@ -27,7 +27,7 @@ BAND = 0.01  # of the settling time
 POINTS, LIVES = 20_001, 12.0  # of the transient: instants, and time constants
 INVERTER = 1e4  # ohm
 WELL_CONDITIONED = 1e7  # of the modes, with which their sum is the transient
-SAME = 1e-7  # relative error of the settling time of that sum
+SAME = 1e-10  # relative error of the settling time of that sum, by rounding
 
 
 @dataclass(frozen=True)
