@@ -42,7 +42,7 @@ from taction.verification.verdict.record import ERROR, finite
 if TYPE_CHECKING:
     from taction.verification.verdict.verify import Verdict
 
-LONGEST = 60  # characters of a reason in a table
+LONGEST = 40  # characters of a reason in a table
 SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
 MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
