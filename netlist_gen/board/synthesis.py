@@ -2,29 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from typing import Any
 
-import numpy as np
-
-from taction.netlist_gen.board.circuit import NEEDED, Circuit, ResistorMatrix
-from taction.netlist_gen.board.devices import Device, Logarithmic, load_devices
-from taction.netlist_gen.board.preferred_values import nearest
-from taction.netlist_gen.board.wired_arrays import as_ohms
-from taction.netlist_gen.board.wires import Wires, compensated
+from taction.netlist_gen.board.built_arrays import built, device_of
+from taction.netlist_gen.board.circuit import NEEDED, Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.system.errors import Complaint, InputError
-
-FIGURES = {
-    "least_conductance": "least",
-    "most_conductance": "most",
-    "cell_levels": "levels",
-    "drift_exponent": "drift",
-}
-"""Keys of the table ``[devices]`` by whose names `Device` has other ones."""
 
 
 def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
@@ -46,68 +30,8 @@ def synthesise(scene: Scene, problem: InverseProblem | None = None) -> Circuit:
     circuit = topology_of(scene).synthesise(scene, problem)
     for name in NEEDED:
         circuit.value(name)
-    device = _device(scene)
+    device = device_of(scene)
     if scene.wires.ideal and device is None:
         return circuit
-    matrices = tuple(_realised(each, scene, device) for each in circuit.matrices)
+    matrices = tuple(built(each, scene, device) for each in circuit.matrices)
     return replace(circuit, matrices=matrices)
-
-
-def _realised(matrix: ResistorMatrix, scene: Scene, device: Device | None) -> ResistorMatrix:
-    """Return a matrix with the wires and devices of its scene, and with what compensates wires."""
-    wires, ohms = None, matrix.ohms
-    if not scene.wires.ideal:
-        wires = Wires(**scene.wires.model_dump(exclude={"compensate"}))
-        if scene.wires.compensate:
-            siemens = np.where(matrix.negative, -1.0, 1.0) / ohms
-            ohms = as_ohms(np.abs(compensated(siemens, wires, by_column=matrix.by_column)))
-            ohms = nearest(ohms, scene.design.resistor_series)
-    if device is not None:
-        ohms = as_ohms(device.drifted(device.settable(1.0 / ohms)))
-    if wires is not None and scene.wires.compensate:
-        scale = np.divide(ohms, matrix.ohms, out=np.ones_like(ohms), where=np.isfinite(ohms))
-        wires = replace(wires, scale=scale)
-    return replace(matrix, ohms=ohms, wires=wires, device=device)
-
-
-def _device(scene: Scene) -> Device | None:
-    """Return the devices of a scene; None for resistors.
-
-    Raises
-    ------
-    InputError
-        A window or levels that are none.
-    """
-    asked = scene.devices
-    if not asked.model_fields_set:
-        return None
-    device = Device() if asked.cell is None else load_devices()[asked.cell]
-    given: dict[str, Any] = asked.model_dump(exclude={"cell"}, exclude_none=True)
-    for key, name in FIGURES.items():
-        if key in given:
-            given[name] = given.pop(key)
-    if "programming_error" in given:
-        given["programming_error"] = (given["programming_error"],)
-    for name in ("drift", "drift_spread"):
-        if name in given:
-            given[name] = Logarithmic(given[name])
-    device = replace(device, **given)
-    if not device.least < device.most:
-        text = f"not above the least conductance of {device.least:g} S"
-        raise InputError(
-            scene.file, Complaint("devices.most_conductance", f"{device.most:g}", text)
-        )
-    if device.stuck >= 1.0:
-        text = "with stuck_at_least this must be below 1"
-        raise InputError(
-            scene.file, Complaint("devices.stuck_at_most", f"{device.stuck_at_most:g}", text)
-        )
-    if device.stuck_at_most and not math.isfinite(device.most):
-        text = "cells stuck at the largest conductance need 'most_conductance', or a 'cell'"
-        raise InputError(
-            scene.file, Complaint("devices.stuck_at_most", f"{device.stuck_at_most:g}", text)
-        )
-    if device.levels and not math.isfinite(device.most):
-        text = "levels need 'most_conductance', or a 'cell'"
-        raise InputError(scene.file, Complaint("devices.cell_levels", repr(device.levels), text))
-    return device

@@ -16,6 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from taction.netlist_gen.board.built_arrays import as_programmed, device_of
 from taction.netlist_gen.board.circuit import (
     GROUND,
     Circuit,
@@ -91,13 +92,19 @@ class LoopBoard(Numbered):
             self.parts.resistor(role, f"go_{output}", (stage.other, GROUND), ohms, "1/gf")
 
     def pad(self) -> None:
-        """Load both inputs of every op-amp alike, by a resistor to ground at the lighter one."""
+        """Load both inputs of every op-amp alike, by a resistor to ground at the lighter one.
+
+        An array loads as its devices can be programmed. What compensates wires leaves its load as
+        it would be without them.
+        """
+        device = device_of(self.scene)
         loads: defaultdict[str, float] = defaultdict(float)
         for part in self.parts.resistors:
             for node in (part.a, part.b):
                 loads[node] += 1.0 / part.ohms
         for matrix in self.parts.matrices:
-            siemens = np.sum(1.0 / matrix.ohms, axis=1 if matrix.by_column else 0)
+            ohms = as_programmed(matrix.ohms, device)
+            siemens = np.sum(1.0 / ohms, axis=1 if matrix.by_column else 0)
             for node, load in zip(matrix.sinks, siemens.tolist(), strict=True):
                 loads[node] += load
         for stage in self.stages:

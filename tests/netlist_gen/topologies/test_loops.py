@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.devices import DevicesTable
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -68,6 +69,22 @@ def test_all_ways_rest_at_the_answer(
     A, b = (stacked(T), np.append(eps, np.zeros(N))) if topology == "ridge" else (T, eps)
     assert outputs(circuit) == pytest.approx(np.linalg.lstsq(A, b, rcond=None)[0], abs=1e-9)
     assert circuit.realised == pytest.approx(T, abs=1e-14)
+
+
+@pytest.mark.parametrize("topology", ["inv", "pinv"])
+def test_inputs_are_loaded_alike_by_devices_with_levels(
+    topology: str, rng: np.random.Generator
+) -> None:
+    """At rest both inputs have one voltage: only if they are loaded alike, it does not count."""
+    T, eps = signed(rng, 4, 4), rng.standard_normal(4)
+    asked = scene(topology, "differential", opamp=NEAR_IDEAL)
+    devices = {"least_conductance": 1e-7, "most_conductance": 3e-5, "cell_levels": 16}
+    asked = asked.model_copy(update={"devices": DevicesTable.model_validate(devices)})
+    circuit = synthesise(asked, matrix_problem(T, eps))
+    plus, minus = (1.0 / matrix.ohms for matrix in circuit.matrices[:2])
+    set_to = (plus - minus) / G0
+    assert np.abs(set_to - T).max() > 0.02
+    assert outputs(circuit) == pytest.approx(np.linalg.solve(set_to, eps), abs=1e-8)
 
 
 @pytest.mark.parametrize(
