@@ -27,6 +27,7 @@ class Inverse(Loop):
 
     name = "inv"
     has_first_stages = False
+    exact = True
     searched = ("design.unit_conductance", "design.unit_voltage")
 
     def check(self, scene: Scene, T: Floats) -> None:

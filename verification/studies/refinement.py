@@ -6,8 +6,9 @@ answer through a converter, too. The answer is linear in r, ``B r`` with an offs
 follows ``e -> (1 - B T) e``: each cycle gains ``-log2 rho(1 - B T)`` bits, until the converters or
 the offset let no more through.
 
-Boards are those of a scene of topology `inv`, with its devices, wires and op-amps; their matrices
-are symmetric, positive definite and of given condition numbers, so that the loop is stable.
+Boards are those of a scene whose topology solves ``T u = eps``, with its devices, wires and
+op-amps; their matrices are symmetric, positive definite and of given condition numbers, so that
+the loop is stable.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from taction.netlist_gen.board.variation import DEVICE, parameters, with_devices
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
 from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
@@ -173,10 +175,11 @@ def refinement(
     Raises
     ------
     InputError
-        The scene has another topology than `inv`, or a condition number is below 1.
+        The boards of the topology do not solve ``T u = eps``, or a condition number is below 1.
     """
-    if scene.design.topology != "inv":
-        text = "refinement needs a board that solves T u = eps: expected 'inv'"
+    if not topology_of(scene).exact:
+        exact = " or ".join(repr(name) for name, each in TOPOLOGIES.items() if each.exact)
+        text = f"refinement needs a board that solves T u = eps: expected {exact}"
         raise InputError(scene.file, Complaint("design.topology", scene.design.topology, text))
     if wrong := [each for each in conditions if not 1.0 <= each < math.inf]:
         text = "a condition number is 1 or more"

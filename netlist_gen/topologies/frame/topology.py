@@ -40,12 +40,15 @@ class Topology(ABC):
         Keys of ``[design]`` that have no effect on its boards.
     searched : tuple of str
         The two keys that a choice among designs moves.
+    exact : bool
+        Whether a board rests at the solution of ``T u = eps``, which solving again refines.
     """
 
     name: ClassVar[str]
     keys: ClassVar[type[Model] | None] = None
     unused: ClassVar[frozenset[str]] = frozenset({"feedback_conductance", "negative_entries"})
     searched: ClassVar[tuple[str, str]] = ("design.capacitance", "design.gain")
+    exact: ClassVar[bool] = False
 
     @abstractmethod
     def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:

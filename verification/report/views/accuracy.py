@@ -147,7 +147,7 @@ def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
                 late.append(
                     Curve(
                         np.array([point.seconds]), np.array([top]), text, colour, "", "x",
-                        size=9.0, label="", hover=(text,),
+                        size=9.0, label="", hover=(text,), written=() if late else ("timed out",),
                     )
                 )  # fmt: skip
     return Chart(

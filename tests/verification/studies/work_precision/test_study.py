@@ -17,6 +17,7 @@ import pytest
 from taction.system.array_types import Floats
 from taction.system.documents import plain
 from taction.system.errors import EngineError, SimulatorNotFound
+from taction.verification.report.renderers.page import write_page
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.views.accuracy import view
 from taction.verification.studies.running.worker import Worker
@@ -158,9 +159,12 @@ def test_document_and_picture(found: WorkPrecisionStudy, tmp_path: Path) -> None
     assert first["order_theory"] == 2.0
     assert first["order_points"] == list(LADDER)
     late = replace(found.points[0], status="timeout", errors=dict.fromkeys(NORMS))
-    draw_page(view(replace(found, points=(late, *found.points[1:]))), tmp_path / "a.svg")
+    page = view(replace(found, points=(late, *found.points[1:])))
+    draw_page(page, tmp_path / "a.svg")
     picture = (tmp_path / "a.svg").read_text(encoding="utf-8")
-    assert "timed out at 16 points per period" in picture
+    assert "timed out" in picture
+    write_page(page, str(tmp_path / "a.html"))
+    assert "timed out at 16 points per period" in (tmp_path / "a.html").read_text("utf-8")
     assert picture.count("</svg>") == 1
 
 
