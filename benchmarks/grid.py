@@ -24,11 +24,11 @@ from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.small_steps import StateBoard
 from taction.verification.engines.statespace.transients.stepped import TOLERANCE, SteppedRun
-from taction.verification.verdict import simulation
 from taction.verification.verdict.recording import Accuracy
 from taction.verification.verdict.verify import verify
 
@@ -93,7 +93,7 @@ def measure_point(scene: Scene) -> Point | None:
         decks.append(deck)
         return start(deck, *given, **named)
 
-    with mock.patch.object(simulation, "start", recorded):
+    with mock.patch.object(process, "start", recorded):
         verdict = verify(scene.with_engine("ngspice"))
     if not verdict.poles.stable:
         return None

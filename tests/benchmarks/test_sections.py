@@ -11,7 +11,7 @@ from benchmarks.__main__ import SECTIONS
 from benchmarks.measuring import Extent
 from benchmarks.page import section, write_plots
 
-LONG = ("boards", "sweeps", "verdicts", "package", "grid", "startup")  # even at their least
+LONG = ("boards", "sweeps", "verdicts")  # even at their least
 
 
 @pytest.mark.parametrize(
