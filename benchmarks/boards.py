@@ -37,7 +37,7 @@ capacitance = "220pF"
 gain = "500kohm"
 unit_conductance = "2uS"
 lambda = 0.1
-opamp = "tl084"
+opamp = {{ base = "tl084", input_errors = "none" }}
 stray_capacitance = "2pF"
 [checks]
 steady_state = {{ tolerance = 1e-2 }}
