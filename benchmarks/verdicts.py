@@ -48,7 +48,7 @@ from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.verdict.verify import verify
 
 ROUNDS = {Extent.TINY: 1, Extent.QUICK: 3, Extent.FULL: 7}
-POINTS = {Extent.TINY: 2, Extent.QUICK: 120, Extent.FULL: 120}
+POINTS = {Extent.TINY: 40, Extent.QUICK: 120, Extent.FULL: 120}
 STUDIED = {
     "paper-breadboard": "C=10pF:100pF",
     "eleven-channel": "C=20pF:200pF",
