@@ -138,7 +138,7 @@ def refine(
         numbers = [float(word) for word in words]
     except ValueError:
         text = "expected numbers of 1 or more, by commas: 3,8,30"
-        raise InputError("", Complaint("--conditions", repr(",".join(words)), text)) from None
+        raise InputError("--conditions", Complaint("A,B,C", repr(",".join(words)), text)) from None
     return refinement(
         read_scene(scene), numbers, bits=bits, target=target, samples=samples, seed=seed,
         progress=progress,

@@ -24,13 +24,13 @@ from taction.netlist_gen.board.variation import (
 from taction.spice_models.input_errors import CHANGES
 from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
-from taction.system.remembered import remembered
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 
 SHARE = 0.95  # of the boards, which keep the stated distance
 PROBED = 2.0  # standard deviations: where the first order is compared with an equilibrium
 STEPS = 60  # halvings of the interval in which the distance lies
+KNOWN = 64  # spreads of boards that are kept
 NO_SPREAD = 1e-30  # V: a channel with less is beyond a distance, or it is not
 
 
@@ -92,7 +92,11 @@ class InputSpread:
             return cls._of(board, resistors, devices)
         outputs = (*board.circuit.outputs, *board.circuit.opamps, *board.circuit.models.values())
         same = board.descriptor.at_rest, _outputs(board).tobytes(), outputs
-        return remembered(_KNOWN, same, lambda: cls._of(board, resistors, devices))
+        found = _KNOWN.pop(same, None) or cls._of(board, resistors, devices)
+        while len(_KNOWN) >= KNOWN:
+            _KNOWN.pop(next(iter(_KNOWN)), None)
+        _KNOWN[same] = found
+        return found
 
     @classmethod
     def _of(
