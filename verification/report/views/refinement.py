@@ -19,8 +19,6 @@ NOTE = (
 
 def view(result: Refinement) -> Page:
     """Return the page of a refinement loop."""
-    boards = sum(row.boards for row in result.rows)
-    arrived = sum(row.arrived for row in result.rows)
     columns: dict[str, Callable[[Refined], str]] = {
         "condition": lambda row: f"{row.condition:g}",
         "arrive": lambda row: f"{row.arrived} of {row.boards}",
@@ -32,7 +30,7 @@ def view(result: Refinement) -> Page:
         title=result.scene.name,
         command="taction design refine",
         outcome=result.outcome,
-        summary=f"{arrived} of {boards} boards arrive at {result.target} bits.",
+        summary=f"{_arrived(result)}.",
         lines=(f"{result.channels} channels, converters of {result.bits} bits.",),
         sections=(
             Section("Cycles", (Table.of("Cycles", result.rows, columns, NOTE),), media=BOTH),
@@ -41,6 +39,12 @@ def view(result: Refinement) -> Page:
         foot=(f"{show(result.seconds, 's')}; more: --report FILE",),
         sheet=lambda: Sheet(f"{result.scene.name}: refinement", ((chart(result),),)),
     )
+
+
+def _arrived(result: Refinement) -> str:
+    boards = sum(row.boards for row in result.rows)
+    arrived = sum(row.arrived for row in result.rows)
+    return f"{arrived} of {boards} boards arrive at {result.target} bits"
 
 
 def _bits(row: Refined) -> str:
@@ -56,7 +60,7 @@ def chart(result: Refinement) -> Chart:
         Curve(
             np.arange(1.0, len(row.errors) + 1.0),
             np.array(row.errors),
-            f"{row.condition:g}",
+            f"condition number {row.condition:g}",
             SERIES[place % len(SERIES)],
             mark="circle",
         )
@@ -68,5 +72,6 @@ def chart(result: Refinement) -> Chart:
         Axis("cycle", whole=True),
         Axis("error over the largest entry", scale="log"),
         (*curves, wanted),
+        message=_arrived(result),
         summary="Median error of the boards of each condition number, until they have arrived.",
     )
