@@ -101,6 +101,23 @@ def number(text: str) -> float:
     return value
 
 
+def fraction(given: object) -> float:
+    """Return a fraction from a share such as ``"5%"``, or from a number.
+
+    Raises
+    ------
+    ValueError
+        It is neither; see `number`.
+
+    Examples
+    --------
+    >>> fraction("5%"), fraction("0.05"), fraction(0.05)
+    (0.05, 0.05, 0.05)
+    """
+    text = str(given).strip()
+    return number(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
+
+
 def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
     if len(text) > LONGEST:  # quantiphy takes seconds for thousands of digits
         raise ValueError(f"over {LONGEST} characters; {expected}")

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.loading import read_toml
 from taction.system.errors import Complaint, InputError
+from taction.system.quantities import fraction
 
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.checks import Tolerances
@@ -159,12 +160,7 @@ def _tight_couplings(circuit: Circuit, parts: Mapping[str, float]) -> Iterator[C
 def _share(value: object, key: str, wrong: list[Complaint]) -> float:
     """Return a fraction from ``"5%"`` or 0.05; 0 for a mistake, which is added to `wrong`."""
     try:
-        if isinstance(value, str) and value.strip().endswith("%"):
-            share = float(value.strip()[:-1]) / 100.0
-        elif isinstance(value, int | float | str) and not isinstance(value, bool):
-            share = float(value)
-        else:
-            share = math.nan
+        share = fraction(value)
     except ValueError:
         share = math.nan
     if not 0.0 <= share <= LARGEST:

@@ -29,7 +29,7 @@ from taction.system.errors import (
     InputError,
     NoVerdictError,
 )
-from taction.system.quantities import number
+from taction.system.quantities import fraction, number
 from taction.verification.design.ranges import SearchRange
 from taction.verification.design.scaling import SHARE, SMALLER, rescaled
 from taction.verification.design.trials import (
@@ -120,9 +120,8 @@ def _number(option: str, given: str | float | None) -> float | None:
     if given is None:
         return None
     text = str(given).strip()
-    percent = option == "--overshoot" and text.endswith("%")
     try:
-        return number(text.removesuffix("%")) / 100.0 if percent else number(text)
+        return fraction(text) if option == "--overshoot" else number(text)
     except ValueError:
         complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
         raise InputError(option, complaint) from None

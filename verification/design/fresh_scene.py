@@ -30,7 +30,7 @@ from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.quantities import number
+from taction.system.quantities import fraction
 from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, Scaling, scale
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -192,16 +192,16 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> FreshPruning:
     """
     before = solve(Problem(T, eps, lam))
     largest = float(np.abs(before.u).max(initial=0.0)) or 1.0
-    for fraction in (*FRACTIONS, NECESSARY):
-        kept = pruned(T, fraction)
+    for share in (*FRACTIONS, NECESSARY):
+        kept = pruned(T, share)
         entries = int(np.count_nonzero(kept != T))
         if not entries:
             continue
         after = solve(Problem(kept, eps, lam))
         change = float(np.abs(after.u - before.u).max()) / largest
-        if change <= UNSEEN or fraction == NECESSARY:
+        if change <= UNSEEN or share == NECESSARY:
             bound = change_bound(before, kept) / largest
-            return FreshPruning(fraction, entries, change, bound)
+            return FreshPruning(share, entries, change, bound)
     return FreshPruning()
 
 
@@ -345,13 +345,12 @@ def noise_of(noise: str | float, eps: Floats) -> float:
     >>> noise_of("1%", np.array([0.5, -2.0])), noise_of("0.03", np.ones(2))
     (0.02, 0.03)
     """
-    text = str(noise)
     try:
-        value = number(text.removesuffix("%"))
+        value = fraction(noise)
     except ValueError:
         value = math.nan
-    if text.endswith("%"):
-        value *= float(np.abs(eps).max(initial=0.0)) / 100.0
+    if str(noise).strip().endswith("%"):
+        value *= float(np.abs(eps).max(initial=0.0))
     if not 0.0 < value < math.inf:
         accepted = "expected a positive number such as 0.01, or 1% of the largest strain"
         raise InputError("--noise", Complaint("SIGMA", repr(noise), accepted))

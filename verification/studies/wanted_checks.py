@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from taction.system.errors import Complaint, InputError
-from taction.system.quantities import parse
+from taction.system.quantities import fraction, parse
 
 if TYPE_CHECKING:
     from taction.netlist_gen.scene.checks import Checks
@@ -146,10 +146,13 @@ def share_of(text: str, option: str = "--check") -> float:
     Raises
     ------
     InputError
-        It is neither.
+        It is neither, negative or without a limit.
     """
     try:
-        return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
+        share = fraction(text)
+        if not 0.0 <= share < math.inf:
+            raise ValueError("a share is finite and not negative")
+        return share
     except ValueError:
         accepted = "expected a share such as 5% or 0.05"
         raise InputError(option, Complaint("share", repr(text), accepted)) from None

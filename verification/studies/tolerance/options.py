@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 from taction.system.errors import Complaint, InputError
+from taction.system.quantities import fraction
 
 
 def half_width(until: str | float | None) -> float | None:
@@ -18,9 +19,8 @@ def half_width(until: str | float | None) -> float | None:
     """
     if until is None:
         return None
-    text = str(until)
     try:
-        value = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+        value = fraction(until)
     except ValueError:
         value = 0.0
     if not 0 < value < 0.5:
