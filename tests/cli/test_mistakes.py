@@ -184,6 +184,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("check", "rc.cir", "--check", "margin=0.5"):
         ("--check", "stability.margin = 0.5", "must be 1 or more"),
     ("check", "rc.cir", "--check", "foo=1"): ("--check", "'foo'", "settling=1ms@1%"),
+    ("check", "rc.cir", "--check", "overshoot=nan"): ("--check", "'nan'", "such as 5% or 0.05"),
     ("check", "rc.cir", "--over", "R2"): ("--over", "'R2'", "one of R1, C1"),
     ("check", "rc.cir", "--output", "nowhere"): ("'nowhere'", "it has in, out"),
     ("check", "rc.cir", "--expect", "v(out)=abc"): ("--expect", "v(out)=abc", "v(out)=1.25@0.1%"),
