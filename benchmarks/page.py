@@ -130,11 +130,14 @@ def write_plots(root: Path, results: Mapping[str, Result]) -> None:
 
 
 def write_table(root: Path, title: str, results: Mapping[str, Result]) -> None:
-    """Put every figure that has a limit between the markers of the README."""
+    """Put each section's first limit, and all that are missed, between the README's markers."""
     readme = root / "README.md"
     before, _, rest = readme.read_text("utf-8").partition(BEGIN)
     _, end, after = rest.partition(END)
     assert end, f"{readme} has no markers {BEGIN!r} and {END!r}"
-    figures = [each for result in results.values() for each in result.figures]
-    table = figures_table(each for each in figures if each.wanted is not None)
+    figures = list[Figure]()
+    for result in results.values():
+        limits = [each for each in result.figures if each.wanted is not None]
+        figures += [*limits[:1], *(each for each in limits[1:] if not each.kept)]
+    table = figures_table(figures)
     write_atomically(readme, f"{before}{BEGIN}{title}\n\n{table}{END}{after}")
