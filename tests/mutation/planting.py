@@ -24,6 +24,7 @@ from taction.netlist_gen.topologies.frame.topology import Topology
 from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import TIMES
 from taction.system.waveforms import Waveforms
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
@@ -336,8 +337,18 @@ def in_the_linearisation(change: Callable[[LinearBoard], LinearBoard]) -> Plant:
     return lambda scene, patch: verify(scene, circuit=change(LinearBoard(synthesise(scene))))
 
 
-def in_a_method(owner: type, name: str, change: Callable[[Any], Any]) -> Plant:
-    """A method or a property, cached or not, of a class returns a changed value."""
+def slower(factor: float) -> Callable[[Descriptor], Descriptor]:
+    """Multiply the capacitances and the time constants of the equations."""
+
+    def change(equations: Descriptor) -> Descriptor:
+        mass = replace(equations.mass, values=factor * equations.mass.values)
+        return replace(equations, mass=mass)
+
+    return change
+
+
+def in_a_method(owner: Any, name: str, change: Callable[[Any], Any]) -> Plant:
+    """A method or property, cached or not, of a class, or a function of a module, is changed."""
     original = getattr(owner, name)
     get = {property: "fget", cached_property: "func"}.get(type(original))
 

@@ -40,7 +40,11 @@ from taction.verification.stability.margin import (
 )
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.answer_error import AnswerError
-from taction.verification.verdict.checked_laws import CheckedLaw, checked_laws
+from taction.verification.verdict.checked_laws import (
+    CheckedLaw,
+    checked_laws,
+    with_estimates,
+)
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import Agreement, StepError, exact_response
 from taction.verification.verdict.constraint_stage import ConstraintPlane, constraint_plane
@@ -200,12 +204,8 @@ class Verdict(Result):
     @cached_property
     def laws(self) -> tuple[CheckedLaw, ...]:
         """What closed formulas of the topology say about the board, beside the engine's poles."""
-        topology, failures = TOPOLOGIES.get(self.circuit.topology), list[str]()
-        if topology is None:
-            return ()
-        nothing, board = tuple[CheckedLaw, ...](), self.circuit
-        found = partial(checked_laws, board)
-        return attempt("the laws", lambda: found(topology.laws(board)), nothing, failures.append)
+        found, failures = partial(with_estimates, self.circuit, self.evidence.laws), list[str]()
+        return attempt("the laws", found, self.evidence.laws, failures.append)
 
     @cached_property
     def active_sets(self) -> tuple[VisitedSet, ...]:
@@ -457,6 +457,12 @@ def _evidence(
     return evidence, recording
 
 
+def _laws(circuit: Circuit) -> tuple[CheckedLaw, ...]:
+    """Return what closed formulas of the topology say; a foreign board has none."""
+    topology = TOPOLOGIES.get(circuit.topology)
+    return () if topology is None else checked_laws(circuit, topology.laws(circuit))
+
+
 def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
     """Return the stability margin, if the scene asks for one."""
     search = _margin_search(design, effort)
@@ -478,13 +484,17 @@ def _judged(
 
     Where an error touches a limit that could be smaller, the finest readings are judged.
     """
+    design, failures = recording.design, list[str]()
+    detail = partial(attempt, tell=failures.append)
+    laws = partial(_laws, design.circuit)
+    evidence = replace(
+        evidence, laws=detail("the comparison of the laws", laws, tuple[CheckedLaw, ...]())
+    )
     checks = run_checks(evidence)
     if could_be_finer(evidence, checks):
         measured, error = finest(recording, ideal)
         evidence = replace(evidence, measurements=measured, error=error)
         checks = run_checks(evidence)
-    design, failures = recording.design, list[str]()
-    detail = partial(attempt, tell=failures.append)
     answer = AnswerError.of(ideal.network, ideal.solution, design.problem.stress, ideal.problem)
     answer = detail("the error of the board", lambda: answer.judged(evidence, checks), answer)
     clock.begin("error budget")

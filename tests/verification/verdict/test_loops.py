@@ -30,6 +30,7 @@ from tests.support.loop_boards import (
     poles_agree,
 )
 from tests.support.making import make_scene
+from tests.support.paths import SCENES
 from tests.support.readings import Samples
 
 Matrix = NDArray[np.float64]
@@ -192,6 +193,14 @@ def test_an_engine_that_contradicts_a_formula_is_seen() -> None:
     small = found.circuit.turned("gf", 1e-7)
     assert [law.agrees for law in checked_laws(found.circuit, laws[:2])] == [False, False]
     assert checked_laws(small, laws[2:])[0].agrees is False
+
+
+def test_nothing_is_said_of_an_edge_that_rounding_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("taction.verification.verdict.checked_laws.BESIDE", 1e-16)
+    found = taction.verify(taction.load_scene(SCENES / "least-squares.toml"))
+    laws = {law.name: law.agrees for law in found.evidence.laws}
+    assert (laws["rightmost_pole"], laws["second_pole"]) == (True, None)
+    assert "laws_agree" not in {check.name for check in found.checks}
 
 
 def test_the_margin_of_inv_is_where_the_slowest_inputs_let_a_mode_grow() -> None:
