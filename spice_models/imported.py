@@ -30,8 +30,8 @@ class LinearModel:
     ``v_out = rest + gain (v_p - v_n - offset) + impedance i`` with the current i into the output,
     gain and impedance with the same poles, since they share the states of the op-amp;
     each input has `conductance` and `capacitance` to ground, and the inverting one takes
-    `bias_current` at rest. `error` is the largest relative error of gain and impedance over the
-    `band` (lowest and highest frequency, Hz).
+    `bias_current` at rest. Voltages are those from the middle of its supplies. `error` is the
+    largest relative error of gain and impedance over the `band` (lowest and highest frequency, Hz).
     """
 
     gain: Rational
@@ -71,12 +71,20 @@ class ImportedOpAmp:
 
     subcircuit: Subcircuit
     pins: tuple[str, ...]  # the role of each port
-    supply: float  # of each supply voltage at which it was measured, V
+    supply: float  # of each supply voltage at which it was measured, from `middle`, V
     figures: Figures
     linear: LinearModel | None
     missing: str = ""
     compensation: float = 0.0  # capacitor between the ports `COMPENSATION`, F
     doubts: tuple[str, ...] = ()  # what is unusual for an op-amp
+    middle: float = 0.0  # of its supplies: its inputs and its output are measured about it, V
+
+    @property
+    def supplies(self) -> str:
+        """Both supply voltages in words, such as ``"±15 V"`` or ``"0 V and 5 V"``."""
+        if self.middle == 0.0:
+            return f"±{self.supply:g} V"
+        return f"{self.middle - self.supply:g} V and {self.middle + self.supply:g} V"
 
     def text(self, name: str) -> str:
         """Return the cards of the op-amp `name` with the ports inp, inn, out and own supplies."""
@@ -84,8 +92,8 @@ class ImportedOpAmp:
             [
                 *self.subcircuit.lines,
                 f".subckt {name} inp inn out",
-                f"Vcc vcc 0 {self.supply!r}",
-                f"Vee vee 0 {-self.supply!r}",
+                f"Vcc vcc 0 {self.middle + self.supply!r}",
+                f"Vee vee 0 {self.middle - self.supply!r}",
                 instance(self.subcircuit, self.pins, self.compensation),
                 f".ends {name}",
                 "",

@@ -108,7 +108,7 @@ def as_opamp(name: str, imported: ImportedOpAmp) -> OpAmp:
         input_capacitance=0.0 if linear is None else linear.capacitance,
         output_resistance=figures.output_resistance,
         supply_current=figures.supply_current,
-        source=f"imported from a netlist, measured at ±{imported.supply:g} V",
+        source=f"imported from a netlist, measured at {imported.supplies}",
         imported=imported,
         **measured,
     )

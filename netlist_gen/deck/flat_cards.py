@@ -103,7 +103,7 @@ class Flat:
     branches: list[Branch] = field(default_factory=list)
     opamps: list[OpAmpCell] = field(default_factory=list)
     stimuli: dict[str, Stimulus] = field(default_factory=dict)
-    rails: list[tuple[str, str]] = field(default_factory=list)  # supplies of the op-amps
+    rails: dict[str, tuple[str, str]] = field(default_factory=dict)  # nodes of V+ and V-, by op-amp
     charged: list[str] = field(default_factory=list)  # cards with ic=
     knobs: dict[str, tuple[str, float]] = field(default_factory=dict)  # card and value, by name
 
@@ -219,7 +219,7 @@ def _by_voltage(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]
             flat.opamps.append(_opamp(name, plain))
             return
         if RAILS in name:
-            flat.rails.append((plain[0], plain[2]))
+            flat.rails[_inside(name)] = plain[0], plain[2]
             return
         if len(plain) > 5 or keyed.keys() - {"m"}:
             raise ValueError("expected four nodes and one number; polynomials are not linear")
@@ -231,9 +231,13 @@ def _by_voltage(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]
 
 def _opamp(name: str, plain: Sequence[str]) -> OpAmpCell:
     """Return the op-amp of the card that stands for it: output, ground, both inputs."""
-    path = name.partition(".")[2].rpartition(".")[0]
     model = MODEL.format(name.rpartition(PINS)[2])
-    return OpAmpCell(path[1:], model, plain[2], plain[3], plain[0])
+    return OpAmpCell(_inside(name), model, plain[2], plain[3], plain[0])
+
+
+def _inside(name: str) -> str:
+    """Return the subcircuit X in which a flat card stands, without its letter."""
+    return name.partition(".")[2].rpartition(".")[0][1:]
 
 
 def _by_current(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
@@ -369,7 +373,7 @@ def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) ->
 
 
 def circuit_of(
-    flat: Flat, name: str, outputs: Iterable[str], models: Mapping[str, OpAmp], supply: float
+    flat: Flat, name: str, outputs: Iterable[str], models: Mapping[str, OpAmp]
 ) -> Circuit:
     """Return the circuit of flat cards: its parts are its knobs, its facts are their values."""
     largest = max((abs(part.farads) for part in flat.capacitors), default=LEAST_FARADS)
@@ -397,7 +401,6 @@ def circuit_of(
         constraint_nodes=(),
         outputs=tuple(Output(node, 1.0) for node in outputs),
         omissions=(),
-        supply=supply,
         branches=tuple(flat.branches),
         knobs=tuple(knobs),
         roles=roles,
@@ -407,7 +410,8 @@ def circuit_of(
 def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     """Return the parts with a step to show: where no source changes, one that is switched on.
 
-    The sources with an ``ac`` value are switched on at t = 0, and without one of them all sources.
+    The sources with an ``ac`` value are switched on at t = 0, and without one of them all sources
+    but those at the supplies of op-amps.
     A `small` signal is a step by 1 of the sources with an ``ac`` value: the others hold the circuit
     at its operating point.
     """
@@ -422,7 +426,9 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
         ]
         text = f"no source changes over time, so a step by 1 at t = 0: {_named(chosen)}"
         return replace(flat, branches=by_one), text if chosen else "no source changes over time"
-    chosen = chosen or list(flat.stimuli)
+    supplies = {node for nodes in flat.rails.values() for node in nodes} - {GROUND}
+    powering = {p.card for p in flat.branches if isinstance(p, Source) and supplies & {p.a, p.b}}
+    chosen = chosen or [card for card in flat.stimuli if card not in powering] or [*flat.stimuli]
     unit = {card for card in chosen if flat.stimuli[card].after == 0.0}
     if len(unit) == len(chosen):  # sources of an AC analysis have no value: they step to 1
         branches = [_on(p, 1.0) if p.card in unit else p for p in flat.branches]

@@ -132,9 +132,10 @@ class VendorBench:
 
     subcircuit: Subcircuit
     pins: tuple[str, ...]  # the role of each port
-    supply: float  # of each supply voltage, V
+    supply: float  # of each supply voltage, from the middle, V
     compensation: float = 0.0  # capacitor between the ports `comp`, F
     options: str = VENDOR[0]
+    middle: float = 0.0  # of the supplies: the non-inverting input at rest, V
 
     def deck(self, analysis: Analysis, excited: str = "", step: str = "") -> Deck:
         """Return the deck of an analysis.
@@ -146,16 +147,18 @@ class VendorBench:
         excited : str
             Where a small signal of 1 V or 1 A is: ``"inn"``, ``"inp"`` or ``"out"``.
         step : str
-            The voltage at the non-inverting input over the time; then the output has a load.
+            The voltage at the non-inverting input over the time; then the output has a load, to
+            the middle of the supplies.
         """
         wired = tuple("pin" if role == "inn" else role for role in self.pins)
         size = {place: float(place == excited) for place in ("inp", "inn", "out")}
         lines = [
             "* test bench of an imported op-amp",
             *self.subcircuit.lines,
-            f"Vcc vcc 0 dc {self.supply!r}",
-            f"Vee vee 0 dc {-self.supply!r}",
-            f"Vinp {'far' if step else 'inp'} 0 dc 0.0 ac {size['inp']!r} {step}".rstrip(),
+            f"Vcc vcc 0 dc {self.middle + self.supply!r}",
+            f"Vee vee 0 dc {self.middle - self.supply!r}",
+            f"Vmid mid 0 dc {self.middle!r}",
+            f"Vinp {'far' if step else 'inp'} mid dc 0.0 ac {size['inp']!r} {step}".rstrip(),
             instance(self.subcircuit, wired, self.compensation),
             "Vinn inn pin dc 0.0",  # its current is that of the pin
             self.options,
@@ -163,7 +166,7 @@ class VendorBench:
             "Eservo inn drive slow 0 1.0",
             f"Vdrive drive 0 dc 0.0 ac {size['inn']!r}",
             f"Iload 0 out dc 0.0 ac {size['out']!r}",
-            *([f"Rload out 0 {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
+            *([f"Rload out mid {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
             *(f"H{node} {node} 0 {source}" for node, source in PROBES.items()),
         ]
         return _deck(lines, analysis, (OUT, "inn", *PROBES))

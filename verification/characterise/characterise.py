@@ -267,7 +267,12 @@ PIN_FARADS, PIN_SIEMENS = 1e-12, 1e-9
 
 
 def import_opamp(
-    file: str, subcircuit: str, pins: tuple[str, ...], supply: float, compensation: float = 0.0
+    file: str,
+    subcircuit: str,
+    pins: tuple[str, ...],
+    supply: float,
+    compensation: float = 0.0,
+    middle: float = 0.0,
 ) -> ImportedOpAmp:
     """Read, check and characterise the subcircuit of a netlist.
 
@@ -280,9 +285,11 @@ def import_opamp(
     pins : tuple of str
         The role of each port, see `taction.spice_models.imported.ROLES`.
     supply : float
-        Of each supply voltage, V.
+        Of each supply voltage, V; `middle` + and - `supply`.
     compensation : float
         Capacitor between the two ports with the role ``comp``, F.
+    middle : float
+        Of the supplies, V: where inputs and output are measured.
 
     Raises
     ------
@@ -304,13 +311,21 @@ def import_opamp(
         text = f"a capacitor and two ports {COMPENSATION!r} belong together"
         raise InputError(file, Complaint("--compensation", f"{compensation:g} F", text))
     simulation = Simulation(find_simulator())
-    measured = simulation.responses(VendorBench(checked, pins, supply, compensation))
+    measured = simulation.responses(VendorBench(checked, pins, supply, compensation, middle=middle))
     if reason := _no_opamp(measured):
         raise InputError(file, Complaint("--pins", "", reason))
     figures, doubts = _figures(measured, simulation)
     linear, missing = _linear_model(measured, figures)
     return ImportedOpAmp(
-        checked, pins, supply, figures, linear, missing, compensation, (*doubts, *_doubts(figures))
+        checked,
+        pins,
+        supply,
+        figures,
+        linear,
+        missing,
+        compensation,
+        (*doubts, *_doubts(figures)),
+        middle,
     )
 
 
@@ -356,7 +371,9 @@ def _no_opamp(measured: Responses) -> str:
             " are the pins right, or does it need a compensation capacitor?"
         )
     if abs(measured.output) > AT_REST:
-        return f"as a follower at 0 V its output rests at {measured.output:.3g} V"
+        place = f"{measured.bench.middle:g} V"
+        output = measured.bench.middle + measured.output
+        return f"as a follower at {place} its output rests at {output:.3g} V"
     steps = np.abs(np.diff(np.log(size[: below[0] + 1])))
     if steps.max() > math.log(JUMP):
         k = int(np.argmax(steps))

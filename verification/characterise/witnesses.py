@@ -57,7 +57,8 @@ class Responses:
     `frequencies` (P,), Hz; `gain`, `impedance` and `admittance` (P,): open-loop gain from the
     inverting input, output impedance, ohm, and the admittance of the inverting input, S;
     `other_gain` and `other_admittance` are those of the non-inverting input. At the operating
-    point: `output` and `inverting`, V; the currents into both inputs, and the `supply_current`, A.
+    point: `output` and `inverting`, V from the middle of the supplies; the
+    currents into both inputs, and the `supply_current`, A.
     """
 
     bench: VendorBench
@@ -175,6 +176,7 @@ class Simulation:
     def _responses(self, bench: VendorBench) -> Responses:
         with start(bench.deck(OperatingPoint()), self.simulator, timeout=TIMEOUT) as run:
             output, inverting, *amps = map(float, run.result().values[-1])
+            output, inverting = output - bench.middle, inverting - bench.middle
         f, one = self._respond(bench, "inn")
         other, loaded = (self._respond(bench, place)[1] for place in ("inp", "out"))
         return Responses(
@@ -202,7 +204,7 @@ class Simulation:
         """Return instants, s, and the output, V, that is driven to both of its ends.
 
         The non-inverting input is at +`volts` for a `period` in s, at -`volts` for the next, and at
-        +`volts` for a third.
+        +`volts` for a third; all voltages from the middle of the supplies.
         """
         turns = (0.0, period, 2.0 * period)
         points = (
@@ -215,6 +217,6 @@ class Simulation:
 
         def run(bench: VendorBench) -> tuple[Floats, Floats]:
             wave = simulate(bench.deck(plan, step=step), self.simulator, timeout=TIMEOUT)
-            return wave.time, wave[OUT]
+            return wave.time, wave[OUT] - bench.middle
 
         return self._with_options(bench, SWITCHED, run)

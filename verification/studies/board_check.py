@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit
@@ -252,7 +252,7 @@ def check_board(
         )
     return BoardCheck(
         found,
-        (*notes, *([why] if why else ())),
+        (*notes, *([why] if why else ()), *_beyond_swing(found)),
         rows,
         noise,
         agreement,
@@ -264,3 +264,21 @@ def check_board(
         corners,
         yields,
     )
+
+
+def _beyond_swing(found: MeasuredBoard) -> Iterator[str]:
+    """Say which op-amps of vendors would rest beyond their swing, where no linear model holds."""
+    circuit, board = found.board.circuit, found.board
+    rests = [board.equilibrium, *([board.rest] if found.initial == "rest" else [])]
+    for cell in circuit.opamps:
+        imported = circuit.models[cell.model].imported
+        if imported is None:
+            continue
+        reach = imported.figures.swing or imported.supply
+        volts = max((float(rest[cell.output]) - imported.middle for rest in rests), key=abs)
+        if abs(volts) > reach:
+            ends = f"{imported.middle - reach:.3g} V to {imported.middle + reach:.3g} V"
+            yield (
+                f"x{cell.name}: its output would rest at {imported.middle + volts:.4g} V, beyond"
+                f" its swing of {ends}: the linear answers do not hold"
+            )

@@ -10,15 +10,14 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.branches import Source, VoltageBetween
-from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.flat_cards import (
     MODEL,
@@ -50,6 +49,7 @@ EDGE = 0.01  # of the first step: the edge of a step in ngspice
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
 _CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 Start = Literal["zero", "rest"]
+Supplied = tuple[int, float, float]  # number of a vendor's subcircuit, and its V- and V+
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +80,7 @@ class ForeignBoard:
     opamps: Mapping[str, ImportedOpAmp] = field(default_factory=dict)
     lines: tuple[str, ...] = ()  # as ngspice expands them: the cards, with stubs for op-amps
     linearise: bool = False
+    supplied: Mapping[Supplied, str] = field(default_factory=dict)  # names of the models
 
     def witness(self, transient: Transient, solver: str) -> Deck:
         """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
@@ -165,9 +166,12 @@ class ForeignBoard:
             flat, _ = stepped(read_cards(cards), small=self.linearise)
         except CardError as error:
             return InputError(self.deck.file, Complaint("deck", "", str(error)))
+        try:
+            flat = _with_models(self.deck, flat, self.supplied)
+        except InputError as error:
+            return error
         outputs = [out.node for out in self.circuit.outputs]
-        c = self.circuit
-        return circuit_of(flat, c.name, outputs, c.models, c.supply)
+        return circuit_of(flat, self.circuit.name, outputs, self.circuit.models)
 
 
 def read_board(
@@ -207,13 +211,10 @@ def read_board(
     if len(flat.nodes) > MOST_UNKNOWNS:
         text = f"the deck has {len(flat.nodes)} nodes; up to {MOST_UNKNOWNS} are read"
         raise InputError(deck.file, Complaint("deck", "", text))
-    supply = _supply(deck, flat) if vendors else 15.0
-    imported = {
-        MODEL.format(k): _imported(deck, name, supply)
-        for k, name in enumerate(vendors)
-        if any(cell.model == MODEL.format(k) for cell in flat.opamps)
-    }
-    circuit = circuit_of(flat, deck.file.stem, nodes, _as_opamps(imported), supply)
+    supplied = {kind: f"{MODEL.format(kind[0])}_{n}" for n, kind in enumerate(_kinds(deck, flat))}
+    imported = {name: _imported(deck, vendors[k], *ends) for (k, *ends), name in supplied.items()}
+    flat = _with_models(deck, flat, supplied)
+    circuit = circuit_of(flat, deck.file.stem, nodes, _as_opamps(imported))
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
     immediate &= not small  # the small signal begins where the circuit rests
     return ForeignBoard(
@@ -225,6 +226,7 @@ def read_board(
         imported,
         tuple(cards),
         linearise,
+        supplied,
     )
 
 
@@ -255,13 +257,14 @@ def _notes(
     for card in deck.left:
         if card.word == ".step":
             yield f"{card.text}: does not run; {_sweep_of(card.text)} does it"
-    for k, name in enumerate(vendors):
-        model = imported.get(MODEL.format(k))
-        cells = [c for c in flat.opamps if c.model == MODEL.format(k)]
-        if model is not None and model.linear is not None:
+    for model_name, model in imported.items():
+        cells = [c for c in flat.opamps if c.model == model_name]
+        if model.linear is not None:
+            name = vendors[_vendor(model_name)]
+            inputs = f" with its inputs at {model.middle:g} V" if model.middle else ""
             yield (
                 f"{', '.join('x' + c.name for c in cells)}: the macromodel {name} is replaced by"
-                f" its linear model, measured at ±{model.supply:g} V, within"
+                f" its linear model, measured at {model.supplies}{inputs}, within"
                 f" {100 * model.linear.error:.2g} %; ngspice's transient keeps it, with its slew"
                 " rate and its swing"
             )
@@ -302,31 +305,56 @@ def _stepping(part: object, transient: Transient) -> str:
     return f"{part.card} {part.a} {part.b} {wave}"
 
 
-def _supply(deck: ForeignDeck, flat: Flat) -> float:
-    """Return the supply of all op-amps, ±V."""
-    held = {GROUND: 0.0}
-    for part in flat.branches:
-        if isinstance(part, VoltageBetween) and GROUND in (part.a, part.b):
-            node, sign = (part.a, 1.0) if part.b == GROUND else (part.b, -1.0)
-            held[node] = sign * flat.stimuli[part.card].after
-    for high, low in flat.rails:
-        text = "op-amps need supplies of ±V about ground, each node held by a voltage source"
-        if high not in held or low not in held:
-            node = low if high in held else high
-            raise InputError(deck.file, Complaint("supply", repr(node), text))
-        if not held[high] > 0.0 or abs(held[high] + held[low]) > 1e-9 * held[high]:
+def _vendor(model: str) -> int:
+    """Return the number of the subcircuit that a model of an op-amp replaces."""
+    return int(model.removeprefix(MODEL.format("")).partition("_")[0])
+
+
+def _kinds(deck: ForeignDeck, flat: Flat) -> dict[Supplied, list[OpAmpCell]]:
+    """Return the op-amps of vendors by their subcircuit and their supply voltages."""
+    held, found = _held(flat), dict[Supplied, list[OpAmpCell]]()
+    for cell in flat.opamps:
+        nodes = high, low = flat.rails[cell.name]
+        text = f"the supplies of x{cell.name} (V+ at {high}, V- at {low}) need "
+        for node in nodes:
+            if node not in held:
+                text += "voltage sources that hold both nodes, such as 'VP {} 0 5'"
+                raise InputError(deck.file, Complaint("supply", repr(node), text.format(node)))
+        if not held[high] > held[low]:
             value = f"{held[high]:g} V and {held[low]:g} V"
-            raise InputError(deck.file, Complaint("supply", value, text))
-    found = [held[high] for high, _ in flat.rails]
-    for one, other in pairwise(found):
-        if one != other:
-            value = f"{one:g} V and {other:g} V"
-            text = "all op-amps of vendors need one supply"
-            raise InputError(deck.file, Complaint("supply", value, text))
-    return found[0] if found else 15.0
+            raise InputError(deck.file, Complaint("supply", value, f"{text}V+ above V-"))
+        kind = (_vendor(cell.model), held[low], held[high])
+        found.setdefault(kind, []).append(cell)
+    return found
 
 
-def _imported(deck: ForeignDeck, name: str, supply: float) -> ImportedOpAmp:
+def _held(flat: Flat) -> dict[str, float]:
+    """Return the voltages of the nodes that voltage sources hold, by way of one another, V."""
+    sources = [part for part in flat.branches if isinstance(part, VoltageBetween)]
+    held, known = {GROUND: 0.0}, -1
+    while known < len(held):
+        known = len(held)
+        for part in sources:
+            volts = flat.stimuli[part.card].after
+            if part.b in held:
+                held.setdefault(part.a, held[part.b] + volts)
+            elif part.a in held:
+                held[part.b] = held[part.a] - volts
+    return held
+
+
+def _with_models(deck: ForeignDeck, flat: Flat, names: Mapping[Supplied, str]) -> Flat:
+    """Return flat cards in which each op-amp has the name of its model at its supplies."""
+    cells = []
+    for kind, members in _kinds(deck, flat).items():
+        if kind not in names:
+            text = "the models of the op-amps hold for the deck's own supplies only"
+            raise InputError(deck.file, Complaint("supply", f"{kind[1]:g} V, {kind[2]:g} V", text))
+        cells += [replace(cell, model=names[kind]) for cell in members]
+    return replace(flat, opamps=cells)
+
+
+def _imported(deck: ForeignDeck, name: str, low: float, high: float) -> ImportedOpAmp:
     """Import one macromodel of the deck, in the usual order of the pins or with inputs exchanged.
 
     The order + - V+ V- out is that of nearly all vendors; the sign of the measured gain tells
@@ -334,17 +362,18 @@ def _imported(deck: ForeignDeck, name: str, supply: float) -> ImportedOpAmp:
     """
     from taction.verification.characterise.characterise import import_opamp
 
+    half, middle = 0.5 * (high - low), 0.5 * (high + low)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder, "macromodel.lib")
         place.write_text("\n".join(cards_of_models(deck.lines)) + "\n")
         try:
             try:
-                found = import_opamp(str(place), name, ROLES, supply)
+                found = import_opamp(str(place), name, ROLES, half, middle=middle)
             except InputError as error:
                 if "exchange the roles" not in str(error):
                     raise
                 turned = (ROLES[1], ROLES[0], *ROLES[2:])
-                found = import_opamp(str(place), name, turned, supply)
+                found = import_opamp(str(place), name, turned, half, middle=middle)
         except InputError as error:
             text = str(error).replace(str(place), deck.file.name)
             raise InputError(deck.file, Complaint(f".subckt {name}", "", text)) from None

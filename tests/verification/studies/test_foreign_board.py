@@ -298,15 +298,78 @@ def test_an_opamp_of_a_vendor_is_replaced(tmp_path: Path) -> None:
     assert found.outputs[0].rest - found.outputs[0].before == pytest.approx(-0.01, rel=1e-3)
 
 
-def test_a_single_supply_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "fet100.lib").write_bytes(Path("tests/data/fet100.cir").read_bytes())
-    place = tmp_path / "single.cir"
-    place.write_text(
-        "t\n.include fet100.lib\nVp vp 0 5\nR1 in x 1k\nX1 in x vp 0 out FET100\nR2 out x 1k\n"
-        "V1 in 0 1\n.end\n"
+@pytest.fixture
+def powered(tmp_path: Path) -> Read:
+    """Read a deck with op-amps of a vendor between lines that hold their supplies."""
+
+    def board(text: str) -> ForeignBoard:
+        (tmp_path / "fet100.lib").write_bytes(Path("tests/data/fet100.cir").read_bytes())
+        place = tmp_path / "single.cir"
+        place.write_text(f"single\n.include fet100.lib\n{text}\n.end\n")
+        return read_board(place)
+
+    return board
+
+
+INVERTER = "R1 in x 10k\nR2 x out 10k\nC2 x out 10p\nX1 ref x vp {low} out FET100\n.tran 1n 10u\n"
+
+
+def test_a_single_supply_shifts_all_voltages(powered: Read) -> None:
+    """The macromodel knows its supplies only: at 2 V and 26 V it is the op-amp at ±12 V."""
+    found = []
+    for low, middle in ((-12.0, 0.0), (2.0, 14.0)):
+        lines = (
+            f"Vp vp 0 {middle + 12.0}\nVm vm 0 {low}\nVref ref 0 {middle}\n"
+            f"V1 in 0 PULSE({middle} {middle + 0.01} 1u)\n"
+        )
+        board = powered(lines + INVERTER.format(low="vm"))
+        check = check_board(board.circuit, wanted(), initial=board.initial, witness=board.witness)
+        assert check.checks[0].outcome.value == "pass", check.checks[0].reason
+        (row,) = check.outputs
+        assert row.rest is not None
+        assert row.before is not None
+        found.append((row.before - middle, row.rest - middle, check.poles.rightmost.real))
+    assert found[0] == pytest.approx(found[1], rel=1e-4, abs=1e-6)
+    assert found[1][1] - found[1][0] == pytest.approx(-0.01, rel=1e-3)
+
+
+def test_each_opamp_has_its_own_supplies(powered: Read) -> None:
+    """Two inverters, at ±12 V and at 0 V and 24 V by way of two sources in series."""
+    board = powered(
+        "Vp vp 0 12\nVm 0 vm 12\nVh vh vp 12\nVr r 0 12\nV1 in 0 PULSE(0 10m 1u)\n"
+        "R1 in x 10k\nR2 x a 10k\nX1 0 x vp vm a FET100\n"
+        "R3 a y 10k\nR4 y out 10k\nX2 r y vh 0 out FET100\n.save v(out)"
     )
-    with pytest.raises(InputError, match="supplies of ±V about ground"):
-        read_board(place)
+    assert {(model.supply, model.middle) for model in board.opamps.values()} == {
+        (12.0, 0.0),
+        (12.0, 12.0),
+    }
+    (row,) = checked(board).outputs
+    assert row.before == pytest.approx(24.0, rel=1e-4)  # 2 x 12 V less the output of the first one
+    assert row.rest == pytest.approx(24.01, rel=1e-4)
+
+
+def test_an_output_beyond_its_swing_is_said(powered: Read) -> None:
+    lines = "Vp vp 0 24\nVref ref 0 0\nV1 in 0 PULSE(0 1 1u)\n" + INVERTER.format(low="0")
+    notes = checked(powered(lines)).notes
+    assert any("would rest at -0.9999 V, beyond its swing" in note for note in notes)
+
+
+def test_supplies_are_not_switched_on(powered: Read) -> None:
+    lines = "Vp vp 0 24\nVref ref 0 12\nV1 in 0 12.01\n" + INVERTER.format(low="0")
+    assert powered(lines).notes[0].endswith("switched on at t = 0: Vref, V1")
+
+
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        ("Vp v 0 24\nRp v vp 10\n", "voltage sources that hold both nodes, such as 'VP vp 0 5'"),
+        ("Vp vp 0 -5\n", "-5 V and 0 V: the supplies of x1 .* need V. above V-"),
+    ],
+)
+def test_supplies_that_no_source_holds_are_refused(lines: str, says: str, powered: Read) -> None:
+    with pytest.raises(InputError, match=says):
+        powered(lines + "Vref ref 0 12\nV1 in 0 12\n" + INVERTER.format(low="0"))
 
 
 @pytest.mark.parametrize("name", DECKS)

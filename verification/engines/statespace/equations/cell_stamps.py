@@ -273,24 +273,26 @@ def stamp_imported(stamper: Stamper, cells: Sequence[OpAmpCell], pins: Ints) -> 
             continue
         if not model.impedance.constant > 0.0:
             raise EngineError(f"op-amp {cell.model} has no output resistance at high frequencies")
-        _inputs(stamper, model, (plus, minus))
+        imported = stamper.circuit.models[cell.model].imported
+        middle = 0.0 if imported is None else imported.middle
+        _inputs(stamper, model, (plus, minus), middle)
         (current,) = stamper.nodes([f"x{cell.name}.i"]).tolist()
         _add(stamper, current, ((out, -1.0), (current, model.impedance.constant)))
         constant = model.gain.constant
         _add(stamper, current, ((plus, constant), (minus, -constant)))
-        _bias(stamper, current, model.rest - constant * model.offset)
+        _bias(stamper, current, middle + model.rest - constant * model.offset)
         stamper.currents.add(np.array([out]), np.array([current]), np.array([-1.0]))
         _states(stamper, cell, model, current, (plus, minus))
 
 
-def _inputs(stamper: Stamper, model: LinearModel, pins: tuple[int, int]) -> None:
+def _inputs(stamper: Stamper, model: LinearModel, pins: tuple[int, int], middle: float) -> None:
     """Stamp conductance, capacitance and bias current of both inputs."""
     for pin in pins:
         one = np.array([pin])
         stamper.currents.add(one, one, np.array([-model.conductance]))
         stamper.mass.add(one, one, np.array([model.capacitance]))
         # The conductance already takes its part of the current at the voltage of the measurement.
-        part = model.conductance * (model.rest if pin == pins[1] else 0.0)
+        part = model.conductance * (middle + (model.rest if pin == pins[1] else 0.0))
         stamper.constant_currents.append((one, np.array([part - model.bias_current])))
 
 
