@@ -80,7 +80,8 @@ class ActiveSet:
         Raises
         ------
         EngineError
-            The equations have no state-space form there.
+            The equations have no state-space form there, or amplifiers drive their own inputs
+            without delay by a gain above 1.
         """
         devices = descriptor.devices
         ends = [np.concatenate([[-np.inf], each, [np.inf]]) for each in breaks]
@@ -100,7 +101,15 @@ class ActiveSet:
         b[devices.output, 1] += -devices.u_scale * value - slopes * inside
         b[devices.output, 2 + np.arange(devices.count)] = 1.0
         point = Equilibrium(descriptor, z, slopes, 0.0, 0)
-        return cls(segments, driven(descriptor, point, b), low, high, slopes, b[:, 0] + b[:, 1])
+        space = driven(descriptor, point, b)
+        if not _one_solution(space, slopes):
+            names = ", ".join(descriptor.names[k] for k in devices.output.tolist())
+            raise EngineError(
+                f"of the amplifiers {names} some drive their own inputs without delay, by a gain"
+                " above 1: the board has several voltages for one state, and jumps."
+                " Give the op-amps a bandwidth, or the signal nodes a capacitance"
+            )
+        return cls(segments, space, low, high, slopes, b[:, 0] + b[:, 1])
 
     @property
     def rightmost(self) -> complex:
@@ -137,6 +146,18 @@ class ActiveSet:
         space = self.space
         zero = space.state_of(np.zeros(space.descriptor.size))
         return np.stack([space.state_of(e) - zero for e in np.eye(space.descriptor.size)], axis=1)
+
+
+def _one_solution(space: StateSpace, slopes: Floats) -> bool:
+    """Whether the amplifiers' inputs follow from the states as if nothing came back at once.
+
+    With the gains L of the way from the outputs to the inputs that needs no time, the inputs solve
+    ``y = L g(y) + ...``: the sign of ``det(1 - S L)`` is then that of no way at all, 1. With one
+    sign on all pieces, none turns back at a break.
+    """
+    G = space.D[space.descriptor.devices.input, 2:]  # L (1 - S L)^-1
+    sign, _ = np.linalg.slogdet(np.eye(len(slopes)) + slopes[:, None] * G)
+    return bool(sign > 0.0)
 
 
 def _one(gain: Gain, name: str, y: float) -> float:

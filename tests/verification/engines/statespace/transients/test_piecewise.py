@@ -9,16 +9,28 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.circuit import (
+    Capacitor,
+    CurrentSource,
+    OpAmpCell,
+    Output,
+    Resistor,
+    SignalAmplifier,
+)
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.opamp import OpAmp
+from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import piecewise, simulate
 from taction.verification.engines.statespace.transients.piecewise import PiecewiseCurve
+from tests.support.boards import bare
 from tests.support.kinked import kinked_transient
 from tests.support.piecewise_boards import compare_board
 
 SCENES = Path(__file__).parents[5] / "scenes"
+RC = 1e-5  # s
 OPAMP = {"base": "ideal", "dc_gain": 1e5, "gbw": 718e3, "second_pole": 2.154e6}
 
 
@@ -120,3 +132,55 @@ def test_an_unstable_board_that_saturates_has_a_limit_cycle() -> None:
     record = piecewise.simulate(board, Transient(2e-5, 1e-7))
     assert any("stable limit cycle" in flag for flag in record.flags)
     assert curve_of(one_channel(0.3, 500e-12), 1e-3).limit_cycle() is None
+
+
+def own_driver(loop: float, kind: str, amps: float, farads: float = 0.0) -> LinearBoard:
+    """``v = (1 - s) x + s y``, y = 10 (g(v) of 0.1 V): a loop gain of ``loop = 10 s`` at once.
+
+    x is a capacitor that `amps` charge through a resistor, both of 1 / `RC`; `farads` delay v.
+    """
+    ohms, share = 1e4, 0.1 * loop
+    delays = (Capacitor("Cv", "v", "0", farads),) if farads else ()
+    circuit = bare(
+        models={"op": OpAmp("op", 1e9)},
+        amplifier=kind,
+        opamps=(OpAmpCell("Xb", "op", "x", "b", "b"), OpAmpCell("Xi", "op", "0", "j", "y")),
+        amplifiers=(SignalAmplifier("B", kind, "v", "m", 1.0, 0.1),),
+        resistors=(
+            Resistor("R", "x", "0", ohms), Resistor("R1", "m", "j", ohms),
+            Resistor("R2", "j", "y", ohms), Resistor("Ra", "b", "v", ohms / (1.0 - share)),
+            Resistor("Rb", "y", "v", ohms / share),
+        ),
+        capacitors=(Capacitor("C", "x", "0", RC / ohms), *delays),
+        currents=(CurrentSource("I", "x", amps),),
+        outputs=(Output("y", 1.0),),
+    )  # fmt: skip
+    return LinearBoard(circuit)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_board_that_would_jump_at_a_break_is_refused_in_words(sign: float) -> None:
+    """Up to a loop gain of 1 there is one voltage for each state; above 1 a delay decides."""
+    stop, amps = 30.0 * RC, sign * 1e-5
+    x = sign * 0.1 * -np.expm1(-np.linspace(0.0, 30.0, 61))
+    for loop in (0.3, 0.99):
+        share = 0.1 * loop
+        record = piecewise.simulate(
+            own_driver(loop, "saturation", amps), Transient(stop, RC),
+            times=np.linspace(0.0, stop, 61),
+        )  # fmt: skip
+        inner = 10.0 * (1.0 - share) * x / (1.0 - loop)
+        assert record.values[:, 0] == pytest.approx(np.clip(inner, -1.0, 1.0), abs=1e-6)
+    jumping = own_driver(1.1, "saturation", 10.0 * amps)
+    with pytest.raises(EngineError, match=r"amplifiers m .* by a gain above 1: .* and jumps"):
+        piecewise.simulate(jumping, Transient(stop, RC))
+    delayed = own_driver(1.1, "saturation", 10.0 * amps, farads=1e-12)
+    assert piecewise.simulate(delayed, Transient(stop, RC)).values[-1] == pytest.approx([sign])
+
+
+def test_an_amplifier_may_start_on_its_break_and_drive_itself() -> None:
+    """It was refused: the voltages beside which a jump counts were still zero."""
+    board = own_driver(0.5, "rectifier", -1e-5)
+    curve = curve_of(board, 10.0 * RC)
+    assert [piece.active.segments for piece in curve.pieces] == [(1,), (0,)]
+    assert not curve.at(np.linspace(0.0, 10.0 * RC, 50)).any()
