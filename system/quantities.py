@@ -154,7 +154,7 @@ def show(value: float, unit: str, digits: int = 4) -> str:
     """
     unit = "/s" if unit == "1/s" else unit
     if value == 0 or not math.isfinite(value):
-        return f"{value:g} {unit}".rstrip()
+        return f"{value + 0.0:g} {unit}".rstrip()  # -0.0 + 0.0 is 0.0
     if unit == "/s" and abs(value) < 1.0:
         return f"{value:.{digits}g} /s"
     if unit == "V/s":  # as data sheets have it

@@ -116,6 +116,7 @@ def test_any_text_gives_a_number_or_a_message(text: str, unit: str) -> None:
         (1e-11, "F", "10 pF"),
         (-3.313e-7, "S", "-331.3 nS"),
         (0.0, "V", "0 V"),
+        (-0.0, "Hz", "0 Hz"),
         (float("inf"), "s", "inf s"),
         (1.786e6, "ohm", "1.786 Mohm"),
         (-23100.0, "1/s", "-23.1 k/s"),

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import LIMITS, Point, SweepAxis, read_ends, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
@@ -23,18 +24,11 @@ from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
-from taction.system.errors import (
-    Complaint,
-    EngineError,
-    InputError,
-    NoVerdictError,
-)
+from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
 from taction.system.quantities import fraction, number
 from taction.verification.design.ranges import SearchRange
 from taction.verification.design.scaling import SHARE, SMALLER, rescaled
-from taction.verification.design.trials import (
-    at_small_signal,
-)
+from taction.verification.design.trials import at_small_signal
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.reference.lambda_rule import read_scene
@@ -238,24 +232,29 @@ def _names(request: ChoiceRequest) -> Sequence[str]:
 
 
 def choice_base(scene: Scene, request: ChoiceRequest) -> Scene:
-    """Return the scene with the limits of a request, its lambda as a number, and its first op-amp.
+    """Return the scene with the limits of a request, its lambda, and an op-amp for its supply.
+
+    Lambda is a number, and the op-amp the first of the request that works at the supply.
 
     Raises
     ------
     InputError
-        An op-amp is unknown, or a limit is no value of its key.
+        An op-amp is unknown, a limit is no value of its key, or no op-amp works at the supply.
     """
     lam = ideal_network(make_problem(scene), scene).lam
     limits = {path: value for path, value in (request.limits or {}).items() if value is not None}
-    return with_values(
-        scene,
-        {
-            **limits,
-            **({"design.lambda": lam} if lam > 0.0 else {}),
-            "design.opamp": _names(request)[0],
-            ERRORS: scene.design.opamp.input_errors,
-        },
-    )
+    changed = {
+        **limits,
+        **({"design.lambda": lam} if lam > 0.0 else {}),
+        ERRORS: scene.design.opamp.input_errors,
+    }
+    bases = [with_values(scene, {**changed, "design.opamp": name}) for name in _names(request)]
+    for base in bases:
+        with suppress(InputError):
+            choose_opamp(base)
+            return base
+    choose_opamp(bases[0])
+    return bases[0]
 
 
 def base_of(scene: str | Path | Scene, request: ChoiceRequest) -> tuple[Scene, Scene]:

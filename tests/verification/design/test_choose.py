@@ -126,11 +126,18 @@ def test_series_join_values() -> None:
         (ChoiceRequest(["tl084"], "2pF:1pF"), "--c-range"),
         (ChoiceRequest(["tl084"], "", "1M:x"), "gain"),
         (ChoiceRequest(["tl084"], limits={"checks.settling_time.max": "10 F"}), "settling_time"),
+        (ChoiceRequest(["ua741", "lf353"], limits={"design.supply": 2.5}), "ua741 works at"),
     ],
 )
 def test_requests_that_cannot_be(request_: ChoiceRequest, text: str) -> None:
     with pytest.raises(InputError, match=text):
         choice_plan(scene(), request_)
+
+
+def test_an_op_amp_that_does_not_work_at_the_supply_costs_only_its_own_designs() -> None:
+    request = ChoiceRequest(["ua741", "opa189"], points=2, limits={"design.supply": 2.5})
+    plan = choice_plan(scene(), request)
+    assert (plan.scene.design.opamp.base, plan.shape) == ("opa189", (8,))
 
 
 def test_the_order_is_that_of_the_worst_share() -> None:

@@ -141,6 +141,8 @@ def _parts(found: BoardCheck) -> Iterator[Block]:
         "unstable below": lambda each: _edge(each, each.below),
         "unstable above": lambda each: _edge(each, each.above),
     }
+    if not any(each.frequency for each in found.parts):  # the rightmost pole is real
+        del columns["and"]
     yield Table.of(
         "", found.parts, columns, PART_WORDS, most={"terminal": PARTS}, more="--json has all"
     )
