@@ -83,10 +83,10 @@ class Dense:
     tails: list[float] = field(default_factory=list)
     failure: str = ""
 
-    def checked(self) -> Dense:
-        """Return this output; raise EngineError where there is no solution."""
+    def checked(self, board: str) -> Dense:
+        """Return this output; raise EngineError, with the name of the board, without a solution."""
         if self.failure:
-            raise EngineError(self.failure)
+            raise EngineError(f"board {board!r}: {self.failure}; try --engine ngspice")
         return self
 
     def unresolved(self, whole: Dense) -> float:
@@ -276,7 +276,10 @@ class RadauIntegrator:
         length = now.base * np.exp2(now.level)
         small = (length <= EPS * now.t) | (now.level < SMALLEST)
         for row in np.flatnonzero(small).tolist() if small.any() else ():
-            text = f"the time step fell below the rounding of {now.t[row].item()!r} s"
+            text = (
+                f"no solution after {now.t[row].item()!r} s: steps down to"
+                f" {length[row].item():.3g} s have errors above {now.tolerance[row].item():.3g} V"
+            )
             self.out[now.place[row]].failure = text
         step = self.board.step(length, now.slopes)
         with np.errstate(invalid="ignore", over="ignore"):

@@ -120,7 +120,7 @@ class StateBoard:
         """Return the states of all unknowns, (n,)."""
         return self.space.state_of(unknowns)
 
-    def start(self, state: Floats, amplifiers: Amplifiers) -> Floats:
+    def start(self, state: Floats, amplifiers: Amplifiers) -> tuple[Floats, Floats]:
         """See `StructuredBoard`."""
         m, watched = self.count, self.C @ state + self.D
         inputs, H = watched[:m], self.H[:m]
@@ -131,7 +131,7 @@ class StateBoard:
         outputs = amplifiers.outputs(inputs[None, :, None])[0, :, 0]
         if not np.all(np.isfinite(outputs)):
             raise EngineError(BEYOND)
-        return np.append(inputs, (watched + self.H @ outputs)[m:])
+        return state, np.append(inputs, (watched + self.H @ outputs)[m:])
 
     def equations(self, amplifiers: Amplifiers) -> tuple[Function, Function, Function]:
         """Return rate, Jacobian and watched voltages of states, for other integrators.

@@ -106,6 +106,7 @@ class ReportedOutputs:
 class SteppedRun:
     """One integration of a board, with what another one of it needs."""
 
+    name: str  # of the board
     board: StateBoard | StructuredBoard
     modes: Modes | None  # of a board at its slopes at rest, where they are a basis for the steps
     reported: ReportedOutputs
@@ -125,8 +126,7 @@ class SteppedRun:
         reported = ReportedOutputs(board, nodes)
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
         equations, slopes, modes = _equations(board, reported, unknowns)
-        state = equations.state(unknowns)
-        start = equations.start(state, reported.amplifiers)
+        state, start = equations.start(equations.state(unknowns), reported.amplifiers)
         amplitude = float(reported.distance(start[None])[0])
         devices = board.descriptor.devices
         inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
@@ -142,8 +142,8 @@ class SteppedRun:
         if finest < EPS * largest and isinstance(equations, StateBoard):
             equations, modes = StateBoard(board.open_loop, reported.others, slopes), None
         return cls(
-            equations, modes, reported, state, start, slopes, tolerance * unit, unit, stop * FIRST,
-            ESCAPED * (largest or 1.0), stop,
+            board.circuit.name, equations, modes, reported, state, start, slopes, tolerance * unit,
+            unit, stop * FIRST, ESCAPED * (largest or 1.0), stop,
         )  # fmt: skip
 
     @property
@@ -293,7 +293,7 @@ class Task:
 
     def record(self, run: SteppedRun, dense: Dense, seconds: float) -> Waveforms:
         """Return the record of an integration; errors as `simulate`."""
-        ended, times = min(dense.checked().ends[-1], self.stop), self.times
+        ended, times = min(dense.checked(run.name).ends[-1], self.stop), self.times
         diverges = f"the board diverges: it passes {run.limit:.3g} V at {show(ended, 's')}"
         instants = record_times(self.analysis, ended) if times is None else times
         if times is not None and dense.escaped:
@@ -376,7 +376,7 @@ def halved(first: Waveforms) -> Waveforms:
         raise EngineError("the first run is not one of the integrator's")
     if not curve.halves:
         _halve([curve])
-    dense = curve.halves[0].checked()
+    dense = curve.halves[0].checked(curve.run.name)
     found = _record(curve.run, dense, first.time, clock.perf_counter() - began, ())
     return replace(
         found, flags=first.flags, rounding=found.rounding + dense.unresolved(curve.dense)

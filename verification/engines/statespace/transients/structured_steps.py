@@ -104,10 +104,12 @@ class StructuredBoard:
         rate[self.outputs] += outputs
         return np.asarray(rate)
 
-    def start(self, state: Floats, amplifiers: Amplifiers) -> Floats:
-        """Return inputs and watched nodes just after the strain step, V, (m + K,).
+    def start(self, state: Floats, amplifiers: Amplifiers) -> tuple[Floats, Floats]:
+        """Return the state, and inputs and watched nodes, V, (m + K,), just after the strain step.
 
-        By Newton's method on a step in which no charge moves.
+        By Newton's method on a step in which no charge moves. Unknowns without a charge jump, such
+        as the difference of the inputs of an op-amp with an offset: the state just before the step
+        has others than the voltages that the steps start from.
 
         Raises
         ------
@@ -132,7 +134,7 @@ class StructuredBoard:
             size = float(np.abs(change).max()) / max(float(np.abs(now).max()), 1e-300)
             # Below a correction that no longer shrinks there is only rounding.
             if size <= SETTLED or STALLED >= size >= 0.5 * before:
-                return np.asarray(now[self.places])
+                return now, np.asarray(now[self.places])
             before = size
         raise EngineError(BEYOND)
 

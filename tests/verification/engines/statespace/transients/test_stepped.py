@@ -23,10 +23,14 @@ from taction.system.errors import DivergesError, EngineError
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import start
+from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
+from taction.verification.engines.statespace.transients import integrator
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.small_steps import StateBoard
 from taction.verification.engines.statespace.transients.stepped import SteppedRun
+from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
+from taction.verification.verdict.opamp_level import large_signal
 from tests.support.boards import board, kernel, lone_amplifier, strain, two_pole
 
 
@@ -178,12 +182,43 @@ def test_an_op_amp_that_rests_beyond_its_current_limit(ngspice: str, current: st
         np.ones((1, 1)), np.full(1, 8.0), capacitance=1e-10, gain=1e5, opamp=opamp, lam=0.1,
         unit_conductance="10uS", stray_capacitance=5e-12,
     )  # fmt: skip
-    circuit, analysis = synthesise(scene), Transient(2e-4, 4e-9)
     times = np.array([1e-5, 2e-5, 4e-5, 6e-5, 1.2e-4, 1.83e-4])
-    found = simulate(circuit, analysis, times=times, tolerance=5e-5)
-    simulator = find_simulator()
+    circuit = large_signal(synthesise(scene))
+    found, wanted = beside_ngspice(circuit, Transient(2e-4, 4e-9), times)
+    assert found == pytest.approx(wanted, abs=1e-3)
+
+
+@pytest.mark.parametrize("offset", ["-20mV", "3mV"])
+def test_inputs_without_charge_jump_on_a_large_board_too(
+    ngspice: str, offset: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The offset is between the inputs at once; no step was found from the discharged board."""
+    monkeypatch.setattr(descriptor, "LARGE", 0)
+    opamp = {"base": "tl084", "offset_voltage": offset, "level": "large-signal"}
+    scene = Scene.from_arrays(
+        np.array([[1.0, 0.4], [0.3, -0.8]]), np.array([1.0, 0.5]), capacitance=2.2e-10,
+        gain=5e5, opamp=opamp, lam=0.1, unit_conductance="2uS", stray_capacitance=2e-12,
+    )  # fmt: skip
+    circuit, times = large_signal(synthesise(scene)), np.array([1e-7, 1e-6, 1e-5, 1e-4, 4e-4])
+    nodes = LinearBoard(circuit).reported(None)
+    run = SteppedRun.of(LinearBoard(circuit), nodes, Transient(4e-4, 2e-8), 5e-5, 4e-4)
+    assert isinstance(run.board, StructuredBoard)
+    found, wanted = beside_ngspice(circuit, Transient(4e-4, 2e-8), times)
+    assert np.abs(wanted).max() > 0.3
+    assert found == pytest.approx(wanted, abs=2e-4)
+
+
+def beside_ngspice(circuit: Circuit, analysis: Transient, times: Floats) -> tuple[Floats, Floats]:
+    """Return the outputs at `times` by the engine, and by ngspice."""
+    found, simulator = simulate(circuit, analysis, times=times, tolerance=5e-5), find_simulator()
     deck = write_deck(circuit, analysis, solver=simulator.solver_option)
     record = start(deck, simulator, timeout=60.0).result()
-    for k, node in enumerate(found.nodes):
-        wanted = np.interp(times, record.time, record[node])
-        assert found.values[:, k] == pytest.approx(wanted, abs=1e-3)
+    wanted = [np.interp(times, record.time, record[node]) for node in found.nodes]
+    return found.values, np.stack(wanted, axis=1)
+
+
+def test_a_board_without_a_solution_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(integrator, "SMALLEST", 20)  # no step is allowed
+    circuit = replace(breadboard(), name="seven")
+    with pytest.raises(EngineError, match=r"'seven': no solution after 0.0 s: .*--engine"):
+        simulate(circuit, Transient(2e-5, 1e-7))

@@ -122,7 +122,7 @@ def test_amplifiers_of_several_boards_against_their_closed_forms() -> None:
     for out, stop in zip(outs, (1.0, 3.0, 2.0), strict=True):
         t = np.linspace(0.0, stop, 50)
         wanted = 1.0 / (2.0 * np.exp(t) - 1.0)  # of x' = -x - x^2
-        assert out.checked().at(t)[:, 0] == pytest.approx(wanted, abs=1e-8)
+        assert out.checked("drawn").at(t)[:, 0] == pytest.approx(wanted, abs=1e-8)
 
 
 def test_joined_modes_have_a_matrix_in_the_place_of_poles() -> None:
@@ -141,7 +141,7 @@ def test_joined_modes_have_a_matrix_in_the_place_of_poles() -> None:
         (out,) = RadauIntegrator(small, reported, present).run(3.0 * one)
         t = np.linspace(0.0, 3.0, 60)
         wanted = [(1.0 + t) * np.exp(-t), np.exp(-t), np.exp(-30.0 * t)]
-        assert out.checked().at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)
+        assert out.checked("drawn").at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)
 
 
 def test_each_mode_has_the_place_of_its_conjugate() -> None:
