@@ -44,6 +44,7 @@ def verified(ngspice: str) -> Verdict:
     return verify(load_scene(PATH))
 
 
+@mpmath.workdps(30)
 def stage_output(name: str, v: float, celsius: float = 27.0) -> float:
     """Solve the circuit of one stage with ideal op-amps, V; currents by the textbook's model.
 

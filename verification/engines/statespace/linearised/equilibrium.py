@@ -9,6 +9,7 @@ on ``|F|`` converges from any start in ``q = y + diag(H) g(y)`` (see `amplifier_
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,16 +102,22 @@ def solve_equilibrium(
 
 
 def _near_solution(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
-    """Return ``y + H g(y) = a`` and the steps, near enough for `_polish`."""
-    try:
-        return solve_loop(H, a, gain)
-    except EngineError:
-        h = coordinate(H)
-        for begin in (a, h * gain.value(np.zeros_like(a))):
-            y, steps, done = natural_newton(H, h, a, gain, begin)
-            if done:
-                return y, steps
-        raise
+    """Return ``y + H g(y) = a`` and the steps, near enough for `_polish`.
+
+    Where rounding of H hides the end, steps of another damping go on from where each stage of the
+    homotopy ended, the last one first: a start far from there may find another solution, as the
+    loop of stages of transistors around op-amps without limits need not be monotone.
+    """
+    h, ends = coordinate(H), list[Floats]()
+    for y, steps, done in _stages(H, h, a, gain):
+        if done:
+            return y, steps
+        ends.append(y + h * gain.value(np.minimum(y, gain.upper)))
+    for begin in (*reversed(ends), a, h * gain.value(np.zeros_like(a))):
+        y, taken, done = natural_newton(H, h, a, gain, begin)
+        if done:
+            return y, steps + taken
+    raise _no_equilibrium(steps)
 
 
 def equilibrium_near(
@@ -251,22 +258,33 @@ def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
     EngineError
         A stage did not converge within `MAX_STEPS`.
     """
-    h = coordinate(H)
+    for y, steps, done in _stages(H, coordinate(H), a, gain):
+        if done:
+            return y, steps
+    raise _no_equilibrium(steps)
+
+
+def _stages(H: Floats, h: Floats, a: Floats, gain: Gain) -> Iterator[tuple[Floats, int, bool]]:
+    """Yield where Newton's steps end, all steps so far, and whether ``y + H g(y) = a`` there.
+
+    First without homotopy, then each of its stages, the last of which is without it again.
+    """
     y, steps, done = _newton(H, h, a, gain, a.copy())
-    if done:
-        return y, steps
-    q = a.copy()
+    yield y, steps, done
+    q, rows = a.copy(), np.abs(H).sum(axis=1)
     for stage in (*STAGES, 0.0):
-        extra = stage * np.abs(H).sum(axis=1)
+        extra = stage * rows
         y, taken, done = _newton(H + np.diag(extra), h + extra, a, gain, q)
         steps += taken
-        following = max(stage * 1e-2, 0.0) * np.abs(H).sum(axis=1)
-        q = y + (h + following) * gain.value(np.minimum(y, gain.upper))
-    if not done:
-        message = f"no equilibrium found in {steps} Newton steps: the loop through the signal \
-amplifiers has no bounded solution within the range of floats, or is not monotone"
-        raise EngineError(message)
-    return y, steps
+        yield y, steps, done and stage == 0.0
+        q = y + (h + 1e-2 * extra) * gain.value(np.minimum(y, gain.upper))
+
+
+def _no_equilibrium(steps: int) -> EngineError:
+    return EngineError(
+        f"no equilibrium found in {steps} Newton steps: the loop through the signal amplifiers has"
+        " no bounded solution within the range of floats, or is not monotone"
+    )
 
 
 def coordinate(H: Floats) -> Floats:
