@@ -10,6 +10,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import ResistorMatrix
 from taction.netlist_gen.board.devices import Device, Logarithmic, load_devices
+from taction.netlist_gen.board.foreign_arrays import read_devices, read_wires
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.board.wired_arrays import as_ohms
 from taction.netlist_gen.board.wires import Wires, compensated
@@ -28,13 +29,11 @@ FIGURES = {
 
 def built(matrix: ResistorMatrix, scene: Scene, device: Device | None) -> ResistorMatrix:
     """Return a matrix with the wires and devices of its scene, and with what compensates wires."""
-    wires, ohms = None, matrix.ohms
-    if not scene.wires.ideal:
-        wires = Wires(**scene.wires.model_dump(exclude={"compensate"}))
-        if scene.wires.compensate:
-            siemens = np.where(matrix.negative, -1.0, 1.0) / ohms
-            ohms = as_ohms(np.abs(compensated(siemens, wires, by_column=matrix.by_column)))
-            ohms = nearest(ohms, scene.design.resistor_series)
+    wires, ohms = wires_of(scene), matrix.ohms
+    if wires is not None and scene.wires.compensate:
+        siemens = np.where(matrix.negative, -1.0, 1.0) / ohms
+        ohms = as_ohms(np.abs(compensated(siemens, wires, by_column=matrix.by_column)))
+        ohms = nearest(ohms, scene.design.resistor_series)
     ohms = as_programmed(ohms, device)
     if wires is not None and scene.wires.compensate:
         scale = np.divide(ohms, matrix.ohms, out=np.ones_like(ohms), where=np.isfinite(ohms))
@@ -47,19 +46,42 @@ def as_programmed(ohms: Floats, device: Device | None) -> Floats:
     return ohms if device is None else as_ohms(device.drifted(device.settable(1.0 / ohms)))
 
 
+def wires_of(scene: Scene) -> Wires | None:
+    """Return the wires of a scene; None for ideal ones.
+
+    Raises
+    ------
+    InputError
+        As `read_wires`.
+    """
+    asked = scene.wires
+    if asked.ideal:
+        return None
+    found = {} if asked.file is None else read_wires(scene.folder / asked.file)
+    found |= asked.model_dump(exclude={"compensate", "file"}, exclude_unset=True)
+    wires = Wires(**found)
+    return wires if any((wires.word_line, wires.bit_line, wires.driver, wires.sense)) else None
+
+
 def device_of(scene: Scene) -> Device | None:
     """Return the devices of a scene; None for resistors.
 
     Raises
     ------
     InputError
-        A window or levels that are none.
+        A window or levels that are none; or as `read_devices`.
     """
     asked = scene.devices
     if not asked.model_fields_set:
         return None
     device = Device() if asked.cell is None else load_devices()[asked.cell]
-    given: dict[str, Any] = asked.model_dump(exclude={"cell"}, exclude_none=True)
+    if asked.file is not None:
+        if asked.cell is not None:
+            text = "excludes 'cell': give one of the two"
+            raise InputError(scene.file, Complaint("devices.file", repr(asked.file), text))
+        own = asked.read_noise is not None
+        device = read_devices(scene.folder / asked.file, read_noise=own)
+    given: dict[str, Any] = asked.model_dump(exclude={"cell", "file"}, exclude_none=True)
     for key, name in FIGURES.items():
         if key in given:
             given[name] = given.pop(key)

@@ -13,7 +13,7 @@ from taction.netlist_gen.scene.keys import all_keys
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import written
 
-FILES = ("matrix", "strain", "stress", "file")  # keys of `problem` and of its load that are files
+FILES = ("matrix", "strain", "stress", "file")  # keys that are files
 
 
 def scene_text(scene: Scene, folder: str | Path | None = None) -> str:
@@ -46,7 +46,7 @@ def scene_text(scene: Scene, folder: str | Path | None = None) -> str:
     units = {key.path: key.unit for key in all_keys(scene) if key.unit}
     data = scene.model_dump(by_alias=True, exclude_unset=True)
     if folder is not None:
-        _move(data.get("problem", {}), scene.folder, Path(folder))
+        _move(data, scene.folder, Path(folder))
     plain = [f"{key} = {_value(v, key, units)}" for key, v in data.items() if type(v) is not dict]
     tables = [plain] if plain else []
     for name, table in data.items():

@@ -99,7 +99,7 @@ WRONG = {
 @pytest.mark.parametrize("key", KEYS, ids=[key.path for key in KEYS])
 def test_every_key_with_every_kind_of_mistake(tmp_path: Path, key: Key) -> None:
     for kind, written in WRONG.items():
-        if key.path in {"name", "design.opamp.file"} and kind == "unit":
+        if (key.path == "name" or key.path.endswith(".file")) and kind == "unit":
             continue  # any text
         path, value = written(key)
         if kind == "range" and path == "checks.stability.margin":
