@@ -22,7 +22,7 @@ from taction.spice_models.foreign_expressions import (
     polynomial,
 )
 
-ALLOWED = re.compile(r"[a-z0-9_ .,+\-*/(){}=:^<>!?&|]*")
+ALLOWED = re.compile(r"[a-z0-9_ .,+\-*/(){}=:^<>!?&|#]*")
 _ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
 _COMMENT = re.compile(r"\s*(?:;|//|(?:^|(?<=\s))\$).*")
 
@@ -48,8 +48,8 @@ class Line:
         return RefusedError(self.number, reason, self.text)
 
 
-def logical_lines(content: bytes) -> list[Line]:
-    r"""Return the logical lines of a file, without empty ones.
+def logical_lines(content: bytes | str) -> list[Line]:
+    r"""Return the logical lines of a file, or of its text, without empty ones.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def logical_lines(content: bytes) -> list[Line]:
     [Line(number=2, text='r1 a b 1k tc1=0')]
     """
     found: list[Line] = []
-    text = content.decode("latin-1")  # of comments only: the rest is ASCII
+    text = content if isinstance(content, str) else content.decode("latin-1")
     for place, raw in enumerate(text.split("\n"), 1):
         # 0x1A ends a file of DOS; joined files have it between them.
         line = raw.strip("\x1a").removesuffix("\r").replace("\t", " ").strip(" ").lower()

@@ -1,4 +1,4 @@
-"""Flat linear cards of a deck, R C L K V I E F G H, as a `Circuit` without a topology.
+"""Flat linear cards of a deck, R C L K V I E F G H and linear B, as a `Circuit` without a topology.
 
 The roles of the parts are unknown: each part is a knob of its own. What a deck says of time is a
 step: a source rests at its value before the first change, and steps at t = 0 to its last one.
@@ -6,6 +6,7 @@ step: a source rests at its value before the first change, and steps at t = 0 to
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,6 +35,7 @@ from taction.netlist_gen.board.circuit import (
     Resistor,
     common_facts,
 )
+from taction.netlist_gen.deck.linear_expressions import affine
 from taction.netlist_gen.deck.macromodels import PINS, RAILS
 from taction.spice_models.foreign_expressions import number
 from taction.spice_models.opamp import OpAmp
@@ -55,7 +57,9 @@ IDLE = {"tc1", "tc2", "tc", "noisy", "temp", "dtemp"}  # without effect at 27 de
 NAMED = 4  # sources in a sentence
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
 _FIELD = re.compile(r"[^\s=]+\s*=\s*[^\s=]+|[^\s=(),]+")
-_WAVE = re.compile(r"\b(pulse|pwl|sin|exp|step)\s*\(?([^()]*)\)?")
+_WAVE = re.compile(r"\b(pulse|pwl|sine?|exp|step)\s*\(?([^()]*)\)?")
+_B = re.compile(r"(\S+) (\S+) ([vi]) ?= ?(.+)")
+FIXED = "fixed"  # kind of a source that is the constant of an expression
 _OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
 USUAL = ("out", "vout", "output", "vo", "o")  # names of an output, in this order
 
@@ -329,8 +333,36 @@ def _exponential(given: list[float], ac: bool) -> Stimulus:
     return Stimulus(given[0], given[1], given[2] if len(given) > 2 else 0.0, "exp", ac)
 
 
+def _expression(flat: Flat, name: str, text: str) -> None:
+    """Read a B card: a sum of voltages becomes sources in series, a sum of currents in parallel."""
+    if (match := _B.fullmatch(text)) is None:
+        raise ValueError("expected two nodes and v=... or i=...")
+    a, b, kind, formula = match.groups()
+    found = affine(formula)
+    if not all(map(math.isfinite, (found.constant, *found.terms.values()))):
+        raise ValueError("a number of the expression is not finite")
+    parts = [(probe, value) for probe, value in found.terms.items() if value]
+    if found.constant or not parts:
+        parts.append(((), found.constant))
+    nodes = [a, *(f"{name}#{k}" for k in range(1, len(parts))), b]
+    for k, (probe, value) in enumerate(parts):
+        card = f"{name}#{k}"
+        ends = (nodes[k], nodes[k + 1]) if kind == "v" else (a, b)
+        if not probe:
+            source = (VoltageBetween if kind == "v" else CurrentBetween)(card, *ends, value, value)
+            flat.stimuli[source.card] = Stimulus(value, value, kind=FIXED)
+            flat.branches.append(source)
+        elif probe[0] == "v":
+            by_voltage = VoltageByVoltage if kind == "v" else CurrentByVoltage
+            flat.branches.append(by_voltage(card, *ends, value, (probe[1], probe[2])))
+        else:
+            by_current = VoltageByCurrent if kind == "v" else CurrentByCurrent
+            flat.branches.append(by_current(card, *ends, value, f"V{probe[1][1:]}"))
+
+
 _WAVES = {
-    "pulse": _pulse, "step": _pulse, "pwl": _piecewise, "sin": _sine, "exp": _exponential,
+    "pulse": _pulse, "step": _pulse, "pwl": _piecewise, "sin": _sine, "sine": _sine,
+    "exp": _exponential,
 }  # fmt: skip
 _READERS: Mapping[str, Callable[[Flat, str, str], None]] = {
     "r": _resistor,
@@ -343,6 +375,7 @@ _READERS: Mapping[str, Callable[[Flat, str, str], None]] = {
     "g": _by_voltage(CurrentByVoltage),
     "f": _by_current(CurrentByCurrent),
     "h": _by_current(VoltageByCurrent),
+    "b": _expression,
 }
 
 
@@ -418,7 +451,8 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     moving = [card for card, found in flat.stimuli.items() if found.moves]
     if moving:
         return flat, f"step at t = 0: {_named(moving)}"
-    chosen = [card for card, found in flat.stimuli.items() if found.ac]
+    sources = [card for card, found in flat.stimuli.items() if found.kind != FIXED]
+    chosen = [card for card in sources if flat.stimuli[card].ac]
     if small:
         by_one = [
             _on(p, p.value + 1.0, p.value) if p.card in chosen and isinstance(p, Source) else p
@@ -428,7 +462,7 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
         return replace(flat, branches=by_one), text if chosen else "no source changes over time"
     supplies = {node for nodes in flat.rails.values() for node in nodes} - {GROUND}
     powering = {p.card for p in flat.branches if isinstance(p, Source) and supplies & {p.a, p.b}}
-    chosen = chosen or [card for card in flat.stimuli if card not in powering] or [*flat.stimuli]
+    chosen = chosen or [card for card in sources if card not in powering] or sources
     unit = {card for card in chosen if flat.stimuli[card].after == 0.0}
     if len(unit) == len(chosen):  # sources of an AC analysis have no value: they step to 1
         branches = [_on(p, 1.0) if p.card in unit else p for p in flat.branches]

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from taction.netlist_gen.deck.ltspice import LIBRARY, plain_cards, spelt
 from taction.spice_models.foreign_devices import Line, RefusedError, logical_lines
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
@@ -153,33 +154,41 @@ class _DeckReading:
 
     def _include(self, card: _Include, origin: Path) -> None:
         """Read the file that a card names, if it is inside the deck's folder."""
-        folder = self.deck.resolve().parent
+        folder, last = self.deck.resolve().parent, card.name.rpartition("/")[2]
         target = (origin.resolve().parent / card.name).resolve()
+        if not (target.is_relative_to(folder) and target.is_file()) and (folder / last).is_file():
+            target = (folder / last).resolve()
+            self.remarks.append(f"{card.name}: {last} in the deck's folder is read in its place")
+        elif not target.is_file() and LIBRARY.fullmatch(last):
+            self.remarks.append(f"{last}: a library of LTspice, which is not read")
+            return
         if not target.is_relative_to(folder):
-            text = "a file outside the deck's folder is not read; put it into the folder"
+            text = f"{card.name!r} is outside the deck's folder and not read; copy it there"
             raise card.refused(text)
         if not target.is_file():
-            raise card.refused(f"the deck's folder has no such file ({folder.name}/)")
+            raise card.refused(f"the deck's folder has no file {card.name!r} ({folder.name}/)")
         self.file(target, section=card.section)
 
     def _take(self, card: Card) -> None:
         word = card.word
-        if word in KEPT:
-            self.cards.append(card)
-        elif word in LEFT:
+        if word in LEFT:
             self.left.append(card)
-        elif word.startswith("."):
+        elif word.startswith(".") and word not in KEPT:
             accepted = " ".join((*KEPT, *FILES, *LEFT))
             raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
-        elif word[0] not in LETTERS:
+        elif word[0] not in f".{LETTERS}":
             raise card.refused(f"a device {word[0].upper()!r} is not accepted; {LINEAR}")
+        elif re.search(r"\blaplace\b", card.text):
+            text = "a transfer function (Laplace) is not read; expected its circuit of R, C, E"
+            raise card.refused(text)
         else:
-            self.cards.append(card)
+            number = card.line.number
+            self.cards += [Card(card.file, Line(number, each)) for each in plain_cards(card.text)]
 
 
 LINEAR = (
-    "accepted: linear parts R C L K V I E F G H, subcircuits X of them, and op-amps of vendors"
-    " (subcircuits with transistors, diodes or expressions and five ports)"
+    "accepted: linear parts R C L K V I E F G H, B with a linear expression, subcircuits X of them,"
+    " and op-amps of vendors (subcircuits with transistors, diodes or expressions and five ports)"
 )
 
 
@@ -222,7 +231,7 @@ def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterato
     if commands:
         remarks.append(f"{path.name}: {commands} lines of commands (.control) do not run")
     try:
-        lines = logical_lines("\n".join(raw).encode("latin-1", "xmlcharrefreplace"))
+        lines = logical_lines("\n".join(raw))
     except RefusedError as error:
         raise InputError(path, Complaint("deck", "", str(error))) from None
     for each in lines:
@@ -265,4 +274,4 @@ def _text(path: Path) -> str:
             text = content.decode("utf-8-sig")
         except UnicodeDecodeError:
             text = content.decode("latin-1")
-    return text.replace("\N{MICRO SIGN}", "u").replace("\N{GREEK SMALL LETTER MU}", "u")
+    return spelt(text)

@@ -6,19 +6,19 @@ each op-amp in ngspice's listing, and the model that replaces it.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from taction.netlist_gen.deck.foreign_deck import LINEAR, Card, ForeignDeck
+from taction.netlist_gen.deck.linear_expressions import without_poly
+from taction.netlist_gen.deck.ltspice import MISSING, OPAMPS, opamp_cards, plain_name
 from taction.spice_models.imported import ROLES
 
 NOT_LINEAR = re.compile(
     r"^(?:[dqjmsb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
 )
-MISSING = {"pi": f".param pi={math.pi!r}", "mc": ".func mc(x,tol) {x}"}
-"""What LTspice defines, by its name; a drawn value counts with its nominal one."""
+EXPRESSIONS = "befgh"  # letters of cards with an expression, which may be linear
 PINS = "e_taction_pins_"  # name of the card that stands for an op-amp: its pins and its model
 RAILS = "g_taction_rails"  # that of its supplies
 
@@ -64,24 +64,24 @@ def _called(card: Card) -> str:
 
 
 def vendors_of(deck: ForeignDeck, linearise: bool = False) -> tuple[str, ...]:
-    """Return the subcircuits to replace; InputError for a card that is not linear elsewhere.
+    """Return the subcircuits to replace; InputError for a device that is not linear elsewhere.
 
-    With `linearise` such a card stays where it is.
+    With `linearise` such a device stays where it is. An expression stays: it may be linear.
     """
     blocks, top = _blocks(deck)
     kinds: dict[str, bool] = {}
 
     def device(cards: Iterable[Card], path: tuple[str, ...]) -> Card | None:
-        """Return the first card that is not linear, beside op-amps that are replaced."""
-        first = None
+        """Return a card that may not be linear, beside replaced op-amps: a device first."""
+        doubtful = list[Card]()
         for card in cards:
             found = card if NOT_LINEAR.match(card.text) else None
             if card.text[0] == "x" and (name := _called(card)) in blocks:
                 if name in path:
                     raise card.refused("a subcircuit that calls itself")
                 found = None if replaced(name, (*path, name)) else inner.get(name)
-            first = first or found
-        return first
+            doubtful += [found] if found else []
+        return min(doubtful, key=lambda card: card.word[0] in EXPRESSIONS, default=None)
 
     inner: dict[str, Card | None] = {}
 
@@ -91,7 +91,10 @@ def vendors_of(deck: ForeignDeck, linearise: bool = False) -> tuple[str, ...]:
             kinds[name] = inner[name] is not None and len(blocks[name].ports) == len(ROLES)
         return kinds[name]
 
-    if (card := device(top, ())) and not linearise:
+    card = device(top, ())
+    if card and card.word[0] not in EXPRESSIONS and not linearise:
+        if card.word[0] == "s":
+            raise card.refused(f"a switch is not read; expected an R of its state; {LINEAR}")
         raise card.refused(f"this card is not linear; {LINEAR}, or --linearise")
     return tuple(name for name, yes in kinds.items() if yes)
 
@@ -102,6 +105,9 @@ def with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
     Before it, what LTspice defines and ngspice does not, where the deck has a word for it.
     """
     yield from _missing(deck)
+    known = ltspice_opamps(deck)
+    for opamp in dict.fromkeys(known.values()):
+        yield from opamp_cards(opamp)
     skipping = 0
     for card in deck.cards:
         word, name = card.word, card.text.split()[1:2]
@@ -116,7 +122,26 @@ def with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
             yield f"{RAILS} {vcc} 0 {vee} 0 1"
             skipping = 1
             continue
-        yield card.text
+        if card in known:
+            place = rf"(?<=\s){re.escape(known[card])}(?=\s|$)"
+            yield re.sub(place, plain_name(known[card]), card.text)
+        else:
+            yield without_poly(card.text)
+
+
+def ltspice_opamps(deck: ForeignDeck) -> dict[Card, str]:
+    """Return the cards X that call an op-amp of LTspice's library which the deck lacks."""
+    own, found = _blocks(deck)[0], dict[Card, str]()
+    for card in deck.cards:
+        if card.word[0] == "x" and (name := _called(card)) not in own:
+            if name not in OPAMPS:
+                text = (
+                    f"the deck has no subcircuit {name!r}; put the file with its .subckt into the"
+                    f" folder and write '.include FILE'; known without one: {', '.join(OPAMPS)}"
+                )
+                raise card.refused(text)
+            found[card] = name
+    return found
 
 
 def _missing(deck: ForeignDeck) -> Iterator[str]:

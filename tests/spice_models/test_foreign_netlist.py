@@ -81,7 +81,7 @@ def refused(body: str, line: int, reason: str) -> None:
         ('r1 a b "1k"', 2, "character '\"'"),
         ("r1 a\x1a b 1k", 2, r"character '\\x1a'"),
         ("r1 a b 1k\0", 2, r"character '\\x00'"),
-        ("r1 a #echo 1k", 2, "character '#'"),
+        ("r1 a #echo 1k", 2, "node '#echo'"),
         ("x1 a b part", 2, "calls itself"),
         ("x1 a b other", 2, "'other' is not in the file"),
         ("r1 a b 1k\nr1 a b 2k", 3, "second device of this name"),

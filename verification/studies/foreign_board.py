@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Literal
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.branches import Source, VoltageBetween
-from taction.netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell
+from taction.netlist_gen.board.branches import Coil, Source, VoltageBetween
+from taction.netlist_gen.board.circuit import GROUND, Branch, Circuit, OpAmpCell
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.flat_cards import (
+    FIXED,
     MODEL,
     CardError,
     Flat,
@@ -33,6 +34,7 @@ from taction.netlist_gen.deck.macromodels import (
     PINS,
     RAILS,
     cards_of_models,
+    ltspice_opamps,
     vendors_of,
     with_stubs,
 )
@@ -49,7 +51,10 @@ EDGE = 0.01  # of the first step: the edge of a step in ngspice
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
 _CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 Start = Literal["zero", "rest"]
-Supplied = tuple[int, float, float]  # number of a vendor's subcircuit, and its V- and V+
+Supplied = tuple[int, int, float, float]
+"""Number of a vendor's subcircuit, that of the order of its ports, and its V- and V+."""
+ORDERS = (ROLES, (*ROLES[:2], ROLES[4], *ROLES[2:4]))
+"""Orders of the ports + - V+ V- out, and of those with out before the supplies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +90,7 @@ class ForeignBoard:
     def witness(self, transient: Transient, solver: str) -> Deck:
         """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
         cards = [_CHARGE.sub("", line) for line in self._cards if line[0] not in "vi"]
-        cards += [_stepping(part, transient) for part in self.flat.branches if _is_source(part)]
+        cards += [_stepping(part, transient) for part in self.flat.branches if self._steps(part)]
         cards += [
             f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}"
             for c in self.flat.opamps
@@ -121,6 +126,10 @@ class ForeignBoard:
         for line in self.lines:
             if PINS not in line and RAILS not in line:
                 yield line
+
+    def _steps(self, part: Branch) -> bool:
+        """Whether a part is a source of its own, not the constant of a B card."""
+        return isinstance(part, Source) and self.flat.stimuli[part.card].kind != FIXED
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -212,7 +221,10 @@ def read_board(
         text = f"the deck has {len(flat.nodes)} nodes; up to {MOST_UNKNOWNS} are read"
         raise InputError(deck.file, Complaint("deck", "", text))
     supplied = {kind: f"{MODEL.format(kind[0])}_{n}" for n, kind in enumerate(_kinds(deck, flat))}
-    imported = {name: _imported(deck, vendors[k], *ends) for (k, *ends), name in supplied.items()}
+    imported = {
+        name: _imported(deck, vendors[k], order, low, high)
+        for (k, order, low, high), name in supplied.items()
+    }
     flat = _with_models(deck, flat, supplied)
     circuit = circuit_of(flat, deck.file.stem, nodes, _as_opamps(imported))
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
@@ -254,6 +266,11 @@ def _notes(
     if immediate:
         yield "uic: the board starts with no charge"
     yield from deck.remarks
+    for name in dict.fromkeys(ltspice_opamps(deck).values()):
+        yield (
+            f"{name}: the linear part of LTspice's op-amp of this name, its gain, bandwidth and"
+            " phase margin; its limits and its noise do not count"
+        )
     for card in deck.left:
         if card.word == ".step":
             yield f"{card.text}: does not run; {_sweep_of(card.text)} does it"
@@ -290,13 +307,9 @@ def _sweep_of(text: str) -> str:
     return f"--over {name[0]}={':'.join(values[:2])}" if len(values) > 1 else "--over"
 
 
-def _is_source(part: object) -> bool:
-    return isinstance(part, Source)
-
-
 def _stepping(part: object, transient: Transient) -> str:
     """Return a source that steps at t = 0."""
-    assert isinstance(part, Source)  # noqa: S101 - see `_is_source`
+    assert isinstance(part, Source)  # noqa: S101 - see `_steps`
     before, after = part.before, part.value
     if before == after or transient.initial == "zero":
         wave = f"dc {after!r}"
@@ -314,18 +327,46 @@ def _kinds(deck: ForeignDeck, flat: Flat) -> dict[Supplied, list[OpAmpCell]]:
     """Return the op-amps of vendors by their subcircuit and their supply voltages."""
     held, found = _held(flat), dict[Supplied, list[OpAmpCell]]()
     for cell in flat.opamps:
-        nodes = high, low = flat.rails[cell.name]
-        text = f"the supplies of x{cell.name} (V+ at {high}, V- at {low}) need "
-        for node in nodes:
-            if node not in held:
-                text += "voltage sources that hold both nodes, such as 'VP {} 0 5'"
-                raise InputError(deck.file, Complaint("supply", repr(node), text.format(node)))
-        if not held[high] > held[low]:
-            value = f"{held[high]:g} V and {held[low]:g} V"
-            raise InputError(deck.file, Complaint("supply", value, f"{text}V+ above V-"))
-        kind = (_vendor(cell.model), held[low], held[high])
-        found.setdefault(kind, []).append(cell)
+        third, fourth = flat.rails[cell.name]
+        order, out = 0, cell.output
+        high, low = (held.get(node) for node in (third, fourth))
+        if high is None and fourth in held and out in held:
+            order, out = 1, third
+            high, low = held[fourth], held[cell.output]
+        if high is None or low is None:
+            high, low = (_through(flat, held, node) for node in (third, fourth))
+        if high is None or low is None:
+            node = third if high is None else fourth
+            text = (
+                f"x{cell.name} needs a voltage source at its supplies, such as 'VP {node} 0 5';"
+                f" its ports are read as + - V+ V- out: V+ at {third}, V- at {fourth}"
+            )
+            raise InputError(deck.file, Complaint("supply", repr(node), text))
+        if not high > low:
+            value, text = f"{high:g} V and {low:g} V", f"x{cell.name} needs V+ above V-"
+            raise InputError(deck.file, Complaint("supply", value, text))
+        kind = _vendor(cell.model), order, low, high
+        found.setdefault(kind, []).append(replace(cell, output=out))
     return found
+
+
+def _through(flat: Flat, held: Mapping[str, float], node: str) -> float | None:
+    """Return the voltage that a node has by way of resistors and coils; None if of several."""
+    joined = dict[str, set[str]]()
+    ends = [(part.a, part.b) for part in flat.resistors]
+    ends += [(part.a, part.b) for part in flat.branches if isinstance(part, Coil)]
+    for a, b in ends:
+        joined.setdefault(a, set()).add(b)
+        joined.setdefault(b, set()).add(a)
+    seen, left, found = {node}, [node], set[float]()
+    while left:
+        one = left.pop()
+        if one in held:
+            found.add(held[one])
+        else:
+            left += joined.get(one, set()) - seen
+            seen |= joined.get(one, set())
+    return found.pop() if len(found) == 1 else None
 
 
 def _held(flat: Flat) -> dict[str, float]:
@@ -349,30 +390,32 @@ def _with_models(deck: ForeignDeck, flat: Flat, names: Mapping[Supplied, str]) -
     for kind, members in _kinds(deck, flat).items():
         if kind not in names:
             text = "the models of the op-amps hold for the deck's own supplies only"
-            raise InputError(deck.file, Complaint("supply", f"{kind[1]:g} V, {kind[2]:g} V", text))
+            value = f"{kind[-2]:g} V and {kind[-1]:g} V"
+            raise InputError(deck.file, Complaint("supply", value, text))
         cells += [replace(cell, model=names[kind]) for cell in members]
     return replace(flat, opamps=cells)
 
 
-def _imported(deck: ForeignDeck, name: str, low: float, high: float) -> ImportedOpAmp:
-    """Import one macromodel of the deck, in the usual order of the pins or with inputs exchanged.
+def _imported(deck: ForeignDeck, name: str, order: int, low: float, high: float) -> ImportedOpAmp:
+    """Import one macromodel of the deck, in an order of the pins or with inputs exchanged.
 
     The order + - V+ V- out is that of nearly all vendors; the sign of the measured gain tells
-    the other one.
+    whether the inputs are exchanged.
     """
     from taction.verification.characterise.characterise import import_opamp
 
+    roles = ORDERS[order]
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder, "macromodel.lib")
         place.write_text("\n".join(cards_of_models(deck.lines)) + "\n")
         try:
             try:
-                found = import_opamp(str(place), name, ROLES, half, middle=middle)
+                found = import_opamp(str(place), name, roles, half, middle=middle)
             except InputError as error:
                 if "exchange the roles" not in str(error):
                     raise
-                turned = (ROLES[1], ROLES[0], *ROLES[2:])
+                turned = (roles[1], roles[0], *roles[2:])
                 found = import_opamp(str(place), name, turned, half, middle=middle)
         except InputError as error:
             text = str(error).replace(str(place), deck.file.name)

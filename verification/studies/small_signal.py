@@ -27,7 +27,7 @@ from taction.verification.engines.ngspice.process import simulate, start
 TERMINALS = {"d": 2, "q": 3, "j": 3, "m": 4}  # of the devices that are accepted; q may have 4
 OHMIC = {"d": ("rs",), "q": ("rc", "rb", "re"), "j": ("rd", "", "rs"), "m": ("rd", "", "rs")}
 """Names of a model's resistances in series with the terminals, in their order."""
-ACCEPTED = "linearised are diodes D, transistors Q J M with a .model; no B S, no expressions"
+ACCEPTED = "linearised are diodes D, transistors Q J M with a .model; no switches S W"
 BAND = NoiseBand(1e3, 6, 1)  # Hz: where the admittance has to be G + s C
 LEAST_SURE = 1e6  # Hz
 MISFIT = 1e-3  # of the largest admittance of a device
@@ -101,7 +101,7 @@ def _sorted(cards: Iterable[str]) -> tuple[Models, list[_SmallSignalDevice], lis
     for card in every:
         if card[0] in TERMINALS:
             devices.append(_device(card, models))
-        elif card[0] in "bsw":
+        elif card[0] in "sw":
             raise CardError(f"{shown(card.split()[0])}: {ACCEPTED}: {card!r}")
         elif not card.startswith("."):
             others.append(card)

@@ -108,7 +108,7 @@ def test_a_file_that_includes_itself_is_refused(folder: Path) -> None:
         "", "t\n", "t\n.end\n", "\x00\x00", "t\nR1\n", "t\nR1 a b\n", "t\nR1 a 0 1.2.3k\n",
         "t\nR1 a 0 0\n", "t\nC1 a 0 {x}\n", "t\nX1 a b c nothing\n", "t\n.subckt a b\n",
         "t\n.ends\nR1 a 0 1\n", "t\nE1 a 0 poly(2) b 0 c 0 0 1 1\nR1 a 0 1\n",
-        "t\nD1 a 0 dm\nR1 a 0 1k\n.model dm d\n", "t\nB1 a 0 V=v(a)*2\nR1 a 0 1\n",
+        "t\nD1 a 0 dm\nR1 a 0 1k\n.model dm d\n", "t\nB1 a 0 V=v(a)^2\nR1 a 0 1\n",
         "t\nM1 a b c d nm\nR1 a 0 1\n", "t\nF1 a 0 V9 2\nR1 a 0 1k\n",
         "t\nK1 L1 L2 0.5\nR1 a 0 1\n",
         "t\nG1 a 0 value={v(a)*v(a)}\nR1 a 0 1\n", "t\nV1 a 0 TRNOISE(1 1n)\nR1 a 0 1\n",
@@ -206,7 +206,7 @@ def test_what_a_source_does(text: str, before: float, after: float, at: float) -
     assert (found.before, found.after, found.at) == (before, after, at)
 
 
-@pytest.mark.parametrize("card", ["q1 a b c m", "d1 a 0 m", "b1 a 0 v=1", "s1 a b c d m", "z1 a b"])
+@pytest.mark.parametrize("card", ["q1 a b c m", "d1 a 0 m", "b1 a 0 v=v(a)^2", "s1 a b c d m", "z1 a b"])
 def test_a_flat_card_that_is_not_linear_is_refused(card: str) -> None:
     with pytest.raises(CardError, match="is not linear"):
         read_cards([card])

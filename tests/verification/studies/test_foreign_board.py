@@ -360,11 +360,31 @@ def test_supplies_are_not_switched_on(powered: Read) -> None:
     assert powered(lines).notes[0].endswith("switched on at t = 0: Vref, V1")
 
 
+def test_a_supply_may_come_through_a_resistor(powered: Read) -> None:
+    lines = "Vp v 0 24\nRp v vp 10\nCp vp 0 1u\nVref ref 0 12\nV1 in 0 PULSE(12 12.01)\n"
+    board = powered(lines + INVERTER.format(low="0"))
+    assert {(model.supply, model.middle) for model in board.opamps.values()} == {(12.0, 12.0)}
+
+
+def test_the_output_may_stand_before_the_supplies(tmp_path: Path) -> None:
+    """The order + - out V+ V- of some vendors is told from the nodes that sources hold."""
+    text = Path("tests/data/fet100.cir").read_text()
+    text = text.replace(".subckt FET100 1 2 3 4 5", ".subckt FET100 1 2 5 3 4")
+    (tmp_path / "other.lib").write_text(text)
+    place = tmp_path / "follower.cir"
+    place.write_text(
+        "t\n.include other.lib\nVp vp 0 15\nVm vm 0 -15\nV1 in 0 PULSE(0 10m)\n"
+        "X1 in out out vp vm FET100\n.end\n"
+    )
+    (row,) = checked(read_board(place)).outputs
+    assert row.rest == pytest.approx(0.01, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("lines", "says"),
     [
-        ("Vp v 0 24\nRp v vp 10\n", "voltage sources that hold both nodes, such as 'VP vp 0 5'"),
-        ("Vp vp 0 -5\n", "-5 V and 0 V: the supplies of x1 .* need V. above V-"),
+        ("Vp v 0 24\nRp v vp 10\nRq vp 0 1k\n", "voltage source at its supplies, such as 'VP vp 0"),
+        ("Vp vp 0 -5\n", "-5 V and 0 V: x1 needs V. above V-"),
     ],
 )
 def test_supplies_that_no_source_holds_are_refused(lines: str, says: str, powered: Read) -> None:
