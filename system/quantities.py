@@ -118,6 +118,17 @@ def fraction(given: object) -> float:
     return number(text.removesuffix("%")) / (100.0 if text.endswith("%") else 1.0)
 
 
+def percent(share: float, digits: int = 3) -> str:
+    """Return a fraction as per cent, without a sign for zero.
+
+    Examples
+    --------
+    >>> percent(0.0123456), percent(0.99712, 4)
+    ('1.23 %', '99.71 %')
+    """
+    return f"{100.0 * share + 0.0:.{digits}g} %"
+
+
 def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
     if len(text) > LONGEST:  # quantiphy takes seconds for thousands of digits
         raise ValueError(f"over {LONGEST} characters; {expected}")

@@ -15,7 +15,7 @@ from taction.netlist_gen.kicad.sheet import SymbolPart
 from taction.netlist_gen.kicad.symbols import Symbol
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.quantities import show
+from taction.system.quantities import percent, show
 
 INNER = re.compile(r"(_\d+)(_[a-z]+)$")
 ODD = re.compile(r"[^A-Za-z0-9_.+-]")  # not in the name of a symbol
@@ -31,13 +31,13 @@ KINDS: dict[type, tuple[Symbol, str, str, str, str]] = {  # field, unit, letter 
 
 
 @cache
-def value_text(value: float, digits: int = DIGITS) -> str:
+def printed_value(value: float, digits: int = DIGITS) -> str:
     """Return a value as a schematic has it.
 
     Examples
     --------
-    >>> value_text(52631.578947), value_text(1e-11), value_text(4.7e6), value_text(-2e-6)
-    ('52.63k', '10p', '4.7M', '-2u')
+    >>> printed_value(52631.578947), printed_value(1e-11), printed_value(-2e-6)
+    ('52.63k', '10p', '-2u')
     """
     return show(value, "", digits).replace(" ", "")
 
@@ -45,7 +45,7 @@ def value_text(value: float, digits: int = DIGITS) -> str:
 def knob_values(circuit: Circuit) -> str:
     """Return the values of the knobs with a margin, and lambda, as a schematic has them."""
     facts = (circuit.facts[knob.name] for knob in circuit.knobs if knob.margin)
-    values = [f"{fact.words} = {value_text(fact.value)}{fact.unit}" for fact in facts]
+    values = [f"{fact.words} = {printed_value(fact.value)}{fact.unit}" for fact in facts]
     return ", ".join([*values, f"lambda = {circuit.value('lambda'):.4g}"])
 
 
@@ -125,14 +125,14 @@ class Catalogue:
         fields = {"Deck": part.card, "Exact": f"{value!r} {unit}", "Description": words}
         if words in ("resistor", "capacitor"):
             share = None if self.scene is None else tolerance_of(self.scene, words, part.card)
-            fields["Tolerance"] = "" if share is None else f"{100 * share:.3g} %"
-        return SymbolPart(symbol, reference(part.card), f"{value_text(value)}{letter}", fields)
+            fields["Tolerance"] = "" if share is None else percent(share)
+        return SymbolPart(symbol, reference(part.card), f"{printed_value(value)}{letter}", fields)
 
     def decoupling(self, package: str, number: int) -> SymbolPart:
         """Return the first or second capacitor from the supply pins of a package to ground."""
         fields = {"Exact": f"{DECOUPLING!r} F", "Description": "decoupling, not in the deck"}
         name = f"C{package}_{number}"
-        return SymbolPart(symbols.CAPACITOR, name, value_text(DECOUPLING), fields)
+        return SymbolPart(symbols.CAPACITOR, name, printed_value(DECOUPLING), fields)
 
     def opamp(self, package: str, unit: int | None = None) -> SymbolPart:
         """Return a unit of a package of op-amps, by default that with the supply pins."""
@@ -149,7 +149,7 @@ class Catalogue:
     def function(self, part: boards.SignalAmplifier) -> SymbolPart:
         """Return an ideal amplifier, which is no part that can be bought."""
         fields = {"Deck": part.card, "Description": f"ideal {part.kind} amplifier, no part"}
-        value = f"{value_text(-part.u_scale)}V {part.kind}(v/{value_text(part.v_scale)}V)"
+        value = f"{printed_value(-part.u_scale)}V {part.kind}(v/{printed_value(part.v_scale)}V)"
         return SymbolPart(symbols.FUNCTION, reference(part.card), value, fields)
 
     @property

@@ -125,9 +125,9 @@ class KeyMistakes:
             if key not in entry["keys"]:
                 known = list(entry["keys"])
                 text = f"unknown key; {nearest_question(key, known)}known here: {listed(known)}"
-                self.found.append(Complaint(inside + key, value_text(data[key]), text))
+                self.found.append(Complaint(inside + key, quoted_value(data[key]), text))
         if len(self.found) == before and (reason := _contradiction(path, data)):
-            self.found.append(Complaint(path, value_text(data), reason))
+            self.found.append(Complaint(path, quoted_value(data), reason))
 
     def order(self, keys: Mapping[str, Any], data: Mapping[str, Any], path: str) -> None:
         """Compare the least value of a check, which is a quantity, with the largest one."""
@@ -136,7 +136,7 @@ class KeyMistakes:
         except (KeyError, ValueError):  # it has no `max`, or one that was complained about
             return
         if reason := above_max(least, most):
-            self.found.append(Complaint(path, value_text(data["min"]), reason))
+            self.found.append(Complaint(path, quoted_value(data["min"]), reason))
 
     def value(self, entry: Mapping[str, Any], value: Any, path: str) -> None:
         """Look at the value of one key."""
@@ -155,11 +155,13 @@ class KeyMistakes:
             try:
                 CHECKS[form](entry, value)
             except ValueError as error:
-                self.found.append(Complaint(path, value_text(value), f"{error}{share(value, '')}"))
+                self.found.append(
+                    Complaint(path, quoted_value(value), f"{error}{share(value, '')}")
+                )
         else:
             kind, context = PLAIN_FORMS[form](entry, value)
             if form == "number" and kind not in TYPES and (reason := _out_of_range(value)):
-                self.found.append(Complaint(path, value_text(value), reason))
+                self.found.append(Complaint(path, quoted_value(value), reason))
             elif kind:
                 self.complain(path, value, kind, context)
 
@@ -176,12 +178,12 @@ class KeyMistakes:
             self.table(entry["of"][kind], value, path)
         else:
             text = f"{nearest_question(str(kind), entry['of'])}one of {listed(entry['of'])}"
-            self.found.append(Complaint(f"{path}.kind", value_text(str(kind)), text))
+            self.found.append(Complaint(f"{path}.kind", quoted_value(str(kind)), text))
 
     def complain(self, path: str, value: Any, kind: str, context: Mapping[str, Any]) -> None:
         """Add a complaint in the words of `TEXTS`."""
         text = TEXTS[kind].format(**context) + share(value, kind)
-        self.found.append(Complaint(path, value_text(value), text))
+        self.found.append(Complaint(path, quoted_value(value), text))
 
 
 def _number(entry: Mapping[str, Any], value: Any) -> tuple[str, Mapping[str, Any]]:
@@ -314,7 +316,7 @@ def design_mistakes(data: Mapping[str, Any]) -> Iterator[Complaint]:
     design = data.get("design")
     if isinstance(design, Mapping):
         for key, reason in contradictions(design):
-            yield Complaint(f"design.{key}", value_text(design[key]), reason)
+            yield Complaint(f"design.{key}", quoted_value(design[key]), reason)
     yield from _no_such_channel(data)
 
 
@@ -338,7 +340,7 @@ def impossible(data: Mapping[str, Any]) -> Iterator[Complaint]:
             continue  # the key's own check has it
         if 0.0 < value < least or value > most:
             text = f"{show(value, unit)} is what no board has; is the prefix right? {instead}"
-            yield Complaint(f"design.{key}", value_text(design[key]), text)
+            yield Complaint(f"design.{key}", quoted_value(design[key]), text)
 
 
 def _no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:
@@ -352,7 +354,7 @@ def _no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:
         )
     if isinstance(channel, int) and isinstance(most, int) and 0 < most < channel:
         text = f"the problem has {most} channels; expected 1 to {most}"
-        yield Complaint("checks.rise_time.channel", value_text(channel), text)
+        yield Complaint("checks.rise_time.channel", quoted_value(channel), text)
 
 
 def _table(value: object) -> Mapping[str, Any]:
@@ -369,7 +371,7 @@ def share(value: object, kind: str) -> str:
     return f"; {number} % is {float(number) / 100.0:g}"
 
 
-def value_text(value: object) -> str:
+def quoted_value(value: object) -> str:
     """Return a value as a complaint has it."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -16,8 +16,8 @@ from taction.netlist_gen.scene.key_mistakes import (
     TEXTS,
     design_mistakes,
     impossible,
+    quoted_value,
     share,
-    value_text,
 )
 from taction.system.errors import Complaint, InputError, listed, nearest_question
 
@@ -58,7 +58,7 @@ def placed(
         if len(matches) != 1:
             several = f"several keys have this name; one of {listed(matches)}"
             text = several if matches else f"unknown key; {nearest_question(name, list(paths))}"
-            complaints.append(Complaint(name, value_text(value), text.rstrip()))
+            complaints.append(Complaint(name, quoted_value(value), text.rstrip()))
             continue
         *tables, last = matches[0].split(".")
         table = data
@@ -95,18 +95,18 @@ def _complaints(
         elif kind == "extra_forbidden":
             known = list(_fields(root, keys[:-1], data))
             hint = f"unknown key; {nearest_question(keys[-1], known)}known here: {listed(known)}"
-            yield Complaint(key, value_text(item["input"]), hint)
+            yield Complaint(key, quoted_value(item["input"]), hint)
         elif kind == "union_tag_invalid":
             tag = str(context["tag"])
             known = [name.strip("' ") for name in context["expected_tags"].split(",")]
             text = f"{nearest_question(tag, known)}one of {listed(known)}"
-            yield Complaint(f"{key}.kind", value_text(tag), text)
+            yield Complaint(f"{key}.kind", quoted_value(tag), text)
         elif kind == "union_tag_not_found":
             yield Complaint(f"{key}.kind", "", "required; 'tactile' or 'matrix'")
         else:
             text = item["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
             text = TEXTS[kind].format(**context) if kind in TEXTS else text
-            yield Complaint(key, value_text(item["input"]), text + share(item["input"], kind))
+            yield Complaint(key, quoted_value(item["input"]), text + share(item["input"], kind))
 
 
 def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> list[str]:

@@ -32,7 +32,7 @@ from taction.netlist_gen.scene.wires import WiresTable
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.picture import plot
 from taction.system.plugins import cached
-from taction.system.quantities import quantity, sizes
+from taction.system.quantities import percent, quantity, sizes
 from taction.system.reading_definitions import EXCURSIONS
 
 if TYPE_CHECKING:
@@ -285,14 +285,14 @@ def opamp_words(choice: OpAmpChoice) -> str:
 
 def check_words(checks: Checks) -> Iterator[str]:
     """Yield the limits of the checks."""
-    yield f"steady state within {_percent(checks.steady_state.tolerance)}"
+    yield f"steady state within {percent(checks.steady_state.tolerance)}"
     settling = checks.settling_time
-    yield f"settled within {_percent(settling.band)}{_times(settling.min, settling.max)}"
+    yield f"settled within {percent(settling.band)}{_times(settling.min, settling.max)}"
     if checks.rise_time is not None:
         yield f"rise time{_times(checks.rise_time.min, checks.rise_time.max)}"
     for name in EXCURSIONS:
         if (check := getattr(checks, name)) is not None:
-            yield f"{name} at most {_percent(check.max)}"
+            yield f"{name} at most {percent(check.max)}"
     if checks.noise is not None:
         yield f"noise at most {quantity(checks.noise.max, 'V')}"
     margin = checks.stability.margin
@@ -302,7 +302,3 @@ def check_words(checks: Checks) -> Iterator[str]:
 def _times(least: float | None, most: float | None) -> str:
     low = "" if least is None else f", at least {quantity(least, 's')}"
     return low if most is None else f"{low}, at most {quantity(most, 's')}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"

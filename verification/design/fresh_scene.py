@@ -77,9 +77,9 @@ def with_limits(scene: Scene) -> tuple[Scene, str]:
     for finer in GRADES:
         changed = with_values(scene, {"tolerances.resistor": finer})
         reached = exceeded(prepare(changed), BEYOND)
-        if max(LEAST, rounded_up(reached)) >= limit:
+        if max(LEAST, next_round_value(reached)) >= limit:
             break  # input errors or rounded values decide
-        grade, share, limit = finer, reached, max(LEAST, rounded_up(reached))
+        grade, share, limit = finer, reached, max(LEAST, next_round_value(reached))
         if share <= WANTED:
             break
     if limit > WORST:
@@ -116,12 +116,12 @@ def exceeded(board: VariedBoard, beyond: float) -> float:
     return share if math.isfinite(share) else 0.0  # without a step nothing is judged
 
 
-def rounded_up(value: float) -> float:
+def next_round_value(value: float) -> float:
     """Return the next number of 1, 2, 5 and 10 times a power of ten.
 
     Examples
     --------
-    >>> rounded_up(0.0123)
+    >>> next_round_value(0.0123)
     0.02
     """
     decade = 10.0 ** math.floor(math.log10(value)) if value > 0.0 else 0.0

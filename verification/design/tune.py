@@ -22,7 +22,7 @@ from taction.netlist_gen.scene.checks import ExcursionCheck, StabilityCheck
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.quantities import show
+from taction.system.quantities import percent, show
 from taction.system.results import Result
 from taction.verification.design.ranges import SearchRange, parse_ranges
 from taction.verification.design.search import search_range
@@ -243,7 +243,7 @@ class _TuneSearch:
             failing = closest.refused
         reached = ""
         if math.isfinite(closest.overshoot):
-            reached = f" with an overshoot of {100 * closest.overshoot:.3g} %"
+            reached = f" with an overshoot of {percent(closest.overshoot)}"
         return EngineError(
             f"no design passes every check with an overshoot of {100 * self.overshoot:g} % and a"
             f" margin of {self.margin:g} in C; tried {len(self.tried)} over {ends}. The"

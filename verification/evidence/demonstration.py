@@ -11,7 +11,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import NoVerdictError
-from taction.system.quantities import readable, show
+from taction.system.quantities import percent, readable, show
 from taction.system.results import Result
 from taction.verification.evidence.paper.findings import paper_scene
 from taction.verification.reference.ideal_answer import ideal_network
@@ -124,7 +124,7 @@ def _works(verdict: Verdict) -> str:
         f" noise makes unstable; a board of {len(circuit.opamps)} op-amps solves it with a"
         f" regulariser. Its outputs rest after {_text(_figure(verdict, 'settling_time'), 's')},"
         " where a numerical solver says, and overshoot by"
-        f" {100 * _figure(verdict, 'overshoot'):.3g} %."
+        f" {percent(_figure(verdict, 'overshoot'))}."
     )
 
 
@@ -141,5 +141,5 @@ def _settles(verdict: Verdict, before: Verdict) -> str:
     return (
         f"With the first capacitor, less gain and R for the same solution the board rests after"
         f" {_text(after, 's')} instead of {_text(first, 's')}, and overshoots by"
-        f" {100 * _figure(verdict, 'overshoot'):.2g} %. `taction design tune` finds such gains."
+        f" {percent(_figure(verdict, 'overshoot'), 2)}. `taction design tune` finds such gains."
     )

@@ -10,6 +10,7 @@ from taction.spice_models.presets import opamp_name as opamp_name
 from taction.system.quantities import NONE as NONE
 from taction.system.quantities import UNITS, show
 from taction.system.quantities import counted as counted
+from taction.system.quantities import percent as percent
 from taction.system.quantities import quantity as quantity
 from taction.system.quantities import readable as readable
 from taction.system.quantities import spaced as spaced
@@ -89,11 +90,6 @@ def titled(name: str) -> str:
     return f"{text[:1].upper()}{text[1:]}"
 
 
-def percent(share: float) -> str:
-    """Return a fraction as per cent."""
-    return f"{100 * share:.4g} %"
-
-
 def number_cell(value: float | None, unit: str, digits: int = 4) -> Cell:
     """Return a cell that shows a value as `figure` and sorts by it."""
     known = value is not None and math.isfinite(value)
@@ -114,7 +110,7 @@ def value_text(value: object, unit: str, digits: int = 4) -> str:
     if unit in (*UNITS, "1/s"):
         return show(value, unit, digits)
     if unit == "step":
-        return f"{100 * value:.3g} %"
+        return percent(value)
     return f"{value:.{digits}g}"
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.fields import Model
-from taction.system.quantities import show, show_rate
+from taction.system.quantities import percent, show, show_rate
 from taction.verification.readings.measurements import Measurements, describe_states
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
@@ -296,14 +296,3 @@ def doubtful(resolution: float) -> str:
 def joined(*texts: str) -> str:
     """Join the texts that are not empty."""
     return "; ".join(filter(None, texts))
-
-
-def percent(share: float) -> str:
-    """Return a fraction as text.
-
-    Examples
-    --------
-    >>> percent(0.0123456)
-    '1.23 %'
-    """
-    return f"{100 * share:.3g} %"

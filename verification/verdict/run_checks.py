@@ -15,7 +15,7 @@ from functools import partial
 from taction.netlist_gen.scene import checks as keys
 from taction.system.array_types import EPS
 from taction.system.plugins import OpenTable
-from taction.system.quantities import show, show_pole
+from taction.system.quantities import percent, show, show_pole
 from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.readings import Reading
 from taction.verification.verdict.checks import (
@@ -27,7 +27,6 @@ from taction.verification.verdict.checks import (
     doubtful,
     failed,
     joined,
-    percent,
     undecided,
 )
 from taction.verification.verdict.headroom import FULL, PartLoads, amount, describe

@@ -28,8 +28,8 @@ from taction.verification.design.fresh_scene import (
     FreshScene,
     exceeded,
     fresh_scene,
+    next_round_value,
     noise_of,
-    rounded_up,
     with_limits,
 )
 from taction.verification.studies.tolerance.varied_board import prepare
@@ -108,7 +108,7 @@ def test_the_values_are_of_a_series_can_be_bought_and_are_all_used(plain: Path) 
 
 def test_rounding_goes_up() -> None:
     values = [0.0101, 0.02, 0.021, 0.051, 9e-4, 0.0]
-    assert [rounded_up(v) for v in values] == [0.02, 0.02, 0.05, 0.1, 1e-3, 0.0]
+    assert [next_round_value(v) for v in values] == [0.02, 0.02, 0.05, 0.1, 1e-3, 0.0]
 
 
 SIGMA = 0.01

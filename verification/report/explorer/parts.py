@@ -78,8 +78,8 @@ def _control(control: Control) -> Part:
         "path": control.path,
         "symbol": control.symbol,
         "name": control.name,
-        "low": "0" if control.has_zero else value_text(control.low, control.unit, 3),
-        "high": value_text(control.high, control.unit, 3),
+        "low": "0" if control.has_zero else typed_value(control.low, control.unit, 3),
+        "high": typed_value(control.high, control.unit, 3),
         **place_part(control, control.own),
     }
 
@@ -87,13 +87,13 @@ def _control(control: Control) -> Part:
 def place_part(control: Control, value: float) -> Part:
     """Return the text and the place of a value, and whether it is the scene's."""
     return {
-        "text": value_text(value, control.unit),
+        "text": typed_value(value, control.unit),
         "place": round(STEPS * control.place(value)),
         "own": value == control.own,
     }
 
 
-def value_text(value: float, unit: str, digits: int = VALUE_DIGITS) -> str:
+def typed_value(value: float, unit: str, digits: int = VALUE_DIGITS) -> str:
     """Return a value as a user may type it, too: ``"12 pF"``, ``"0.003"``."""
     return quantity(value, unit, digits) if unit else f"{value:.{digits}g}"
 
@@ -168,7 +168,7 @@ def along_part(start: Start, known: Mapping[str, Mapping[int, tuple[str, str]]])
 
 
 def _cell(control: Control, cell: int, found: tuple[str, str] | None) -> Part:
-    value = value_text(control.chosen((cell + 0.5) / CELLS), control.unit, 3)
+    value = typed_value(control.chosen((cell + 0.5) / CELLS), control.unit, 3)
     if found is None:
         return {"outcome": "unknown", "text": f"{value}: not known yet"}
     outcome, reason = found

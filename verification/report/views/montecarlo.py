@@ -82,7 +82,7 @@ def sheet(result: YieldReport) -> Sheet:
     """Return what the picture of a yield shows: histograms with limits, and the parts behind."""
     foot = ""
     if result.remedy is not None and result.remedy.what:
-        foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction)}"
+        foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction, 4)}"
     limited = (each for each in histograms(result) if isinstance(each, Chart) and each.legend)
     blocks = [*limited, _culprits(result)]
     return Sheet.of(f"{result.name}: {_summary(result)}", blocks, ACROSS, PANEL, (0.0, 0.5), foot)
@@ -93,7 +93,7 @@ def _summary(result: YieldReport) -> str:
     worst = next(iter(result.failures), "")
     if not (worst and result.samples):
         return text
-    share = percent(result.failures[worst] / result.samples)
+    share = percent(result.failures[worst] / result.samples, 4)
     text += f" {share} of the boards do not pass the check of the {spaced(worst)}"
     first = next((each for each in result.sensitivities if _check(each) == worst), None)
     return f"{text}; {first.parameter} is behind most of it." if first else f"{text}."
@@ -103,8 +103,8 @@ def _interval(result: YieldReport) -> Ranges | None:
     if not result.samples:
         return None
     texts = (
-        f"95 % interval {percent(result.low)} to {percent(result.high)}",
-        f"estimate {percent(result.fraction)}",
+        f"95 % interval {percent(result.low, 4)} to {percent(result.high, 4)}",
+        f"estimate {percent(result.fraction, 4)}",
     )
     row = Range("yield, from 0 to 100 %", result.low, result.fraction, result.high, (), "", texts)
     return Ranges("", (row,))
@@ -126,7 +126,7 @@ def failures(result: YieldReport) -> Iterator[Block]:
     columns = {
         "check": lambda each: spaced(each[0]),
         "samples": lambda each: each[1],
-        "of all": lambda each: percent(each[1] / result.samples),
+        "of all": lambda each: percent(each[1] / result.samples, 4),
     }
     yield Table.of("Checks that do not pass", result.failures.items(), columns)
     if result.without_verdict:
@@ -256,7 +256,7 @@ def _histogram(spread: QuantitySpread, values: Floats) -> Chart:
         marks.append(Text("← limit", None, None, ("right", "below")))
     message = "no limit"
     if limits:
-        share = f"{100 * float(beyond.mean()):.3g} %"
+        share = percent(float(beyond.mean()))
         texts = " and ".join(figure(limit, spread.unit) for limit in limits)
         message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
     if spread.missing:
@@ -349,7 +349,7 @@ def causes(result: YieldReport) -> Table:
         "quantity": lambda each: (
             spaced(each.quantity) + ("" if each.channel is None else f", channel {each.channel}")
         ),
-        "lost yield": lambda each: Cell(percent(each.lost), each.lost),
+        "lost yield": lambda each: Cell(percent(each.lost, 4), each.lost),
         "part": lambda each: each.parameter,
         "kind": lambda each: spaced(each.kind),
         "correlation": lambda each: Cell(
@@ -365,19 +365,19 @@ def causes(result: YieldReport) -> Table:
 
 def remedy_text(remedy: Remedy) -> str:
     """Return what to buy better, and the yield with it."""
-    wanted = percent(remedy.target)
+    wanted = percent(remedy.target, 4)
     if not remedy.what:
         return (
             f"no resistor or capacitor that is sold better brings the yield closer to {wanted}: the"
             " failures have other causes"
         )
-    text = f"{remedy.what}: yield {percent(remedy.fraction)}"
+    text = f"{remedy.what}: yield {percent(remedy.fraction, 4)}"
     if remedy.predicted < remedy.target:
         text = f"nothing that is sold better gives {wanted}; best: {text}"
     if not remedy.samples:
         return f"{text}, predicted from the samples"
     return (
-        f"{text}, predicted {percent(remedy.predicted)}; {remedy.passed} of the first"
-        f" {remedy.samples} samples pass with these parts, 95 % interval {percent(remedy.low)} to"
-        f" {percent(remedy.high)}"
+        f"{text}, predicted {percent(remedy.predicted, 4)}; {remedy.passed} of the first"
+        f" {remedy.samples} samples pass with these parts, 95 % interval"
+        f" {percent(remedy.low, 4)} to {percent(remedy.high, 4)}"
     )

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from taction.netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine
-from taction.netlist_gen.kicad.parts import value_text
+from taction.netlist_gen.kicad.parts import printed_value
 from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Shown, Table
-from taction.verification.report.texts import counted, number_cell, quantity
+from taction.verification.report.texts import counted, number_cell, percent, quantity
 from taction.verification.verdict.board_power import BoardPower, PartsList
 
 SHOWN = 3  # references in a line of the table
@@ -86,7 +86,7 @@ def part_columns(shown: int) -> dict[str, Callable[[PartLine], Shown]]:
 
 def _tolerance(line: PartLine) -> Cell | None:
     share = line.tolerance
-    return None if share is None else Cell(f"{100 * share:.3g} %", share)
+    return None if share is None else Cell(percent(share), share)
 
 
 def nearest_value(line: PartLine, standard: str) -> str:
@@ -108,12 +108,12 @@ def parts_csv(parts: BillOfMaterials) -> str:
 
 def _records(parts: BillOfMaterials) -> Iterator[dict[str, Any]]:
     for line in parts.lines:
-        record = _record(line.references, value_text(line.value, DIGITS), line.kind)
+        record = _record(line.references, printed_value(line.value, DIGITS), line.kind)
         record |= {"Unit": line.unit}
         if line.tolerance is not None:
             record["Tolerance"] = repr(line.tolerance)
         if (near := line.preferred) is not None:
-            record |= {"Preferred": value_text(near.value, DIGITS), "Series": near.series}
+            record |= {"Preferred": printed_value(near.value, DIGITS), "Series": near.series}
             record["Deviation"] = f"{near.deviation:.3g}"
         yield record
     names = tuple(package.reference for package in parts.packages)

@@ -20,8 +20,7 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Curve, Outcome
-from taction.verification.report.texts import outcome_cell, readable, spaced
-from taction.verification.report.texts import value_text as written_value
+from taction.verification.report.texts import outcome_cell, readable, spaced, value_text
 from taction.verification.report.views.checks import check_bar
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.regression.baseline import Entry
@@ -93,10 +92,10 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
         yield Notes(name, tuple(map(readable, lines)))
     columns = {
         "what": lambda each: each.label,
-        "value": lambda each: readable(value_text(each.second, each.unit)),
-        "baseline": lambda each: readable(value_text(each.first, each.unit)),
-        "difference": lambda each: readable(value_text(each.difference, each.unit)),
-        "tolerance": lambda each: readable(value_text(each.allowed, each.unit)),
+        "value": lambda each: readable(stored_value(each.second, each.unit)),
+        "baseline": lambda each: readable(stored_value(each.first, each.unit)),
+        "difference": lambda each: readable(stored_value(each.difference, each.unit)),
+        "tolerance": lambda each: readable(stored_value(each.allowed, each.unit)),
         "times": lambda each: _off(each.off),
         "note": lambda each: each.note,
     }
@@ -155,10 +154,10 @@ def _off(off: float) -> Cell:
 
 def change_line(change: Difference) -> str:
     """Return a changed quantity as one line of text."""
-    now, then = value_text(change.second, change.unit), value_text(change.first, change.unit)
+    now, then = stored_value(change.second, change.unit), stored_value(change.first, change.unit)
     text = f"{change.label}: {now}, baseline {then}"
     if change.allowed is not None:
-        text += f", tolerance {value_text(change.allowed, change.unit)}"
+        text += f", tolerance {stored_value(change.allowed, change.unit)}"
         text += f", {off_text(change.off)} tolerances off"
     return f"{text} ({change.note})" if change.note else text
 
@@ -189,6 +188,6 @@ def off_text(off: float) -> str:
     return f"{off:.3g}" if math.isfinite(off) else "differs"
 
 
-def value_text(value: float | str | None, unit: str) -> str:
+def stored_value(value: float | str | None, unit: str) -> str:
     """Return a value with its unit and six digits; a dash for a missing value."""
-    return written_value(value, "" if unit == "step" else unit, 6)
+    return value_text(value, "" if unit == "step" else unit, 6)

@@ -94,7 +94,7 @@ def _change(scene: Scene, change: Change) -> str:
     values = {path: v for path, v in change.values.items() if path != "design.lambda"}
     if not values:
         values = change.values
-    text = " and ".join(value_text(scene, path, value) for path, value in values.items())
+    text = " and ".join(key_with_value(scene, path, value) for path, value in values.items())
     if change.resistance is not None:
         text += f" with R = {show(change.resistance, 'ohm')}"
     if change.left:
@@ -103,7 +103,7 @@ def _change(scene: Scene, change: Change) -> str:
     return f"{text} (verified)"
 
 
-def value_text(scene: Scene, path: str, value: Value) -> str:
+def key_with_value(scene: Scene, path: str, value: Value) -> str:
     """Return ``"C = 9.76 pF"``."""
     if isinstance(value, float):
         value = show(value, find_key(scene, path).unit)

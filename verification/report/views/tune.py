@@ -72,7 +72,7 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
     facts = (
         ("designs tried", str(tuning.tried)),
         ("designs on the trade-off curve", str(len(tuning.frontier))),
-        ("limit of the overshoot", percent(tuning.overshoot_limit)),
+        ("limit of the overshoot", percent(tuning.overshoot_limit, 4)),
         (f"margin of {first_knob(circuit)}", f"{tuning.margin:g}"),
         ("lambda, unchanged", circuit.facts["lambda"].text),
     )

@@ -16,6 +16,7 @@ import numpy as np
 from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.quantities import percent
 from taction.system.results import Result
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
 
@@ -63,7 +64,7 @@ class Remedy:
         for name, tolerance in self.parts.items():
             groups.setdefault(tolerance, []).append(name)
         return " and ".join(
-            f"{_together(names)} to {100 * tolerance:.3g} %" for tolerance, names in groups.items()
+            f"{_together(names)} to {percent(tolerance)}" for tolerance, names in groups.items()
         )
 
     @property
@@ -179,7 +180,7 @@ class YieldReport(Result):
     def __repr__(self) -> str:
         low, high = (f"{100 * share:.3g}" for share in (self.low, self.high))
         return (
-            f"YieldReport({self.passed} of {self.samples} pass, yield {100 * self.fraction:.4g} %,"
+            f"YieldReport({self.passed} of {self.samples} pass, yield {percent(self.fraction, 4)},"
             f" 95 % interval {low} to {high} %{_listed(self.failures)})"
         )
 
@@ -225,8 +226,8 @@ def yield_sentence(passed: int, samples: int) -> str:
     """
     if not samples:
         return "no sample, no yield"
-    low, high = (f"{100 * end:.3g} %" for end in interval(passed, samples))
-    share = f"{100 * passed / samples:.4g} %"
+    low, high = (percent(end) for end in interval(passed, samples))
+    share = percent(passed / samples, 4)
     return f"yield {share}, 95 % interval {low} to {high}: {passed} of {samples} boards pass"
 
 
