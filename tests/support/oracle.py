@@ -31,7 +31,9 @@ AMPLIFIERS = {
 def exact_solution(
     problem: Problem, start: np.ndarray, digits: int = 60
 ) -> tuple[list[mpmath.mpf], list[mpmath.mpf]] | None:
-    """Newton's method on ``T^T (T u - eps) + mu (v + beta) = 0`` in v; None if it does not end.
+    """Newton's method on ``T^T (T u - eps) + mu (v - taken u + beta) = 0`` in v; None: no end.
+
+    `taken` is the share of the ridge term that is taken away.
 
     The problem is convex, so a root found from any start is the solution.
     """
@@ -39,13 +41,14 @@ def exact_solution(
         g, slope = AMPLIFIERS[problem.regulariser]
         mu = mpmath.mpf(problem.lam) / (1 if problem.regulariser == "linear" else 2)
         T, eps = mpmath.matrix(problem.T.tolist()), mpmath.matrix(problem.eps.tolist())
-        channels = problem.T.shape[1]
+        channels, taken = problem.T.shape[1], 1 - problem.ridge_share
         gram, load = T.T * T, T.T * eps
         v = mpmath.matrix(start.tolist())
         shift = mpmath.ones(channels, 1) * int(problem.bias)
         for _ in range(60):
-            force = gram * v.apply(g) - load + mu * (v + shift)
-            jacobian = gram * mpmath.diag([slope(x) for x in v]) + mu * mpmath.eye(channels)
+            force = gram * v.apply(g) - load + mu * (v - taken * v.apply(g) + shift)
+            slopes = mpmath.diag([slope(x) for x in v])
+            jacobian = gram * slopes + mu * (mpmath.eye(channels) - taken * slopes)
             step = mpmath.lu_solve(jacobian, -force)
             v += step
             size = max(1, *(abs(x) for x in v))

@@ -203,7 +203,8 @@ def _amplified_solution(
 ) -> tuple[list[Any], list[Any]]:
     """Return the reference solution's v and u, dimensionless; u as mpmath's numbers."""
     design = scene.design
-    problem = Problem(T, eps, float(true_lambda(scene)), design.amplifier, design.biased)
+    lam, share = float(true_lambda(scene)), design.ridge_share
+    problem = Problem(T, eps, lam, design.amplifier, design.biased, ridge_share=share)
     guess = solve(problem).v
     assert guess is not None
     found = exact_solution(problem, guess)
