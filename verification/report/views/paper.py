@@ -128,7 +128,8 @@ def _charts(chapter: Chapter) -> Iterator[Block]:
 def sheet(picture: Picture) -> Sheet:
     """Return a picture of the paper's reproduction."""
     charts = [panel_chart(panel, picture.caption) for panel in picture.panels]
-    return Sheet.of("", charts, ACROSS, PANEL, (0.5 * PANEL[0] if len(charts) == 1 else 0.0, 0.0))
+    wider = 0.5 * PANEL[0] if len(charts) == 1 else 0.0
+    return Sheet.of(picture.caption, charts, ACROSS, PANEL, (wider, 0.5))
 
 
 def panel_chart(panel: Panel, caption: str) -> Chart:
