@@ -4,6 +4,12 @@ A bare run is ngspice on the flat cards of the deck, with the steps that were pl
 of 1e-4 of the step. A check, in one process and without imports, finds poles, margins, noise and
 readings with bounds besides; ngspice lists the deck for it, and runs as the other witness. A sweep
 is compared with as many bare runs as it has values. Processor time, with that of ngspice.
+
+What remains above the wanted figures: of a deck with few parts a bare run takes 8 ms. ngspice's
+listing of the deck takes 7 ms, its transient 8 ms, and 20 ms are some hundred small array
+operations in Python, a third of them for the table of what each part does. A board of a sweep takes
+3 ms in 3,000 calls: stamps, elimination, modes, equilibrium and readings in equal shares. Whole
+commands spend more on imports: a check takes 0.8 s, of which 0.1 s are the check.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -102,3 +104,10 @@ def test_a_board_without_poles_has_its_divided_voltage(
     status, text = run(str(place), *options)
     assert status == 0
     assert "has no poles" in text
+
+
+def test_a_check_loads_no_scipy(deck: str) -> None:
+    """Its import is a quarter of the processor time of a check of a small deck."""
+    code = f"import sys, taction; taction.check({deck!r}); print('scipy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import lu_solve
-from scipy.linalg.lapack import zgetrf
 
 from taction.netlist_gen.board.circuit import Knob
-from taction.system.array_types import EPS, Complexes
+from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -24,7 +22,8 @@ from taction.verification.stability.poles import Poles
 from taction.verification.stability.port_response import share_modes
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
-BESIDE, ITERATIONS = 1e-10, 3  # of the inverse iteration: relative distance from the pole
+BESIDE = (1e-10, 1e-7, 1e-4, 1e-2)  # of the inverse iteration: relative distances from the pole
+ITERATIONS = 3
 MOVED = 1e-5  # relative change of a value for a sensitivity
 
 
@@ -93,20 +92,23 @@ def sensitivities(
 def _vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
     """Return the right and the left null vector of ``p M - K``, by inverse iteration."""
     dense = linear_matrices(board.descriptor, board.operating_point)
-    X = (p * (1.0 + BESIDE) + 1e-300) * dense.mass - dense.stiffness
-    rows = np.abs(X).max(axis=1)
-    rows[rows == 0.0] = 1.0
-    columns = np.abs(X / rows[:, None]).max(axis=0)
-    columns[columns == 0.0] = 1.0
-    scaled = X / rows[:, None] / columns
-    lu, pivots, _ = zgetrf(scaled)
-    pivot = np.einsum("ii->i", lu)  # a view of the diagonal
-    pivot[np.abs(pivot) < EPS] = EPS  # a pole that is exact
-    factors = lu, pivots
+    for beside in BESIDE:
+        X = (p * (1.0 + beside) + 1e-300) * dense.mass - dense.stiffness
+        rows = np.abs(X).max(axis=1)
+        rows[rows == 0.0] = 1.0
+        columns = np.abs(X / rows[:, None]).max(axis=0)
+        columns[columns == 0.0] = 1.0
+        try:
+            inverse = np.linalg.inv(X / rows[:, None] / columns)
+            break
+        except np.linalg.LinAlgError:  # a pole that is exact, or a double one
+            continue
+    else:
+        raise EngineError("the vectors of the rightmost pole are lost in rounding")
     right = left = np.ones(len(X), dtype=np.complex128)
     for _ in range(ITERATIONS):
-        right = lu_solve(factors, right / np.abs(right).max(), check_finite=False)
-        left = lu_solve(factors, left / np.abs(left).max(), trans=1, check_finite=False)
+        right = inverse @ (right / np.abs(right).max())
+        left = (left / np.abs(left).max()) @ inverse
     return right / np.abs(right).max() / columns, left / np.abs(left).max() / rows
 
 

@@ -43,6 +43,7 @@ from taction.verification.engines.statespace.equations.cell_stamps import (
 )
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.decomposition import balance
 from taction.verification.engines.statespace.linearised.state_space import driven
 
 
@@ -130,6 +131,7 @@ def _places(descriptor: Descriptor, names: Iterable[str]) -> Ints:
 HIDDEN = "rounding hides the noise: the poles of the board are too far apart"
 DIRECT = 1e-9  # of the variance: direct noise in the band of the board that counts as rounding
 MOST = 1200  # unknowns: some seconds, in which the dense matrices are decomposed
+FEW = 12  # states of which a linear system of all elements of P is inverted
 REFINED = 3  # solutions: the first, and its refinements
 SOURCES = 2  # columns of the equations of a board before those of the noise
 
@@ -231,10 +233,8 @@ def _variance(
 
     With a `weight`, P is weighted with this function of A.
     """
-    from scipy.linalg import matrix_balance
-
-    balanced: Any = matrix_balance(A, permute=False, separate=True)
-    A, (scale, _) = balanced
+    scale = balance(A)
+    A = A * scale / scale[:, None]
     equation = _Lyapunov(A)
     Q, C = Q / np.outer(scale, scale), C * scale
     P = equation.solve(Q)
@@ -250,28 +250,43 @@ def _variance(
 
 
 class _Lyapunov:
-    """Solver of ``A P + P A^T = -Q`` by the method of Bartels and Stewart, with refinement."""
+    """Solver of ``A P + P A^T = -Q``, with refinement.
+
+    Of up to `FEW` states it inverts the linear map of all elements of P, which is as stable as the
+    method of Bartels and Stewart for more of them, and needs no `scipy.linalg`.
+    """
 
     def __init__(self, A: Floats) -> None:
+        self.A = A
+        if len(A) <= FEW:
+            one = np.eye(len(A))
+            self.inverse = np.linalg.inv(np.kron(A, one) + np.kron(one, A))
+            return
         from scipy.linalg import get_lapack_funcs, schur
 
         decomposed: Any = schur(A, output="real")
-        self.A = A
         self.T, self.U = decomposed
         self.trsyl: Any = get_lapack_funcs("trsyl", (self.T,))
 
     def solve(self, Q: Floats, *, adjoint: bool = False) -> Floats:
         """Return P; with `adjoint` that of ``A^T P + P A = -Q``."""
         A = self.A.T if adjoint else self.A
-        kinds = {"trana": "T"} if adjoint else {"tranb": "T"}
         P, left = np.zeros_like(Q), Q
         for _ in range(REFINED):
-            Y, scale, _ = self.trsyl(self.T, self.T, -self.U.T @ left @ self.U, **kinds)
-            step = self.U @ (Y * scale) @ self.U.T
+            step = self._step(left, adjoint)
             P = P + 0.5 * (step + step.T)
             product = A @ P
             left = product + product.T + Q
         return P
+
+    def _step(self, Q: Floats, adjoint: bool) -> Floats:
+        """Return P without refinement."""
+        if len(Q) <= FEW:
+            inverse = self.inverse.T if adjoint else self.inverse
+            return np.asarray(-(inverse @ Q.ravel()).reshape(Q.shape))
+        kinds = {"trana": "T"} if adjoint else {"tranb": "T"}
+        Y, scale, _ = self.trsyl(self.T, self.T, -self.U.T @ Q @ self.U, **kinds)
+        return np.asarray(self.U @ (Y * scale) @ self.U.T)
 
 
 def _remainder(A: Floats, P: Floats, Q: Floats) -> Floats:
