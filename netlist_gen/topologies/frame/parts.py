@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from taction.netlist_gen.board.circuit import (
     GROUND,
@@ -22,6 +22,7 @@ from taction.netlist_gen.board.circuit import (
     VoltageSource,
 )
 from taction.netlist_gen.board.preferred_values import preferred
+from taction.system.data_classes import dataclass
 
 
 @dataclass(slots=True)

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import zip_longest
 
+from taction.system.data_classes import dataclass
 from taction.verification.studies.running.worker import FAILURES, Worker
 from taction.verification.studies.work_precision.methods import Method, MethodRun, MethodTask
 

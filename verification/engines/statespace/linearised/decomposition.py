@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.linearised.block import Block, complex_form
 from taction.verification.engines.statespace.linearised.real_modes import (
     Joined,

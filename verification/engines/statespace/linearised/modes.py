@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
 from taction.verification.engines.statespace.linearised.block import Block
 from taction.verification.engines.statespace.linearised.decomposition import decompose_block

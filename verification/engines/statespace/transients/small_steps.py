@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.equilibrium import solve_loop
 from taction.verification.engines.statespace.linearised.modes import Modes
