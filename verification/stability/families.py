@@ -124,6 +124,7 @@ class Family:
         logarithmic: bool = True,
         tolerance: float = TOLERANCE,
         fine: bool = True,
+        start: float | None = None,
     ) -> Scan:
         """Find every edge among `values`, with the poles at samples; see `scan`.
 
@@ -131,7 +132,8 @@ class Family:
         """
         located = self._located(min(values), max(values)) if logarithmic else []
         everything = [*values, *located]
-        return scan(self.poles, everything, logarithmic=logarithmic, tolerance=tolerance, fine=fine)
+        how = {"logarithmic": logarithmic, "fine": fine}
+        return scan(self.poles, everything, tolerance=tolerance, start=start, **how)
 
     def count(self, value: float, edges: Edges) -> int:
         """Count the unstable poles at a value by a winding number, without poles."""
@@ -229,12 +231,17 @@ class Family:
 
 @dataclass(frozen=True, slots=True)
 class EdgeSearch:
-    """A search for every edge of a family from `low` to `high`; `found`: poles at `own`."""
+    """A search for every edge of a family from `low` to `high`; `found`: poles at `own`.
+
+    With `nearest` the board at `own`, one of the two, is stable, and only the edge next to it need
+    be found.
+    """
 
     family: Family
     low: float
     high: float
     found: Poles | None = None
+    nearest: bool = False
 
 
 def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]:
@@ -250,7 +257,10 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
         try:
             if family.ports is None:
                 points = 2 + math.ceil(PER_DECADE * math.log10(one.high / one.low))
-                found[place] = family.scan(np.geomspace(one.low, one.high, points).tolist())
+                values = np.geomspace(one.low, one.high, points).tolist()
+                values[0], values[-1] = one.low, one.high
+                start = family.own if one.nearest else None
+                found[place] = family.scan(values, start=start)
                 continue
             own = poles(family.ports.board) if one.found is None else one.found
             known = own.complete or own.stable  # else the poles are too few to be counted

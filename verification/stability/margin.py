@@ -200,7 +200,7 @@ def _begun(search: MarginSearch, families: Families | None) -> Margin | tuple[_W
         unit = board.circuit.facts[name].unit
         confirmed = [] if families is None else families.confirmed(board.circuit, knob)
         way = _Way(Family.of(board, knob), knob, unit, search.reach, confirmed)
-        return way, EdgeSearch(way.family, *way.ends, own)
+        return way, EdgeSearch(way.family, *way.ends, own, nearest=True)
     if own.certain:
         return Margin(0.0, 0.0, "the board is unstable")
     text = "the board itself may be stable or unstable"

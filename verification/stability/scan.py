@@ -39,6 +39,7 @@ def scan(
     logarithmic: bool = True,
     tolerance: float = TOLERANCE,
     fine: bool = True,
+    start: float | None = None,
 ) -> Scan:
     """Find every edge between the least and the largest of `values`.
 
@@ -57,6 +58,9 @@ def scan(
     fine : bool
         Whether to look between the values, too. If not, only the edges at which the board becomes
         stable or unstable are found, and a range narrower than the steps of `values` may be missed.
+    start : float, optional
+        The least or the largest of `values`, of a stable board, if only the edge next to it is
+        wanted: the scan goes no further than the first value of a board that is certainly unstable.
 
     Raises
     ------
@@ -67,7 +71,7 @@ def scan(
     -----
     Costs one call of `read` per grid point, and about twenty per crossing.
     """
-    search = _Search(read, values, logarithmic, most=None if fine else 0)
+    search = _Search(read, values, logarithmic, None if fine else 0, start)
     for passes in PASSES if fine else ():  # twice: an edge may hide others in its grid interval
         search.refine(passes)
         search.climb()
@@ -86,13 +90,21 @@ class _Search:
     """
 
     def __init__(
-        self, read: Reader, values: Sequence[float], logarithmic: bool, most: int | None
+        self,
+        read: Reader,
+        values: Sequence[float],
+        logarithmic: bool,
+        most: int | None,
+        start: float | None,
     ) -> None:
         self.read, self.logarithmic, self.most = read, logarithmic, most
         self.samples: list[Sample] = []
         self._error: TactionError | None = None
-        for value in sorted({float(value) for value in values}):
-            self.take(math.log(value) if logarithmic else value, value)
+        ordered = sorted({float(value) for value in values}, reverse=start == max(values))
+        for value in ordered:
+            there = self.take(math.log(value) if logarithmic else value, value)
+            if start is not None and there.certain and there.unstable:
+                break
         if self._error is not None and all(sample.failure for sample in self.samples):
             raise self._error
 

@@ -49,6 +49,26 @@ def test_both_ends_of_a_window_far_narrower_than_the_grid_are_found() -> None:
         assert (first, second) == tuple(c.value for c in found.edges)
 
 
+@pytest.mark.parametrize("start", [GRID[0], GRID[-1]])
+def test_from_a_stable_end_nothing_is_read_far_behind_the_first_edge(start: float) -> None:
+    """Unstable from 1/e to e, but for a gap near 1 that nobody asks for."""
+    seen = list[float]()
+    inner = poles_of(lambda x: min(1.0 - x**2, x**2 - 1e-4) + 2j)
+
+    def read(value: float) -> Poles:
+        seen.append(value)
+        return inner(value)
+
+    sign = 1.0 if start > 1.0 else -1.0
+    found = scan(read, GRID, start=start)
+    assert places(found) == pytest.approx([sign], rel=1e-6)
+    step = GRID[1] / GRID[0]
+    assert all(sign * np.log(value) >= 1.0 - np.log(step) for value in seen)
+    whole = scan(inner, GRID)
+    assert len(whole.edges) == 4
+    assert found.edges[0].value in [pytest.approx(edge.value, rel=1e-7) for edge in whole.edges]
+
+
 def test_a_stable_gap_inside_an_unstable_range_is_found() -> None:
     found = scan(poles_of(lambda x: (x + 0.4) ** 2 - 1e-6 + 1j), GRID)
     assert places(found) == pytest.approx([-0.401, -0.399], rel=1e-6)
