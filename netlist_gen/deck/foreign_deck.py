@@ -155,6 +155,8 @@ class _DeckReading:
 
     def _include(self, card: _Include, origin: Path) -> None:
         """Read the file that a card names, if it is inside the deck's folder."""
+        if not card.name.isprintable():
+            raise card.refused("expected the name of a file, without control characters")
         folder, last = self.deck.resolve().parent, card.name.rpartition("/")[2]
         target = (origin.resolve().parent / card.name).resolve()
         if not (target.is_relative_to(folder) and target.is_file()) and (folder / last).is_file():

@@ -23,7 +23,7 @@ def without_poly(text: str) -> str:
     Examples
     --------
     >>> without_poly("e1 s 0 poly(2) a 0 b 0 0 1 2")
-    'be1 s 0 v=1.0*v(a,0)+2.0*v(b,0)'
+    'be1 s 0 v=0+1*v(a,0)+2*v(b,0)'
     """
     if not (match := _POLY.fullmatch(text)):
         return text
@@ -35,8 +35,13 @@ def without_poly(text: str) -> str:
         inputs = [f"v({p},{q})" for p, q in zip(controls[::2], controls[1::2], strict=False)]
     else:
         inputs = [f"i({source})" for source in controls]
+    coefficients = words[width:]
     try:
-        made = polynomial(inputs, [number(word) for word in words[width:]])
+        if 1 < len(coefficients) <= len(inputs) + 1:  # linear, perhaps with parameters
+            terms = [coefficients[0], *map("*".join, zip(coefficients[1:], inputs, strict=False))]
+            made = "+".join(terms)
+        else:
+            made = polynomial(inputs, [number(word) for word in coefficients])
     except ValueError:
         return text
     return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"

@@ -13,7 +13,21 @@ from tests.fuzz.target import Target
 from tests.support.designer_decks import DECKS as DESIGNERS
 
 NAMES = ("wien", "sallen-key-gain", "cccs-mirror", "transimpedance-closed", "gyrator")
-BASES = tuple(DESIGNERS[name].encode() for name in NAMES)
+LTSPICE = """* C:\\filters\\a.asc
+X§U1 0 N1 vcc vee out level.2 Avol=1Meg GBW=10Meg Rin=500Meg
+V1 vcc 0 5
+R1 N1 in° 10k tol=1
+R2 out N1 2k2
+C1 out net#1 1µ Rser=10m Lser=1n Rpar=1Meg
+B1 net#1 0 V=0.5*v(out)-i(V2)*2+0.1
+E1 b 0 POLY(2) in° 0 out 0 0 1 {gain}
+L1 b 0 1m Rser=1 Cpar=5p
+V2 in° 0 SINE(0 1 1k) AC 1 Rser=50
+.param gain=2 C={1/(2*pi*1k)}
+.lib UniversalOpamps2.sub
+.end
+"""
+BASES = (*(DESIGNERS[name].encode() for name in NAMES), LTSPICE.encode())
 VALUES = (
     *("0", "-1", "1e400", "1e-400", "nan", "inf", "1k5", "1meg", "1M", "1u", "1\u00b5", "{gain}"),
     *(
@@ -54,6 +68,8 @@ LINES = (
     ),
     *(".param gain=gain", ".func f(x) {f(x)}", ".global out", "R9 out out 1k", "C9 out 0 -1n"),
     *("R9 out 0 0", "L9 out 0 1m", "K1 L1 L9 2", "V9 in 0 1", "E9 out 0 out 0 1", "F9 out 0 v9 1"),
+    *("B1 out 0 v=2*v(in)", "B1 a b i=v(", "E9 out 0 poly(1) in 0 0 {gain}", "C9 a b 1n Rser="),
+    *("X9 a b out opamp aol=0", "X9 a b c d e level.3a phimargin=90", "E9 a 0 in 0 laplace=1/s"),
     *("Q1 out in 0 m", "D1 out 0 m", ".model m d", "B1 out 0 v=v(in)^2", "S1 out 0 in 0 m"),
     *("V9 x 0 PULSE(", "V9 x 0 PWL()", "V9 x 0 PWL(0 0 1)", "I9 0 out SIN(0 1)", "V9 x 0 AC"),
     *(

@@ -103,7 +103,8 @@ def test_a_capacitor_and_a_source_with_resistances(read: Read) -> None:
 @pytest.mark.parametrize(
     "card",
     ["B1 a 0 V=3*v(in)-0.5*v(out)+0.25", "E1 a 0 VALUE={3*V(in)-V(out)/2+0.25}",
-     "E1 a 0 POLY(2) in 0 out 0 0.25 3 -0.5"],
+     "E1 a 0 POLY(2) in 0 out 0 0.25 3 -0.5",
+     ".param k=3\nE1 a 0 POLY(2) (in,0) (out,0) 0.25 {k} {-k/6}"],
 )  # fmt: skip
 def test_a_linear_expression_is_a_source(card: str, read: Read) -> None:
     """a = 3 - out/2 + 0.25: out rests at 3.25 / 1.5 with the pole -1.5 / (R C)."""
@@ -169,6 +170,7 @@ def test_cards_become_plain(card: str, plain: list[str]) -> None:
         ("E1 out 0 in 0 Laplace=1/(1+s*1u)", "its circuit of R, C, E"),
         ("S1 in out c 0 SW", "expected an R of its state"),
         ("R1 in – 1k", "the character '–' is not accepted"),
+        (".include a\0b", "without control characters"),
         (".lib C:\\LTspice\\lib\\my.sub", "outside the deck's folder|no file .*my.sub"),
     ],
 )
