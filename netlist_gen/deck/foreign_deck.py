@@ -32,7 +32,12 @@ LETTERS = "rclkviefghxbdqjms"
 LARGEST = 8 * MEGABYTE  # of a file
 MOST = 20_000  # cards of a deck with its files
 DEEPEST = 10  # files within one another
-_FILE = re.compile(r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))\s*(\S*)\s*", re.I)
+_FILE = re.compile(
+    r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))\s*([^\s\\/]*)\s*", re.I
+)
+_SPACED = re.compile(
+    r"\.(?:include|inc|lib)\s+()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
+)  # with blanks
 _UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
 _QUOTED = re.compile(r"'([^'{}]*)'")
 
@@ -219,7 +224,7 @@ def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterato
             inside = word != [".endc"]
             commands += 1
             raw[k] = ""
-        elif word and word[0] in FILES and (match := _FILE.fullmatch(line.strip())):
+        elif word and word[0] in FILES and (match := _file(line.strip())):
             files[k + 1] = match
             raw[k] = ".include"
         elif line.lstrip().startswith(_UNUSUAL):
@@ -246,6 +251,11 @@ def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterato
             yield _Include(path, each, name.replace("\\", "/"), match[4].lower())
         else:
             yield card
+
+
+def _file(line: str) -> re.Match[str] | None:
+    """Return the name of a file in a card, in one of three groups, and its section, in a fourth."""
+    return _FILE.fullmatch(line) or _SPACED.fullmatch(line)
 
 
 def _section(path: Path, raw: list[str], section: str) -> list[str]:
