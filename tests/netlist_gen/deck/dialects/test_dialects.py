@@ -23,6 +23,8 @@ from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.deck.dialects.table import DIALECTS
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients import simulate
 from tests.support.making import make_scene
 from tests.support.other_simulators import distance, gnucap_record, ngspice_record
 from tests.support.paths import SCENES
@@ -105,6 +107,29 @@ def test_ngspice_reads_the_dialect_and_finds_the_same_waveforms(
     found = ngspice_record(foreign, tmp_path, MODES[dialect])
     assert found[0][-1] == pytest.approx(STEPS * step_of(name), rel=1e-9)
     assert distance(expected, found) < 2e-4
+
+
+@pytest.mark.parametrize("dialect", ["ngspice", *MODES])
+@pytest.mark.parametrize("kind", ["deadzone", "saturation", "rectifier"])
+def test_decks_of_straight_pieces_err_by_their_steps_alone(
+    kind: str, dialect: str, ngspice: str, tmp_path: Path
+) -> None:
+    """At their own points; between them a straight line leaves the corners of the outputs out.
+
+    Records of different points are 2e-3 apart where they are compared by such lines.
+    """
+    amplifier = {"amplifier": kind, "exponential_slope": 0.03, "ridge_share": 0.0}
+    circuit = synthesise(make_scene({"channels": 3, "span": 2.0}, design=DESIGN | amplifier))
+    board, errors = LinearBoard(circuit), list[float]()
+    for step in (1e-8, 2.5e-9):
+        run = Transient(1e-5, step)
+        deck = write_deck(circuit, run, dialect=dialect)
+        time, volts = ngspice_record(deck, tmp_path, MODES.get(dialect, ""))
+        instants, places = np.unique(time, return_index=True)
+        exact = simulate.simulate(board, run, nodes=deck.saved, times=instants).values.T
+        errors.append(float(np.abs(volts[:, places] - exact).max() / np.ptp(exact)))
+    assert errors[0] < 4e-4
+    assert errors[1] < errors[0] / 6.0  # a quarter of the step, of the second order
 
 
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice", "xyce", "spectre"])
