@@ -1,6 +1,7 @@
 """The state-space engine beside ngspice at equal error, and how both grow with the board.
 
-ngspice runs with the step control that `verify` plans for an error of 1e-4. The time of the
+ngspice runs with the step control that `verify` plans for an error of 1e-4, of closed-loop boards
+with wires 1e-6. The time of the
 state-space engine is everything from the `Circuit` to as many points of the `Waveforms`.
 """
 
@@ -48,6 +49,11 @@ WIDE: dict[str, Value] = {
 }
 
 
+WIRED = {Extent.TINY: 3, Extent.FULL: 32}  # channels of boards with wires
+CLOSE = 1e-6  # error of their transients, of the step amplitude
+FEEDBACK = {"inv": {}, "pinv": {"design.feedback_conductance": 1.04e-3}}  # 3 times the least one
+
+
 @dataclass(frozen=True, eq=False)
 class Board:
     """A board and its planned transient."""
@@ -85,6 +91,18 @@ def wide(channels: int) -> Scene:
     return with_values(load_scene(SCENES / "tuned-breadboard.toml"), WIDE | own)
 
 
+def wired(topology: str, channels: int) -> Scene:
+    """Return a closed-loop board with wires, of conductances ``0.5^|i - j| G0``."""
+    place = np.arange(channels)
+    scene = Scene.from_arrays(
+        0.5 ** np.abs(place[:, None] - place), np.where(place % 3 == 0, -0.05, 0.1),
+        topology=topology, unit_conductance=1e-4, opamp="opa189",
+    )  # fmt: skip
+    lines = dict.fromkeys(("wires.word_line", "wires.bit_line"), 1.0)
+    ends = dict.fromkeys(("wires.driver", "wires.sense"), 5.0)
+    return with_values(scene, {**lines, **ends, "wires.compensate": True, **FEEDBACK[topology]})
+
+
 def measure(extent: Extent) -> Result:
     """Measure two seven-channel boards, then boards of growing size."""
     rounds = ROUNDS[extent]
@@ -94,18 +112,25 @@ def measure(extent: Extent) -> Result:
         figures.append(beside_ngspice(name, board, rounds, 10.0))
         if extent is Extent.FULL:
             figures.append(precision(name, board))
+    for topology in FEEDBACK if extent in WIRED else ():
+        channels = WIRED[extent]
+        board = Board.of(wired(topology, channels), {"analysis.error": CLOSE})
+        name = f"{topology} with wires, {channels} channels"
+        figures.append(beside_ngspice(name, board, 1, 500.0, CLOSE))
     grown = growth(SIZES[extent], rounds)
     if extent is Extent.FULL:
         figures.append(beside_ngspice("128 channels", Board.of(wide(128)), 3, 100.0))
     return replace(grown, figures=figures + grown.figures)
 
 
-def beside_ngspice(name: str, board: Board, rounds: int, wanted: float) -> Figure:
+def beside_ngspice(
+    name: str, board: Board, rounds: int, wanted: float, error: float = ERROR
+) -> Figure:
     """Time one transient by both engines, with as many points each."""
     points = int(board.plan.forecast.steps)
     jobs = {"ngspice": board.ngspice, "statespace": wall(partial(board.statespace, points))}
     found = in_turns(jobs, rounds)
-    what, base = f"ngspice at an error of {ERROR:g}, {name}", "state space, as many points"
+    what, base = f"ngspice at an error of {error:g}, {name}", "state space, as many points"
     return Figure(what, base, ratios(found["ngspice"], found["statespace"]), wanted, least=True)
 
 
