@@ -107,25 +107,24 @@ class Course:
     def first_grid(self) -> Floats:
         """Return instants that resolve modes above `detail`, at least `PER_OCTAVE` to an octave."""
         lives, rates = self._fastest(self.detail)
-        shortest = 1.0 / float(self.solution.flow.speeds.max(initial=1.0))
-        parts, t = [np.zeros(1)], 0.0
-        for end, rate in zip(lives.tolist(), rates.tolist(), strict=False):
-            if end <= t:
-                continue
-            step = FINENESS / rate
-            even = min(max(PER_OCTAVE * step, t), end)
-            parts.append(np.linspace(t, even, math.ceil((even - t) / step) + 1)[1:])
-            if end > even:
-                parts.append(_octaves(even, end))
-            t = end
-        return np.concatenate([*parts, [shortest]]) if t == 0.0 else np.concatenate(parts)
+        begin = np.append(0.0, lives[:-1])
+        some = np.flatnonzero(lives > begin)
+        begin, end, step = begin[some], lives[some], FINENESS / rates[some]
+        if not some.size:
+            return np.array([0.0, 1.0 / float(self.solution.flow.speeds.max(initial=1.0))])
+        even = np.minimum(np.maximum(PER_OCTAVE * step, begin), end)
+        ends = np.stack([begin, even, end], axis=1)
+        counts = np.ceil([(even - begin) / step, PER_OCTAVE * np.log(end / even)])
+        return np.append(0.0, _between(ends, counts.T.astype(np.int64)))
 
     def later(self, begin: float) -> Floats:
         """Return instants after the last of a grid, `begin`, s, until all modes are noise."""
         slowest = float(self.solution.flow.rates[0])
         left = float(self.remainder(begin).max(initial=0.0))
         end = begin + math.log(max(left / self.noise, 1.0)) / -slowest
-        return _octaves(begin, LONGER * max(begin, end))
+        end = LONGER * max(begin, end)
+        count = math.ceil(PER_OCTAVE * math.log(end / begin))
+        return _between(np.array([[begin, begin, end]]), np.array([[0, count]]))
 
     def evaluate(self, times: Floats) -> tuple[Floats, Floats, Floats]:
         """Return errors, slopes and bounds at `times`, (Q, N) each."""
@@ -169,10 +168,23 @@ class Course:
         return np.stack([high, room - np.minimum(*still) - self.ends], axis=1)
 
 
-def _octaves(begin: float, end: float) -> Floats:
-    """Return instants in geometric progression after `begin` up to `end`, s."""
-    count = math.ceil(PER_OCTAVE * math.log(end / begin))
-    return np.geomspace(begin, end, count + 1)[1:]
+def _between(ends: Floats, counts: Ints) -> Floats:
+    """Return instants of pieces of time, s, one after the other, each without its begin.
+
+    From the first of its `ends` (Q, 3) to the second a piece has so many even steps as the first of
+    its `counts` (Q, 2), from there to the third so many steps in geometric progression as the
+    second.
+    """
+    count = counts.ravel()
+    which = np.repeat(np.arange(len(count)), count)
+    last = np.cumsum(count)
+    share = (np.arange(len(which)) + 1 - (last - count)[which]) / count[which]
+    begin, end = ends[:, :2].ravel()[which], ends[:, 1:].ravel()[which]
+    curved = which % 2 == 1
+    found = begin + (end - begin) * share
+    found[curved] = begin[curved] * (end[curved] / begin[curved]) ** share[curved]
+    found[last[count > 0] - 1] = ends[:, 1:].ravel()[count > 0]
+    return found
 
 
 class _Terms:
@@ -295,20 +307,21 @@ class ExactGrid:
             self.caps[places, side] = _tops(
                 sign * here, sign * after, sign * rise, sign * fall, width
             )
-        coarse = places[~self.resolved[places]]
-        for k, some in self.each(self.board[coarse]):
-            self.caps[coarse[some]] = self._coarse(self.courses[k], coarse[some])
-
-    def _coarse(self, course: Course, k: Ints) -> Floats:
-        """Return upper bounds of ``e`` and of ``-e`` in intervals of one board, (Q, 2, N)."""
+        coarse = np.flatnonzero(~self.resolved[places])
+        if not coarse.size:
+            return
+        ends = here[coarse], after[coarse], rise[coarse], fall[coarse]
+        caps = np.stack(_cubic_ranges(*ends, width[coarse, None]), axis=1)
+        k = places[coarse]
         begin, end = self.time[k], self.time[k + 1]
-        room, rings = course.room(begin, end - begin)
-        ends = self.errors[k], self.errors[k + 1], self.slopes[k], self.slopes[k + 1]
-        sides = [[sign * part for part in ends] for sign in (1.0, -1.0)]
-        caps = np.stack([_cubic_tops(side, end - begin) + room for side in sides], axis=1)
-        if rings.any():
-            caps[rings] = np.minimum(caps[rings], course.envelopes(begin[rings], end[rings]))
-        return caps
+        for board, some in self.each(self.board[k]):
+            course = self.courses[board]
+            room, rings = course.room(begin[some], width[coarse[some]])
+            caps[some] += room[:, None]
+            at = np.flatnonzero(rings) + some.start
+            if at.size:
+                caps[at] = np.minimum(caps[at], course.envelopes(begin[at], end[at]))
+        self.caps[k] = caps
 
     def refine(self, places: Ints, most: int = PIECES) -> Bools:
         """Divide the intervals at `places`; return which boards have new points.
@@ -422,10 +435,24 @@ def _cubic_root(here: Floats, after: Floats, first: Floats, last: Floats) -> Flo
     return 0.5 * (low + high)
 
 
-def _cubic_tops(ends: Sequence[Floats], width: Floats) -> Floats:
-    """Return the largest values (Q, N) of cubics through values and slopes at interval ends."""
-    here, after, rise, fall = ends
-    return np.maximum(_summit(here, after, rise, fall, width[:, None]), np.maximum(here, after))
+def _cubic_ranges(
+    here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats
+) -> tuple[Floats, Floats]:
+    """Return the largest values (Q, N) of cubics and of their negatives.
+
+    The cubics have values and slopes at the ends of intervals of a `width` (Q, 1).
+    """
+    first, last, delta = rise * width, fall * width, after - here
+    square, cube = 3.0 * delta - 2.0 * first - last, first + last - 2.0 * delta
+    root = np.sqrt(np.maximum(square**2 - 3.0 * cube * first, 0.0))
+    tops = []
+    for sign in (1.0, -1.0):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = np.fmin(np.fmax(first / (sign * root - square), 0.0), 1.0)
+        peak = sign * (here + at * (first + at * (square + at * cube)))
+        tops.append(np.maximum(np.maximum(sign * here, sign * after), peak))
+    high, low = tops
+    return high, low
 
 
 def _summit(here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats) -> Floats:
@@ -467,10 +494,16 @@ class ExactSignal:
 
     The boards have equally many channels. The signal has the channels of all of them, those of the
     first board first.
+
+    Attributes
+    ----------
+    wanted : ndarray (boards, N)
+        The channels whose maxima are searched; others keep what the grid shows.
     """
 
     def __init__(self, *courses: Course) -> None:
         self.grid = ExactGrid(courses)
+        self.wanted = np.ones((len(courses), self.grid.channels), dtype=np.bool_)
         self.ends = self.grid.ends
         self.level = np.maximum([course.level for course in courses], self.grid.noise)
 
@@ -515,7 +548,8 @@ class ExactSignal:
             tops = np.maximum.reduceat(grid.errors, grid.first)
             lows = np.minimum.reduceat(grid.errors, grid.first)
             best = np.maximum(best, np.stack([tops, -lows], axis=1))
-            least = np.where(open_boards, grid.noise, np.inf)[:, None, None] + best
+            open_rows = (self.wanted & open_boards[:, None])[:, None]
+            least = np.where(open_rows, grid.noise[:, None, None] + best, np.inf)
             place, side, channel = np.nonzero(grid.caps > least[grid.board])
             board, fine = grid.board[place], grid.resolved[place]
             if fine.any():

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Literal, TypeVar
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -25,7 +25,6 @@ TOLERANCE = 1e-3  # of the steps of a board without exact solution, in step ampl
 INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
 
-T = TypeVar("T")
 Quantity = Literal["voltage", "slope", "current"]
 UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A"}
 
@@ -185,45 +184,33 @@ class _Loads:
 
 
 def _exact(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
-    """Return the loads of boards with exact solutions."""
-    kept: list[Ints] = _by_rows(
-        [len(loads.rows) for loads, _ in boards],
-        lambda places: _not_excluded([(boards[k][0], _course(*boards[k])) for k in places]),
-    )
-    parts = [
-        (_Loads.of(loads.board, tuple(loads.rows[k] for k in rows.tolist())), solution.part(rows))
-        for (loads, solution), rows in zip(boards, kept, strict=True)
-    ]
-    return _by_rows(
-        [len(loads.rows) for loads, _ in parts],
-        lambda places: _peaks([parts[k] for k in places]),
-    )
-
-
-def _by_rows(counts: list[int], function: Callable[[list[int]], Sequence[T]]) -> list[T]:
-    """Return what a function gives for the places of equally many rows, in the order of `counts`.
-
-    A grid holds boards with equally many channels.
-    """
-    found: dict[int, T] = {}
-    for count in dict.fromkeys(counts):
-        places = [place for place, own in enumerate(counts) if own == count]
-        found |= zip(places, function(places), strict=True)
-    return [found[place] for place in range(len(counts))]
+    """Return the loads of boards with exact solutions; a grid holds boards with as many rows."""
+    groups: dict[int, list[int]] = {}
+    for place, (loads, _) in enumerate(boards):
+        groups.setdefault(len(loads.rows), []).append(place)
+    found: dict[int, tuple[Load, ...]] = {}
+    for places in groups.values():
+        found |= zip(places, _peaks([boards[k] for k in places]), strict=True)
+    return [found[place] for place in range(len(boards))]
 
 
 def _peaks(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
-    """Return the loads of boards with equally many rows."""
+    """Return the loads of boards with equally many rows that no upper bound excludes."""
     signal, found = ExactSignal(*(_course(*each) for each in boards)), list[tuple[Load, ...]]()
+    grid, ends = signal.grid, np.abs(signal.ends).reshape(len(boards), -1)
+    for k, some in grid.each(grid.board):
+        signal.wanted[k] = _not_excluded(boards[k][0], grid, some, ends[k])
     (high, above), (low, below) = (
         [part.reshape(len(boards), -1) for part in signal.highest(sign)] for sign in (1.0, -1.0)
     )
-    ends = np.abs(signal.ends).reshape(len(boards), -1)
-    for k, some in signal.grid.each(signal.grid.board):
-        sizes, time = np.abs(signal.grid.errors[some]), np.append(signal.grid.time[some], math.inf)
-        place = np.append(sizes, ends[k, None], axis=0).argmax(axis=0)
-        errors = np.where(high[k] > low[k], above[k], below[k])
-        found.append(tuple(boards[k][0].loads(np.maximum(high[k], low[k]), time[place], errors)))
+    peaks, errors = np.maximum(high, low), np.where(high > low, above, below)
+    for k, some in grid.each(grid.board):
+        rows = np.flatnonzero(signal.wanted[k])
+        sizes, time = np.abs(grid.errors[some][:, rows]), np.append(grid.time[some], math.inf)
+        at = time[np.append(sizes, ends[k : k + 1, rows], axis=0).argmax(axis=0)]
+        loads = boards[k][0]
+        part = _Loads.of(loads.board, tuple(loads.rows[row] for row in rows.tolist()))
+        found.append(tuple(part.loads(peaks[k, rows], at, errors[k, rows])))
     return found
 
 
@@ -233,22 +220,17 @@ def _course(loads: _Loads, solution: Exact) -> Course:
     return Course(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL)
 
 
-def _not_excluded(boards: Sequence[tuple[_Loads, Course]]) -> list[Ints]:
-    """Return the places of the rows that no upper bound excludes (see `PartLoads`), of each board.
+def _not_excluded(loads: _Loads, grid: ExactGrid, some: slice, end: Floats) -> Bools:
+    """Return which rows of a board, at `some` places, no upper bound excludes (see `PartLoads`).
 
-    The boards have equally many rows.
+    `end` (K,) are the sizes at rest.
     """
-    grid, found = ExactGrid([course for _, course in boards]), list[Ints]()
-    for k, some in grid.each(grid.board):
-        loads, caps = boards[k][0], grid.caps[some]
-        end = np.abs(boards[k][1].ends)
-        reached = np.maximum(np.abs(grid.errors[some]).max(axis=0), end)
-        bound, full = (x.max(axis=(0, 1)) for x in (caps, caps + grid.reach[some][:, None]))
-        kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
-        worst = np.zeros(len(UNITS))
-        np.maximum.at(worst, kinds, reached)
-        found.append(np.flatnonzero((bound >= worst[kinds]) | (full > FULL)))
-    return found
+    caps, reached = grid.caps[some], np.maximum(np.abs(grid.errors[some]).max(axis=0), end)
+    bound, full = (x.max(axis=(0, 1)) for x in (caps, caps + grid.reach[some][:, None]))
+    kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
+    worst = np.zeros(len(UNITS))
+    np.maximum.at(worst, kinds, reached)
+    return np.asarray((bound >= worst[kinds]) | (full > FULL))
 
 
 def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:

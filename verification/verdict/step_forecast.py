@@ -314,7 +314,7 @@ class StepModel:
 
 def _modes(space: StateSpace, C: Floats, deviation: Floats) -> tuple[Complexes, Complexes]:
     """Return poles (n,), one of each conjugate pair, and their amplitudes in ``C x``, (n, K)."""
-    poles, amplitudes = space.modes.centres, space.modes.amplitudes(C, deviation).T
+    poles, amplitudes = space.modes.centres, space.modes.shares(C, deviation).amplitudes.T
     kept = poles.imag >= 0.0
     twice = np.where(poles[kept].imag > 0.0, 2.0, 1.0)[:, None]
     return poles[kept], twice * amplitudes[kept]

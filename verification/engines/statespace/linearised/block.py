@@ -78,22 +78,12 @@ class Block:
             rates[block.members] += block.scale(complex(self.kept[block.members[0]]))
         return both(rates, self.real)
 
-    def shares(self, C: Floats, deviation: Floats) -> tuple[Complexes, Complexes]:
-        """Return ``C right`` (len(C), n) and ``left deviation`` (n,), which multiply to shares."""
+    def shares(self, C: Floats, deviation: Floats) -> BlockShares:
+        """Return the shares of the modes in the rows ``C x`` (len(C), n) from ``x = deviation``."""
         dual = complex_rows(self.left @ deviation, self.real, len(self.kept))
-        return complex_columns(C @ self.right, self.real), both(dual, self.real)
+        return BlockShares(self, complex_columns(C @ self.right, self.real), both(dual, self.real))
 
-    def envelopes(self, C: Floats, deviation: Floats) -> tuple[Floats, Floats]:
-        """Return bounds on both factors of the shares at any time, over ``exp(rates t)``."""
-        seen, dual = (np.abs(part) for part in self.shares(C, deviation))
-        return self._grown(seen.T).T, self._grown(dual, transposed=False)
-
-    def terms(self, C: Floats, size: Floats) -> Floats:
-        """Return the sizes of the sums in `shares` for deviations of a `size`, (len(C), n)."""
-        seen = self._grown(np.abs(complex_columns(C @ self.right, self.real)).T).T
-        return np.asarray(seen * (self._left_sizes @ size))
-
-    def _grown(self, X: Floats, *, transposed: bool = True) -> Floats:
+    def grown(self, X: Floats, *, transposed: bool = True) -> Floats:
         """Multiply the rows of X at joined modes by the growth within their blocks."""
         if not self.joined:
             return X
@@ -109,7 +99,7 @@ class Block:
         return [block.growth(complex(self.kept[block.members[0]])) for block in self.joined]
 
     @functools.cached_property
-    def _left_sizes(self) -> Floats:
+    def left_sizes(self) -> Floats:
         """Magnitudes of the dual vectors, (n, n)."""
         return row_sizes(self.left, self.real)
 
@@ -141,7 +131,7 @@ class Block:
             return self.measured
         with np.errstate(over="ignore", invalid="ignore"):
             right = column_sizes(self.right, self.real) ** 2
-            squares = self._left_sizes**2 @ (self.size**2 @ right)
+            squares = self.left_sizes**2 @ (self.size**2 @ right)
         return np.asarray(EPS * np.sqrt(np.where(np.isnan(squares), np.inf, squares)))
 
     @functools.cached_property
@@ -151,17 +141,13 @@ class Block:
         E[np.diag_indices(len(E))] += 2.0 * EPS * own + both(self.coupled, self.real)
         return E
 
-    def errors(self, C: Floats, deviation: Floats) -> tuple[Floats, Floats]:
-        """Return bounds a, b (len(C), n) on the error of ``C x`` by mode i, to first order.
+    @functools.cached_property
+    def couplings(self) -> tuple[tuple[Floats, Floats], ...]:
+        """What `error` adds to modes, from the left and from the right, (n, n) each, by the time.
 
-        The error is at most ``sum_i (a_i t + b_i) exp(rates_i t)``: a change D of A changes ``C x``
-        by ``sum_ij (C right)_j (left D right)_ji (left deviation)_i`` times the divided difference
-        of the exponentials, which is at most t, and at most 2 over the distance of the poles. What
-        the rows lack to the inverse of the columns is an error of `dual`.
+        The first pair grows with the time; the second is between modes that are far from one
+        another, of which only its ratio to their distance counts.
         """
-        if not math.isfinite(self.defect):
-            unknown = np.full((len(C), len(self.right)), np.inf)
-            return unknown, unknown
         E, centres = self.error.copy(), both(self.kept, self.real)
         E[np.diag_indices(len(E))] *= 0.5  # it counts once
         gap = np.abs(centres[:, None] - centres)
@@ -169,12 +155,12 @@ class Block:
         if self.joined:
             near |= near.T
         wide = np.where(near, 0.0, 2.0 / np.where(near, 1.0, gap))
-        seen, dual = self.envelopes(C, deviation)
-        lag, vague = (
-            (seen @ (E * part)) * dual + seen * ((E * part.T) @ dual) for part in (near, wide)
-        )
-        missing = np.abs(both(complex_form(self.rest, self), self.real))
-        return lag, vague + seen * (missing @ dual)
+        return (E * near, E * near.T), (E * wide, E * wide.T)
+
+    @functools.cached_property
+    def missing(self) -> Floats:
+        """Magnitudes of what the rows lack to the inverse of the columns, (n, n)."""
+        return np.asarray(np.abs(both(complex_form(self.rest, self), self.real)))
 
     @functools.cached_property
     def pole_errors(self) -> Floats:
@@ -189,7 +175,7 @@ class Block:
             return np.full(len(self.right), np.inf)
         count = len(self.kept)
         if self.measured is None:
-            E = UNITS * EPS * (self._left_sizes @ self.size @ column_sizes(self.right, self.real))
+            E = UNITS * EPS * (self.left_sizes @ self.size @ column_sizes(self.right, self.real))
         else:
             E = self.measured.copy()
         E[np.diag_indices(len(E))] += both(self.coupled, self.real)
@@ -230,6 +216,50 @@ class Block:
     def rows(self) -> Complexes:
         """Return the dual vectors, (n, n)."""
         return both(complex_rows(self.left, self.real, len(self.kept)), self.real)
+
+
+@dataclass(frozen=True, eq=False)
+class BlockShares:
+    """The shares of a block's modes in rows of ``C x``: ``seen * dual``.
+
+    Attributes
+    ----------
+    seen : ndarray (K, n)
+        ``C right``.
+    dual : ndarray (n,)
+        ``left x(0)``.
+    """
+
+    block: Block
+    seen: Complexes
+    dual: Complexes
+
+    @functools.cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Bounds on both factors at any time, over ``exp(rates t)``."""
+        grown = self.block.grown
+        return grown(np.abs(self.seen).T).T, grown(np.abs(self.dual), transposed=False)
+
+    def terms(self, size: Floats) -> Floats:
+        """Return the sizes of the sums in the shares of deviations of a `size`, (K, n)."""
+        return np.asarray(self.bounds[0] * (self.block.left_sizes @ size))
+
+    def errors(self) -> tuple[Floats, Floats]:
+        """Return bounds a, b (K, n) on the error of ``C x`` by mode i, to first order.
+
+        The error is at most ``sum_i (a_i t + b_i) exp(rates_i t)``: a change D of A changes ``C x``
+        by ``sum_ij (C right)_j (left D right)_ji (left deviation)_i`` times the divided difference
+        of the exponentials, which is at most t, and at most 2 over the distance of the poles. What
+        the rows lack to the inverse of the columns is an error of `dual`.
+        """
+        if not math.isfinite(self.block.defect):
+            unknown = np.full(self.seen.shape, np.inf)
+            return unknown, unknown
+        seen, dual = self.bounds
+        lag, vague = (
+            (seen @ left) * dual + seen * (right @ dual) for left, right in self.block.couplings
+        )
+        return lag, vague + seen * (self.block.missing @ dual)
 
 
 def _spectral_radius(X: Floats) -> float:

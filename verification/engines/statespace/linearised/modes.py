@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
-from taction.verification.engines.statespace.linearised.block import Block
+from taction.verification.engines.statespace.linearised.block import Block, BlockShares
 from taction.verification.engines.statespace.linearised.decomposition import decompose_block
 from taction.verification.engines.statespace.linearised.real_modes import Joined, both
 
@@ -27,14 +29,14 @@ class Modes:
     blocks: tuple[Block, ...]
     halves: Halves | None
     poles: Complexes
-    _order: Ints
+    order: Ints
 
     @functools.cached_property
     def right(self) -> Complexes:
         """Basis vectors as columns, (n, n): eigenvectors where `alone`."""
         parts = [block.columns() for block in self.blocks]
         whole = parts[0] if self.halves is None else self.halves.join(*parts)
-        return whole[:, self._order]
+        return whole[:, self.order]
 
     @functools.cached_property
     def left(self) -> Complexes:
@@ -43,13 +45,13 @@ class Modes:
         if self.halves is not None:
             even, odd = parts
             parts = [self.halves.join(even * self.halves.share[:, None], 0.5 * odd)]
-        return parts[0].T[self._order]
+        return parts[0].T[self.order]
 
     def checked(self, between: Floats) -> Modes:
         """Return the modes of one block with bounds between each two of them, (n, n), 1/s."""
         (block,) = self.blocks
         measured = np.empty_like(between)
-        measured[np.ix_(self._order, self._order)] = between
+        measured[np.ix_(self.order, self.order)] = between
         return replace(self, blocks=(replace(block, measured=measured),))
 
     @property
@@ -60,7 +62,7 @@ class Modes:
     @functools.cached_property
     def alone(self) -> Bools:
         """Whether each mode has a direction of its own, (n,)."""
-        return np.concatenate([block.alone for block in self.blocks])[self._order]
+        return np.concatenate([block.alone for block in self.blocks])[self.order]
 
     @functools.cached_property
     def mates(self) -> Ints:
@@ -71,77 +73,94 @@ class Modes:
             own, first = np.arange(len(block.right)), sum(map(len, places))
             twins = np.concatenate([own[: block.real], own[count:], own[block.real : count]])
             places.append(first + twins)
-        inverse = np.empty_like(self._order)
-        inverse[self._order] = np.arange(len(inverse))
-        return inverse[np.concatenate(places)[self._order]]
+        inverse = np.empty_like(self.order)
+        inverse[self.order] = np.arange(len(inverse))
+        return inverse[np.concatenate(places)[self.order]]
 
     @property
     def centres(self) -> Complexes:
         """Poles, and for joined modes their common centre, 1/s, (n,)."""
         parts = [both(block.kept, block.real) for block in self.blocks]
-        return np.concatenate(parts)[self._order]
+        return np.concatenate(parts)[self.order]
 
     @functools.cached_property
     def rates(self) -> Floats:
         """Rate of the envelope of each mode, 1/s, (n,)."""
-        return np.concatenate([block.rates for block in self.blocks])[self._order]
+        return np.concatenate([block.rates for block in self.blocks])[self.order]
 
     @functools.cached_property
     def pole_errors(self) -> Floats:
         """Bound on the rounding error of each pole, 1/s, (n,)."""
-        return np.concatenate([block.pole_errors for block in self.blocks])[self._order]
+        return np.concatenate([block.pole_errors for block in self.blocks])[self.order]
 
-    def amplitudes(self, C: Floats, deviation: Floats) -> Complexes:
-        """Return the share of each mode in each row of ``C x`` at t = 0, shape (len(C), n).
+    def shares(self, C: Floats, deviation: Floats) -> Shares:
+        """Return the shares of the modes in the rows of ``C x`` for ``x(0) = deviation``."""
+        size = np.abs(deviation)
+        rows: tuple[Floats, ...] = (C,)
+        parts: tuple[Floats, ...] = (deviation,)
+        if self.halves is not None:
+            rows, parts = self.halves.split_rows(C), self.halves.split_vectors(deviation)
+            size, _ = self.halves.split_vectors(size)  # the terms of an odd part add up too
+        blocks = zip(self.blocks, rows, parts, strict=True)
+        found = tuple(block.shares(some, part) for block, some, part in blocks)
+        return Shares(found, self.order, size)
 
-        ``C x(t) = sum_i amplitudes[:, i] exp(poles[i] t)`` for ``x(0) = deviation`` where every
-        mode is alone.
+
+@dataclass(frozen=True, eq=False)
+class Shares:
+    """The shares of the modes in the rows (K,) of ``C x``, the rightmost mode first.
+
+    Attributes
+    ----------
+    parts : tuple of BlockShares
+        Those of each block.
+    order : ndarray (n,)
+        Places of the modes of the blocks, rightmost first.
+    size : ndarray
+        Size of the states at t = 0.
+    """
+
+    parts: tuple[BlockShares, ...]
+    order: Ints
+    size: Floats
+
+    def _ordered(self, found: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate(list(found), axis=1)[:, self.order]
+
+    @property
+    def amplitudes(self) -> Complexes:
+        """Share of each mode in each row at t = 0, (K, n).
+
+        ``C x(t) = sum_i amplitudes[:, i] exp(poles[i] t)`` where every mode is alone.
         """
-        parts = zip(self.blocks, *self._split(C, deviation), strict=True)
-        factors = (block.shares(rows, part) for block, rows, part in parts)
-        return np.concatenate([seen * dual for seen, dual in factors], axis=1)[:, self._order]
+        return self._ordered(part.seen * part.dual for part in self.parts)
 
-    def heights(self, C: Floats, deviation: Floats) -> Floats:
-        """Return the height of each mode's envelope in each row of ``C x``, (len(C), n)."""
-        parts = zip(self.blocks, *self._split(C, deviation), strict=True)
-        found = []
-        for block, rows, part in parts:
-            seen, _ = block.shares(rows, part)
-            found.append(np.abs(seen) * block.envelopes(rows, part)[1])
-        return np.concatenate(found, axis=1)[:, self._order]
+    @property
+    def heights(self) -> Floats:
+        """Height of each mode's envelope in each row, (K, n)."""
+        return self._ordered(np.abs(part.seen) * part.bounds[1] for part in self.parts)
 
-    def joined(
-        self, C: Floats, deviation: Floats
-    ) -> Iterator[tuple[complex, Joined, Complexes, Complexes]]:
+    @property
+    def terms(self) -> Floats:
+        """Sizes of the sums in `amplitudes`: ``|C right| |left| |deviation|``, (K, n)."""
+        return self._ordered(part.terms(self.size[: len(part.dual)]) for part in self.parts)
+
+    @property
+    def errors(self) -> tuple[Floats, Floats]:
+        """Bounds on the error of each mode's part of a row, (K, n); see `BlockShares.errors`."""
+        lag, vague = map(self._ordered, zip(*(part.errors() for part in self.parts), strict=True))
+        return lag, vague
+
+    def joined(self) -> Iterator[tuple[complex, Joined, Complexes, Complexes]]:
         """Yield the centre of joined modes, the modes, ``C right`` and ``left deviation``.
 
         One of each conjugate pair, with twice its share.
         """
-        for block, rows, part in zip(self.blocks, *self._split(C, deviation), strict=True):
-            seen, dual = block.shares(rows, part)
-            for each in block.joined:
-                at, twice = each.members, 1.0 + (each.members[0] >= block.real)
-                yield complex(block.kept[at[0]]), each, twice * seen[:, at], dual[at]
-
-    def terms(self, C: Floats, deviation: Floats) -> Floats:
-        """Return the sizes of the sums in `amplitudes`: ``|C right| |left| |deviation|``."""
-        rows, (size, *_) = self._split(C, np.abs(deviation))  # the terms of an odd part add up too
-        parts = zip(self.blocks, rows, strict=True)
-        terms = [block.terms(C, size[: len(block.right)]) for block, C in parts]
-        return np.concatenate(terms, axis=1)[:, self._order]
-
-    def errors(self, C: Floats, deviation: Floats) -> tuple[Floats, Floats]:
-        """Return bounds on the error of each mode's part of ``C x``; see `Block.errors`."""
-        parts = zip(self.blocks, *self._split(C, deviation), strict=True)
-        pairs = zip(*(block.errors(rows, part) for block, rows, part in parts), strict=True)
-        lag, vague = (np.concatenate(pair, axis=1)[:, self._order] for pair in pairs)
-        return lag, vague
-
-    def _split(self, C: Floats, x: Floats) -> tuple[Sequence[Floats], Sequence[Floats]]:
-        """Return the rows and the vector for each block."""
-        if self.halves is None:
-            return (C,), (x,)
-        return self.halves.split_rows(C), self.halves.split_vectors(x)
+        for part in self.parts:
+            for each in part.block.joined:
+                at, twice = each.members, 1.0 + (each.members[0] >= part.block.real)
+                centre = complex(part.block.kept[at[0]])
+                yield centre, each, twice * part.seen[:, at], part.dual[at]
 
 
 def decompose(

@@ -189,7 +189,7 @@ def time_scales(
     step = float(np.abs(C @ deviation).max(initial=0.0))
     weight = np.ones(space.n)
     if step > 0.0:
-        weight = modes.heights(C, deviation).max(axis=0, initial=0.0) / step
+        weight = modes.shares(C, deviation).heights.max(axis=0, initial=0.0) / step
     scales = _scales(modes.poles, weight, modes.rates, error, points)
     return replace(scales, step=step, complete=not large)
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import EPS, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import (
@@ -55,17 +54,6 @@ class Exact:
     def bounds(self, times: Floats) -> Floats:
         """Return bounds on the rounding error at `times` (P,), V, to first order; shape (P, K)."""
         return self.flow.bounds(np.asarray(times, dtype=np.float64)) + self.rest_error
-
-    def part(self, columns: Ints) -> Exact:
-        """Return the solution of some nodes."""
-        return replace(
-            self,
-            nodes=tuple(self.nodes[k] for k in columns.tolist()),
-            start=self.start[columns],
-            final=self.final[columns],
-            rest_error=self.rest_error[columns],
-            flow=self.flow.part(columns),
-        )
 
     def at(self, times: Floats) -> Floats:
         """Return voltages at `times` (P,), s; shape (P, K)."""
@@ -146,11 +134,11 @@ def _solve(
 
 def _at_rest(board: LinearBoard, reported: tuple[str, ...]) -> tuple[Floats, Floats]:
     """Return the voltages of the equilibrium and bounds of their rounding, V, (K,)."""
-    final = np.array([board.equilibrium[node] for node in reported])
-    off = [
-        0.0 if node == "0" else board.rounding[board.descriptor.place(node)] for node in reported
-    ]
-    return final, np.array(off) + EPS * np.abs(final)
+    final, off = np.zeros((2, len(reported)))
+    live = [k for k, node in enumerate(reported) if node != "0"]
+    places = [board.descriptor.place(reported[k]) for k in live]
+    final[live], off[live] = board.equilibrium.values[places], board.rounding[places]
+    return final, off + EPS * np.abs(final)
 
 
 def _exact(
@@ -202,9 +190,9 @@ def combinations(
     C, D = space.rows(nodes)
     x0 = space.state_of(initial_unknowns(board, initial, None))
     deviation = x0 - space.state_of(board.equilibrium.values)
-    rows = volts @ C + rates @ C @ space.A
+    moving = rates @ C @ space.A
     rest, error = _at_rest(board, nodes)
     final = volts @ rest
-    start = volts @ (C @ x0 + D.sum(axis=1)) + (rates @ C @ space.A) @ deviation
+    start = volts @ (C @ x0 + D.sum(axis=1)) + moving @ deviation
     names = tuple(map(str, range(len(volts))))
-    return _exact(board, names, rows, deviation, start, final, np.abs(volts) @ error)
+    return _exact(board, names, volts @ C + moving, deviation, start, final, np.abs(volts) @ error)

@@ -6,9 +6,8 @@ the time.
 
 from __future__ import annotations
 
+import functools
 import math
-from copy import copy
-from typing import Self
 
 import numpy as np
 
@@ -48,7 +47,7 @@ class Exponentials:
         self.share = share[order]
         self._highest = int(powers.max(initial=0))
 
-    @property
+    @functools.cached_property
     def speeds(self) -> Floats:
         """Largest relative change of each term, 1/s, (m,)."""
         return np.abs(self.poles) + self.scales
@@ -85,9 +84,14 @@ class Exponentials:
         """Return values, or their time derivatives, at `times` (P,), s; shape (P, K)."""
         return self._sums(times, self.derived(order))
 
+    @functools.cached_property
+    def _pairs(self) -> Complexes:
+        """Shares of the values and of their derivatives, (m, 2 K)."""
+        return np.hstack([self.share, self.derived(1)])
+
     def pair(self, times: Floats) -> tuple[Floats, Floats]:
         """Return values and their time derivatives, shape (P, K) each."""
-        both = self._sums(times, np.hstack([self.share, self.derived(1)]))
+        both = self._sums(times, self._pairs)
         return both[:, : self.share.shape[1]], both[:, self.share.shape[1] :]
 
     def _sums(self, times: Floats, weight: Complexes) -> Floats:
@@ -134,9 +138,8 @@ class ModalFlow(Exponentials):
 
     def __init__(self, modes: Modes, C: Floats, deviation: Floats) -> None:
         with np.errstate(invalid="ignore", over="ignore"):
-            share = modes.amplitudes(C, deviation)
-            terms = modes.terms(C, deviation)
-            lag, vague = modes.errors(C, deviation)
+            shares = modes.shares(C, deviation)
+            share, terms, (lag, vague) = shares.amplitudes, shares.terms, shares.errors
             # Rounding excites every growing mode, as noise does in a circuit.
             faint = (modes.poles.real > 0.0) & (np.abs(share) < EPS * terms)
             share = np.where(faint, EPS * terms, share)
@@ -148,11 +151,11 @@ class ModalFlow(Exponentials):
         noise = alone & (modes.poles.real < 0.0) & np.all(size <= NOISE * terms, axis=0)
         kept &= ~noise
         pair = np.where(modes.poles[kept].imag > 0.0, 2.0, 1.0)
-        poles, shares = [modes.poles[kept]], [(share[:, kept] * pair).T]
+        poles, parts = [modes.poles[kept]], [(share[:, kept] * pair).T]
         powers, scales = [np.zeros(len(pair), dtype=np.int64)], [np.zeros(len(pair))]
-        for centre, joined, seen, dual in modes.joined(C, deviation):
+        for centre, joined, seen, dual in shares.joined():
             series = _series(centre, joined, seen, dual)
-            shares.append(series)
+            parts.append(series)
             poles.append(np.full(len(series), centre))
             powers.append(np.arange(len(series)))
             scales.append(np.full(len(series), joined.scale(centre)))
@@ -160,7 +163,7 @@ class ModalFlow(Exponentials):
             np.concatenate(poles),
             np.concatenate(powers),
             np.concatenate(scales),
-            np.concatenate(shares),
+            np.concatenate(parts),
         )
         # Rounding of A and, by their condition number times eps, of the vectors.
         bounded = kept | ~alone
@@ -179,13 +182,6 @@ class ModalFlow(Exponentials):
         """Return bounds on the rounding error at `times` (P,), to first order, shape (P, K)."""
         left = np.exp(np.minimum(np.outer(times, self._bounded), LARGEST))
         return np.asarray((times[:, None] * left) @ self._lag + left @ self._vague + self._omitted)
-
-    def part(self, columns: Ints) -> Self:
-        """Return the flow of some columns."""
-        flow = copy(self)
-        flow.share, flow._omitted = self.share[:, columns], self._omitted[columns]
-        flow._lag, flow._vague = self._lag[:, columns], self._vague[:, columns]
-        return flow
 
 
 def _series(centre: complex, joined: Joined, seen: Complexes, dual: Complexes) -> Complexes:

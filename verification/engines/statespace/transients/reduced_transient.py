@@ -152,7 +152,7 @@ def _fastest(board: LinearBoard, deviation: Floats) -> tuple[float, float]:
     kept = [descriptor.place(name) for name in coarse.descriptor.names]
     x = space.state_of(deviation[kept]) - space.state_of(np.zeros(len(kept)))
     C, _ = space.rows([node for node in board.reported(None) if node in space.nodes])
-    heights = space.modes.heights(C, x).max(axis=0, initial=0.0)
+    heights = space.modes.shares(C, x).heights.max(axis=0, initial=0.0)
     sizes = np.abs(space.modes.poles)
     shown = heights >= SHOWN * max(float(np.abs(C @ x).max(initial=0.0)), 1e-300)
     return float(sizes.max()), float(sizes[shown].max(initial=sizes.min()))

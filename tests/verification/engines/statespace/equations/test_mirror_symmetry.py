@@ -75,7 +75,7 @@ def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
     assert np.all(np.diff(modes.poles.real) <= 1e-13)
     # The bounds of the halves are those of the whole matrix.
     rows, x = np.eye(len(image)), np.ones(len(image))
-    found, whole = (np.sum(each.errors(rows, x)) for each in (modes, decompose([A])))
+    found, whole = (np.sum(each.shares(rows, x).errors) for each in (modes, decompose([A])))
     assert 0.3 * whole < found < 3.0 * whole
 
 
