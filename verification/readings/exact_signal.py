@@ -188,21 +188,22 @@ def _between(ends: Floats, counts: Ints) -> Floats:
 
 
 class _Terms:
-    """Exponentials of many boards in arrays, to evaluate chosen channels of chosen boards.
+    """Exponentials of many boards in arrays, for some `channels` of each board.
 
     `share` (3, boards, m, N) are the shares of the errors and of two time derivatives.
     """
 
-    def __init__(self, courses: Sequence[Course], *, ringing: bool) -> None:
+    def __init__(self, courses: Sequence[Course], channels: Ints, *, ringing: bool) -> None:
         flows = [course.solution.flow for course in courses]
         some = [np.flatnonzero((flow.poles.imag != 0.0) == ringing) for flow in flows]
         most, count = max(map(len, some)), len(courses)
         kind = np.complex128 if ringing else np.float64
         self.poles, self.powers = np.zeros((count, most), kind), np.zeros((count, most), np.int64)
         self.scales = np.zeros((count, most))
-        self.share = np.zeros((3, count, most, len(courses[0].signs)), kind)
+        self.share = np.zeros((3, count, most, len(channels)), kind)
         for k, (course, flow, at) in enumerate(zip(courses, flows, some, strict=True)):
-            n, shares = len(at), [flow.derived(order)[at] * course.signs for order in range(3)]
+            n, derived = len(at), (flow.derived(order)[at] * course.signs for order in range(3))
+            shares = [each[:, channels] for each in derived]
             self.poles[k, :n] = flow.poles[at] if ringing else flow.poles[at].real
             self.powers[k, :n], self.scales[k, :n] = flow.powers[at], flow.scales[at]
             self.share[:, k, :n] = shares if ringing else np.real(shares)
@@ -229,6 +230,8 @@ class ExactGrid:
 
     Attributes
     ----------
+    chosen : ndarray (N,)
+        The channels of each board that the grid has, at first all of them.
     time, board : ndarray (P,)
         s, from 0, and to which of the `courses` it belongs. Interval k lies between the points
         k and k + 1, the last one of a board (`tail`) after all its points.
@@ -246,7 +249,7 @@ class ExactGrid:
     """
 
     def __init__(self, courses: Sequence[Course]) -> None:
-        self.courses, self.channels = courses, len(courses[0].signs)
+        self.courses, self.chosen = courses, np.arange(len(courses[0].signs))
         self.ends = np.concatenate([course.ends for course in courses])
         self.noise = np.array([course.noise for course in courses])
         grids = [course.first_grid() for course in courses]
@@ -256,9 +259,23 @@ class ExactGrid:
         self._place(self._evaluate(self.time, self.board))
         self._bound(np.arange(len(self.time)))
 
+    @property
+    def channels(self) -> int:
+        """Number of channels of each board."""
+        return len(self.chosen)
+
+    def narrow(self, channels: Ints) -> None:
+        """Keep some channels of each board; they have the digits that they have beside others."""
+        self.chosen = self.chosen[channels]
+        self.ends = self.ends.reshape(len(self.courses), -1)[:, channels].ravel()
+        self._place(self._columns[:, :, channels])
+
     @functools.cached_property
     def _terms(self) -> tuple[_Terms, _Terms]:
-        return _Terms(self.courses, ringing=False), _Terms(self.courses, ringing=True)
+        still, ringing = (
+            _Terms(self.courses, self.chosen, ringing=ringing) for ringing in (False, True)
+        )
+        return still, ringing
 
     def each(self, board: Ints) -> Iterator[tuple[int, slice]]:
         """Yield the boards of a rising list, and where each stands in it."""
@@ -280,7 +297,7 @@ class ExactGrid:
         columns = np.empty((len(times), 8, self.channels))
         for k, some in self.each(board):
             for column, values in enumerate(self.courses[k].evaluate(times[some])):
-                columns[some, column] = values
+                columns[some, column] = values[:, self.chosen]
         return columns
 
     def _rate(self, places: Ints) -> Floats:
@@ -296,8 +313,8 @@ class ExactGrid:
         self.reach[places] = np.maximum(self.bounds[places], self.bounds[places + ~last])
         for k in places[last].tolist():
             course = self.courses[self.board[k]]
-            left = course.remainder(float(self.time[k]))
-            self.caps[k] = course.ends + left, left - course.ends
+            left, end = course.remainder(float(self.time[k])), course.ends
+            self.caps[k] = (end + left)[self.chosen], (left - end)[self.chosen]
         places = places[~last]
         width = self.time[places + 1] - self.time[places]
         self.resolved[places] = self._rate(places) * width <= FINENESS
@@ -317,10 +334,11 @@ class ExactGrid:
         for board, some in self.each(self.board[k]):
             course = self.courses[board]
             room, rings = course.room(begin[some], width[coarse[some]])
-            caps[some] += room[:, None]
+            caps[some] += room[:, None, self.chosen]
             at = np.flatnonzero(rings) + some.start
             if at.size:
-                caps[at] = np.minimum(caps[at], course.envelopes(begin[at], end[at]))
+                bounds = course.envelopes(begin[at], end[at])[:, :, self.chosen]
+                caps[at] = np.minimum(caps[at], bounds)
         self.caps[k] = caps
 
     def refine(self, places: Ints, most: int = PIECES) -> Bools:
@@ -494,11 +512,6 @@ class ExactSignal:
 
     The boards have equally many channels. The signal has the channels of all of them, those of the
     first board first.
-
-    Attributes
-    ----------
-    wanted : ndarray (boards, N)
-        The channels whose maxima are searched; others keep what the grid shows.
     """
 
     def __init__(self, *courses: Course) -> None:
@@ -506,6 +519,16 @@ class ExactSignal:
         self.wanted = np.ones((len(courses), self.grid.channels), dtype=np.bool_)
         self.ends = self.grid.ends
         self.level = np.maximum([course.level for course in courses], self.grid.noise)
+
+    def narrow(self, wanted: Bools) -> Ints:
+        """Keep the channels that are `wanted` (boards, N) of any board, and return them.
+
+        Maxima are searched of those that are wanted of a board; others keep what the grid shows.
+        """
+        channels = np.flatnonzero(wanted.any(axis=0))
+        self.grid.narrow(channels)
+        self.ends, self.wanted = self.grid.ends, wanted[:, channels]
+        return channels
 
     @property
     def end_bounds(self) -> Floats:

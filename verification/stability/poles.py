@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 SEARCHED = 1e-9  # times the fastest pole: error of the rightmost poles that a search finds
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Poles:
     """Natural frequencies of a board.
 
@@ -52,7 +53,7 @@ class Poles:
         """Rounding error of the rightmost pole, 1/s."""
         return float(self.errors[0]) if len(self.errors) else 0.0
 
-    @property
+    @cached_property
     def certain(self) -> bool:
         """Whether rounding leaves no doubt that the board is stable, or that it is unstable."""
         real = self.poles.real

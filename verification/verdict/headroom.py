@@ -198,19 +198,19 @@ def _peaks(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
     """Return the loads of boards with equally many rows that no upper bound excludes."""
     signal, found = ExactSignal(*(_course(*each) for each in boards)), list[tuple[Load, ...]]()
     grid, ends = signal.grid, np.abs(signal.ends).reshape(len(boards), -1)
-    for k, some in grid.each(grid.board):
-        signal.wanted[k] = _not_excluded(boards[k][0], grid, some, ends[k])
+    each = [_not_excluded(boards[k][0], grid, some, ends[k]) for k, some in grid.each(grid.board)]
+    rows = signal.narrow(np.array(each))
     (high, above), (low, below) = (
         [part.reshape(len(boards), -1) for part in signal.highest(sign)] for sign in (1.0, -1.0)
     )
     peaks, errors = np.maximum(high, low), np.where(high > low, above, below)
     for k, some in grid.each(grid.board):
-        rows = np.flatnonzero(signal.wanted[k])
-        sizes, time = np.abs(grid.errors[some][:, rows]), np.append(grid.time[some], math.inf)
-        at = time[np.append(sizes, ends[k : k + 1, rows], axis=0).argmax(axis=0)]
+        own = np.flatnonzero(signal.wanted[k])
+        sizes, time = np.abs(grid.errors[some][:, own]), np.append(grid.time[some], math.inf)
+        at = time[np.append(sizes, ends[k : k + 1, rows[own]], axis=0).argmax(axis=0)]
         loads = boards[k][0]
-        part = _Loads.of(loads.board, tuple(loads.rows[row] for row in rows.tolist()))
-        found.append(tuple(part.loads(peaks[k, rows], at, errors[k, rows])))
+        part = _Loads.of(loads.board, tuple(loads.rows[row] for row in rows[own].tolist()))
+        found.append(tuple(part.loads(peaks[k, own], at, errors[k, own])))
     return found
 
 

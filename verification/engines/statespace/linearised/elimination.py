@@ -71,7 +71,7 @@ class ReducedEquations:
     `charge` and `offset` (n, size) and (n,). `places` are the states' places among the unknowns;
     None where the states are combinations of unknowns. `size` (n, n) is the size of the terms of A,
     to which its rounding is relative. `decided` is whether condition numbers leave no doubt about
-    their number n.
+    their number n; of a board without branches its design leaves none.
     """
 
     A: Floats
@@ -145,7 +145,8 @@ def eliminate(
     if exact or has_branches:
         cancelling = within.sizes(rates[:, :n], d, a, mass, inner_factor, passive)
         sizes = np.maximum(sizes, cancelling if exact else cancelling / SPARE)
-    decided = decided and not split.singular and within.decide(d, a, mass, inner_factor)
+    if has_branches:
+        decided = decided and not split.singular and within.decide(d, a, mass, inner_factor)
     inner = np.zeros((len(f), n + inputs))
     inner[d, np.arange(n)] = 1.0
     inner[a] = -passive
