@@ -66,6 +66,10 @@ trick that is gone, with no more numbers outside their stated error.
   equilibria as well, excluding loads of op-amps by the sum of the modes' sizes before their grids,
   and using what the errors of both solutions of a board have in common were tried: each changed a
   point by less than 5 %, and none of them stays.
+- Loads are searched on the grid that excludes most of them, grids begin with one array operation a
+  board, and a board's modes are projected on its outputs, or on its loads, once: a warm point of
+  the README's sweep takes 14.2 ms in place of 16.5, and one of eleven-channel 32.7 in place of 34.5
+  (minima of 5 to 8 pairs, in turns, at load 7).
 """
 SIZE = (11.0, 4.5)  # of a plot, in inches
 
