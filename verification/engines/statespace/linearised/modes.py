@@ -93,7 +93,7 @@ class Modes:
         """Bound on the rounding error of each pole, 1/s, (n,)."""
         return np.concatenate([block.pole_errors for block in self.blocks])[self.order]
 
-    def shares(self, C: Floats, deviation: Floats) -> Shares:
+    def shares(self, C: Floats, deviation: Floats) -> ModeShares:
         """Return the shares of the modes in the rows of ``C x`` for ``x(0) = deviation``."""
         size = np.abs(deviation)
         rows: tuple[Floats, ...] = (C,)
@@ -103,11 +103,11 @@ class Modes:
             size, _ = self.halves.split_vectors(size)  # the terms of an odd part add up too
         blocks = zip(self.blocks, rows, parts, strict=True)
         found = tuple(block.shares(some, part) for block, some, part in blocks)
-        return Shares(found, self.order, size)
+        return ModeShares(found, self.order, size)
 
 
 @dataclass(frozen=True, eq=False)
-class Shares:
+class ModeShares:
     """The shares of the modes in the rows (K,) of ``C x``, the rightmost mode first.
 
     Attributes
