@@ -16,16 +16,17 @@ from tests.support.running import python
 pytest_plugins = ["pytester"]
 
 HEAVY = ("numpy", "scipy", "pydantic", "PySpice", "rich", "netlist_gen", "verification")
+LEFT_OUT = ("anyio", "cacheprovider", "hypothesispytest", "xdist")
 
 
 @pytest.fixture
 def session(pytester: pytest.Pytester) -> Iterator[pytest.Pytester]:
-    """A folder with a pytest session that has our plugin and no cache.
+    """A folder with a pytest session that has our plugin, and of others none, and no cache.
 
     At its end pytest forgets the modules that this process has imported meanwhile. Of ours, a test
     that needs one later would import a second copy, whose classes are not those of the first.
     """
-    pytester.makeini("[pytest]\naddopts = -p no:cacheprovider -p no:xdist\n")
+    pytester.makeini(f"[pytest]\naddopts = {' '.join(f'-p no:{name}' for name in LEFT_OUT)}\n")
     before = set(sys.modules)
     yield pytester
     assert not [name for name in set(sys.modules) - before if name.startswith("taction")]
