@@ -38,8 +38,8 @@ def attempt(
 
     Examples
     --------
-    >>> attempt("the ratio", lambda: 1.0 / 0.0, None, print)
-    the ratio failed, the result stands: ZeroDivisionError: float division by zero
+    >>> attempt("the number", lambda: float("1V"), None, print)
+    the number failed, the result stands: ValueError: could not convert string to float: '1V'
     """
     try:
         return step()

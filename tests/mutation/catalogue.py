@@ -17,7 +17,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame import laws
 from taction.netlist_gen.topologies.frame.laws import Loops
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.modes import Modes
+from taction.verification.engines.statespace.linearised.modes import ModeShares
 from taction.verification.engines.statespace.transients.switching import Piece
 from taction.verification.readings.readings import Step
 from taction.verification.reference.dynamics import IdealNetwork
@@ -245,7 +245,7 @@ SECOND_WITNESS = (
     Mutation(
         "the strongest mode left out of the exact solution",
         "modes of the state space",
-        planting.in_a_method(Modes, "amplitudes", planting.without_strongest),
+        planting.in_a_method(ModeShares, "amplitudes", planting.without_strongest),
         MATRIX,
         NGSPICE,
         (AGREE,),
@@ -265,7 +265,6 @@ SECOND_WITNESS = (
         "lasso",
         NGSPICE,
         (AGREE,),
-        Outcome.INCONCLUSIVE,
     ),
     Mutation(
         "an equilibrium of the wrong branch: without strain",

@@ -92,11 +92,11 @@ def test_g0_moves_for_an_op_amp_whose_input_errors_miss_the_limit() -> None:
     assert board.value("lambda") == pytest.approx(lam, rel=1e-12)
     product = board.value("R") * board.value("C")  # the time constant stays, 144 us
     assert product == pytest.approx(14.4e6 * 10e-12, rel=0.03)
-    for asked in (
-        ChoiceRequest(["lt1028"], gains="2.3M:2.3M"),
-        ChoiceRequest(["lmp7721"], points=3),
+    for volts, asked in (
+        (15.0, ChoiceRequest(["lt1028"], gains="2.3M:2.3M")),
+        (2.5, ChoiceRequest(["lmp7721"], points=3)),
     ):
-        plan = choice_plan(with_values(scene(), {"design.supply": 2.5}), asked)
+        plan = choice_plan(with_values(scene(), {"design.supply": volts}), asked)
         assert G0 not in plan.values_at(0)
     exact = with_values(scene(), {"design.opamp.input_errors": "none"})
     assert G0 not in choice_plan(exact, ChoiceRequest(["ua741"], points=3)).values_at(0)

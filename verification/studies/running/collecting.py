@@ -284,8 +284,8 @@ def attempted(function: Callable[[], T], without: Callable[[BaseException, str],
 
     Examples
     --------
-    >>> print(attempted(lambda: 1 // 0, lambda error, text: text).splitlines()[0])
-    unforeseen: ZeroDivisionError: integer division or modulo by zero
+    >>> print(attempted(lambda: [][0], lambda error, text: text).splitlines()[0])
+    unforeseen: IndexError: list index out of range
     """
     try:
         return repeated_if_killed(function)
