@@ -38,6 +38,7 @@ SLACK = 0.1  # of the height of the tangents above the ends; a cubic's top errs 
 BISECTIONS, ITERATIONS = 9, 60  # of a first root, by a cubic, and of a root
 CONVERGED = 1e-8  # of an interval: last step of a root
 LONGER = 1.1  # times the end of the grid: the least next end
+EARLY = 4.0 ** -np.arange(13, 1, -1)  # of the fastest mode's time constant: the first instants
 NOISE = 0.1  # of the error bound: smaller amplitudes are not followed
 
 
@@ -105,17 +106,22 @@ class Course:
         return np.asarray(fastest[np.searchsorted(lost, times, side="right")])
 
     def first_grid(self) -> Floats:
-        """Return instants that resolve modes above `detail`, at least `PER_OCTAVE` to an octave."""
+        """Return instants that resolve modes above `detail`, at least `PER_OCTAVE` to an octave.
+
+        From rest on all modes nearly cancel, and what is left may turn well before any of them.
+        """
         lives, rates = self._fastest(self.detail)
+        shortest = 1.0 / float(self.solution.flow.speeds.max(initial=1.0))
         begin = np.append(0.0, lives[:-1])
         some = np.flatnonzero(lives > begin)
         begin, end, step = begin[some], lives[some], FINENESS / rates[some]
         if not some.size:
-            return np.array([0.0, 1.0 / float(self.solution.flow.speeds.max(initial=1.0))])
+            return np.unique(np.append(shortest * EARLY, [0.0, shortest]))
         even = np.minimum(np.maximum(PER_OCTAVE * step, begin), end)
         ends = np.stack([begin, even, end], axis=1)
         counts = np.ceil([(even - begin) / step, PER_OCTAVE * np.log(end / even)])
-        return np.append(0.0, _between(ends, counts.T.astype(np.int64)))
+        grid = _between(ends, counts.T.astype(np.int64))
+        return np.unique(np.concatenate([[0.0], shortest * EARLY, grid]))
 
     def later(self, begin: float) -> Floats:
         """Return instants after the last of a grid, `begin`, s, until all modes are noise."""

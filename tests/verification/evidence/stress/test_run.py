@@ -63,6 +63,14 @@ def test_a_dip_within_the_first_step_is_within_the_stated_error() -> None:
     assert not any(number.outside for number in found.comparisons)
 
 
+@pytest.mark.parametrize("name", ["offset-within", "offset-beyond", "conductance-1S"])
+def test_numbers_that_rounding_or_the_first_grid_hid_are_within_their_bounds(name: str) -> None:
+    """Wrong ways of 5e-12 in the first 20 ps; 100 uF beside 5 pF, whose sum loses seven digits."""
+    found = run_case(one(name), "statespace")
+    assert len(found.comparisons) == 13
+    assert [number.name for number in found.comparisons if number.outside] == []
+
+
 def test_a_refusal_is_a_right_outcome() -> None:
     run = run_case(one("wrong-shape"), "statespace")
     assert (run.outcome, run.judgement) == ("InputError", CaseJudgement.RIGHT)

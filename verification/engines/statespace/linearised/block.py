@@ -36,8 +36,9 @@ class Block:
         Columns and rows; the rows are not finite where the modes are defective.
     coupled : ndarray (k,)
         Coupling of each mode to modes too close to it, 1/s.
-    size : ndarray (n, n)
-        Size of A's elements to which their rounding is relative, 1/s.
+    size : ndarray (2, n, n)
+        To what rounding is relative: sizes of the terms of A's elements, 1/s, and of the charges
+        that a unit of ``x'`` moves, over those of the states.
     joined : tuple of Joined
         The modes that have no directions of their own.
     measured : ndarray (n, n), optional
@@ -104,6 +105,15 @@ class Block:
         return row_sizes(self.left, self.real)
 
     @functools.cached_property
+    def _moving(self) -> Floats:
+        """Magnitudes of the columns and of what A makes of them, (2, n, n).
+
+        An error of charges is one of ``x'``, which a slow mode has little of.
+        """
+        right, centres = column_sizes(self.right, self.real), both(self.kept, self.real)
+        return np.stack([right, right * (np.abs(centres) + self.rates - centres.real)])
+
+    @functools.cached_property
     def rest(self) -> Floats:
         """``1 - left right``, (n, n)."""
         with np.errstate(invalid="ignore", over="ignore"):
@@ -130,8 +140,7 @@ class Block:
         if self.measured is not None:
             return self.measured
         with np.errstate(over="ignore", invalid="ignore"):
-            right = column_sizes(self.right, self.real) ** 2
-            squares = self.left_sizes**2 @ (self.size**2 @ right)
+            squares = self.left_sizes**2 @ (self.size**2 @ self._moving**2).sum(axis=0)
         return np.asarray(EPS * np.sqrt(np.where(np.isnan(squares), np.inf, squares)))
 
     @functools.cached_property
@@ -175,7 +184,7 @@ class Block:
             return np.full(len(self.right), np.inf)
         count = len(self.kept)
         if self.measured is None:
-            E = UNITS * EPS * (self.left_sizes @ self.size @ column_sizes(self.right, self.real))
+            E = UNITS * EPS * (self.left_sizes @ (self.size @ self._moving).sum(axis=0))
         else:
             E = self.measured.copy()
         E[np.diag_indices(len(E))] += both(self.coupled, self.real)

@@ -50,6 +50,12 @@ class ScaledInverse:
         inverse[self.coupled[:, None], self.coupled] = np.abs(self.inverse) / self.scale.T
         return inverse
 
+    def spread(self, X: Floats) -> Floats:
+        """Return ``|A^-1| |A| |X|``: to what the rounding of a solution X is relative."""
+        moved = np.abs(self.diagonal) * np.abs(X)
+        moved[self.coupled] = np.abs(self.scaled * self.scale) @ np.abs(X[self.coupled])
+        return np.asarray(self.magnitudes() @ moved)
+
     def solve(self, B: Floats, names: Sequence[str], failure: str) -> Floats:
         """Return X; for a singular A raise EngineError with the names of the unknowns."""
         if not self.largest < SINGULAR:
@@ -69,9 +75,9 @@ class ReducedEquations:
 
     The shapes of A, B, C and D are (n, n), (n, inputs), (size, n) and (size, inputs), those of
     `charge` and `offset` (n, size) and (n,). `places` are the states' places among the unknowns;
-    None where the states are combinations of unknowns. `size` (n, n) is the size of the terms of A,
-    to which its rounding is relative. `decided` is whether condition numbers leave no doubt about
-    their number n; of a board without branches its design leaves none.
+    None where the states are combinations of unknowns. `size` are the sizes of `Block`, to which
+    the rounding of A is relative. `decided` is whether condition numbers leave no doubt about their
+    number n; of a board without branches its design leaves none.
     """
 
     A: Floats
@@ -141,9 +147,11 @@ def eliminate(
     terms = np.abs(K[:n, :n]) + np.abs(K[:n, n + inputs :]) @ np.abs(passive[:, :n])
     sizes = np.abs(mass.solve(terms, charged, "the capacitances do not determine the states"))
     rates = mass.solve(right, charged, "the capacitances do not determine the states")
-    exact = found is not None or split.singular
+    sizes = np.stack([sizes, np.zeros_like(sizes)])
+    exact = found is not None or split.left is not None
     if exact or has_branches:
-        cancelling = within.sizes(rates[:, :n], d, a, mass, inner_factor, passive)
+        cancelling = within.sizes(d, a, mass, inner_factor, passive)
+        cancelling[0] += mass.spread(rates[:, :n])
         sizes = np.maximum(sizes, cancelling if exact else cancelling / SPARE)
     if has_branches:
         decided = decided and not split.singular and within.decide(d, a, mass, inner_factor)
@@ -195,22 +203,17 @@ class Terms:
     pull: Floats
 
     def sizes(
-        self,
-        A: Floats,
-        d: Ints,
-        a: Ints,
-        mass: ScaledInverse,
-        inner: ScaledInverse,
-        passive: Floats,
+        self, d: Ints, a: Ints, mass: ScaledInverse, inner: ScaledInverse, passive: Floats
     ) -> Floats:
-        """Return the sizes of the terms of A, (n, n), with all that cancels on the way to it."""
-        n, pull = len(d), self.pull
-        passive = np.abs(passive[:, :n])
-        moved = (self.mass[:, d] + self.mass[:, a] @ passive) @ np.abs(A)
-        aside = pull[a[:, None], d] + pull[a[:, None], a] @ passive + moved[a]
-        terms = pull[d[:, None], d] + moved[d]
-        terms += pull[d[:, None], a] @ (passive + inner.magnitudes() @ aside)
-        return np.asarray(mass.magnitudes() @ terms)
+        """Return the sizes of `Block`, (2, n, n), with all that cancels on the way to A."""
+        passive, pull = np.abs(passive[:, : len(d)]), self.pull[d[:, None], a]
+        parts = []
+        for part, through in ((self.pull, passive), (self.mass, 0.0)):
+            own, aside = (
+                part[rows[:, None], d] + part[rows[:, None], a] @ passive for rows in (d, a)
+            )
+            parts.append(own + pull @ (through + inner.magnitudes() @ aside))
+        return np.asarray(mass.magnitudes() @ np.stack(parts))
 
     def decide(self, d: Ints, a: Ints, mass: ScaledInverse, inner: ScaledInverse) -> bool:
         """Whether rounding can make neither M on d nor K on a singular."""

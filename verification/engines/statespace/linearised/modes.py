@@ -171,14 +171,14 @@ def decompose(
     """Decompose a matrix, shape (n, n), by one dense eigenproblem (about 25 n³ flops).
 
     With `halves`, `matrices` are its even and odd part, and two eigenproblems of half the size cost
-    a quarter. `sizes` are those of the elements to which their rounding is relative, by default
-    their own. Never raises for finite matrices.
+    a quarter. `sizes` are those of `Block`, by default of the elements themselves. Never raises for
+    finite matrices.
     """
-    sizes = [np.abs(A) for A in matrices] if sizes is None else list(sizes)
+    sizes = [np.stack([np.abs(A), 0.0 * A]) for A in matrices] if sizes is None else list(sizes)
     if halves is not None:  # elements of both are a sum or difference of the same two
         even, odd = sizes
         even = even.copy()
-        paired = even[: halves.pairs, : halves.pairs]
+        paired = even[:, : halves.pairs, : halves.pairs]
         np.maximum(paired, odd, out=paired)
         sizes = [even, paired]
     decomposed = tuple(map(decompose_block, matrices, sizes))

@@ -55,7 +55,7 @@ def test_random_boards_are_within_their_bound_of_another_transient(seed: int) ->
     assert not found.outside, found
 
 
-@pytest.mark.parametrize(("name", "stop"), [("lasso", 4e-3), ("non-negative", 8e-3), ("box", 2e-3)])
+@pytest.mark.parametrize(("name", "stop"), [("lasso", 4e-3), ("non-negative", 1e-4), ("box", 2e-3)])
 def test_the_shipped_scenes_are_within_their_bound(name: str, stop: float) -> None:
     board = LinearBoard(synthesise(load_scene(SCENES / f"{name}.toml")))
     times = np.linspace(0.0, stop, 101)
