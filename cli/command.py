@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
 
@@ -18,7 +18,6 @@ import click
 import taction
 from taction.cli.terminal import StageLine
 from taction.system import results
-from taction.system.data_classes import dataclass
 
 ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")

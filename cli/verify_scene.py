@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import taction
@@ -12,7 +12,6 @@ from taction.cli.command import Call, load
 from taction.cli.running import is_of_stdout
 from taction.cli.terminal import StageLine, put, say
 from taction.system.after_result import attempt
-from taction.system.data_classes import dataclass
 from taction.system.errors import Interrupted
 
 if TYPE_CHECKING:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Literal
-
-from taction.system.data_classes import dataclass
 
 # An exponential board that starts from nothing with a larger first step can make the first
 # iteration of an antilog stage overflow: one scene did at 250 points a period and at no other

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from taction.system.data_classes import dataclass
 from taction.system.documents import OPTIONAL, Note
 from taction.system.errors import Complaint, InputError, SimulationError, TactionError
 

@@ -26,10 +26,10 @@ study is `Interrupted`, a `KeyboardInterrupt` with what the study has finished.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taction.system.data_classes import dataclass
 from taction.system.foreign_text import LONGEST as LONGEST_MESSAGE
 from taction.system.foreign_text import shortened, visible, visible_lines
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import mmap
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import BadEvidence, OutOfDisk
 from taction.system.foreign_files import UnusableFileError, open_regular
 from taction.system.waveforms import Waveforms

@@ -8,7 +8,7 @@ and the measures may share them.
 
 from __future__ import annotations
 
-from taction.system.data_classes import dataclass
+from dataclasses import dataclass
 
 SETTLING_BAND = 0.01  # of A: half width of the settling band where a scene gives none
 RISE_LEVELS = (0.1, 0.9)  # of a channel's own step

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.system.array_types import Floats, Indices
-from taction.system.data_classes import dataclass
 from taction.system.picture import plot, time_unit
 
 if TYPE_CHECKING:

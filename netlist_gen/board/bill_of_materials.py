@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 
 SAME = 1e-9  # relative: closer values are one part
 UNITS = {"resistor": "ohm", "capacitor": "F"}

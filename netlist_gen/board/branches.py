@@ -6,10 +6,10 @@ of a deck has no strain: its sources are constant, or step at t = 0 (`Source`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 from taction.netlist_gen.board.circuit import Branch
-from taction.system.data_classes import dataclass
 
 
 @dataclass(frozen=True, slots=True)

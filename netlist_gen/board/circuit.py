@@ -12,7 +12,7 @@ equations. Node ``"0"`` is ground. Matrices are arrays, never N² objects. A top
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -23,7 +23,6 @@ from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor
 from taction.system.array_types import Bools, Floats
-from taction.system.data_classes import dataclass
 from taction.system.quantities import quantity, sizes
 from taction.system.results import Result
 

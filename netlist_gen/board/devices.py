@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -16,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 
 MICRO = 1e-6
 KINDS = ("programming", "drift", "read_noise")

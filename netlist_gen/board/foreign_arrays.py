@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.board.devices import MICRO, Device, Logarithmic, load_devices
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, Resistor, Role
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.quantities import show
 
 LEAST_OHMS, MOST_OHMS = 10.0, 10e6  # of a resistor that a proposal may have

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from taction.netlist_gen.scene.checks import Tolerances
 from taction.spice_models.input_errors import MOST, drawn
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 
 TEMPERATURE = "temperature"  # name and kind

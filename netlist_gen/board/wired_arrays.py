@@ -7,14 +7,13 @@ one for each sign, and its resistors and wires get names and nodes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
 from taction.netlist_gen.board.wires import Crossbar, Wires
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,12 +25,12 @@ The deck has every wire as a resistor, so ngspice shares none of this.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 STEPS, GAIN = 60, 0.97  # of a compensation, which ends where a step leaves more of its error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
 
@@ -17,7 +18,6 @@ from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 from taction.spice_models.transistor import model_card
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 
 
 def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 from taction.netlist_gen.board.branches import (
     BranchCoupling,
@@ -39,7 +39,6 @@ from taction.netlist_gen.deck.linear_expressions import affine
 from taction.netlist_gen.deck.macromodels import PINS, RAILS
 from taction.spice_models.foreign_expressions import number
 from taction.spice_models.opamp import OpAmp
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 
 KINDS = {

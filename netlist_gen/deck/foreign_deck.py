@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from taction.netlist_gen.deck.ltspice import LIBRARY, plain_cards, spelt
 from taction.spice_models.foreign_devices import Line, RefusedError, logical_lines
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.spice_models.foreign_expressions import DEEPEST, number, polynomial
-from taction.system.data_classes import dataclass
 
 Probe = tuple[str, ...]
 """``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source."""

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.deck.foreign_deck import LINEAR, Card, ForeignDeck
 from taction.netlist_gen.deck.linear_expressions import without_poly
 from taction.netlist_gen.deck.ltspice import MISSING, OPAMPS, opamp_cards, plain_name
 from taction.spice_models.imported import ROLES
-from taction.system.data_classes import dataclass
 
 NOT_LINEAR = re.compile(
     r"^(?:[dqjmsb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"

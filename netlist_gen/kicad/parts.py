@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache, cached_property
 
 from taction.netlist_gen.board import circuit as boards
@@ -14,7 +15,6 @@ from taction.netlist_gen.kicad.sheet import SymbolPart
 from taction.netlist_gen.kicad.symbols import Symbol
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.quantities import percent, show
 
 INNER = re.compile(r"(_\d+)(_[a-z]+)$")

@@ -5,7 +5,7 @@ It has one resistor of each matrix, values as a person reads them, and no suppli
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import channel_sheet
@@ -13,7 +13,6 @@ from taction.netlist_gen.kicad.sheet import GRID, Label, SchematicSheet
 from taction.netlist_gen.kicad.stages import driven_row, middle_channel
 from taction.netlist_gen.kicad.symbols import Point
 from taction.spice_models.presets import opamp_name
-from taction.system.data_classes import dataclass
 from taction.system.quantities import quantity
 
 MARGIN, WIDTH = 3.0, 0.62  # of the frame, and of a letter: in steps of the grid, and in heights

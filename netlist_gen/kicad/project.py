@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import channel_sheet
@@ -15,7 +15,6 @@ from taction.netlist_gen.kicad.sheet import library
 from taction.netlist_gen.kicad.stages import driven_row
 from taction.netlist_gen.kicad.symbols import LIBRARY
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 
 # The columns of KiCad's own lists, then ours; parts that agree in GROUPED share a row.

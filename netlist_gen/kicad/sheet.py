@@ -8,12 +8,11 @@ from __future__ import annotations
 import uuid
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
 from taction.netlist_gen.kicad.symbols import LIBRARY, Point, Symbol
-from taction.system.data_classes import dataclass
 
 VERSION = 20231120  # of the format: KiCad 8 and newer
 NAMES = uuid.UUID("6ba7b812-9dad-11d1-80b4-00c04fd430c8")  # the namespace of OIDs

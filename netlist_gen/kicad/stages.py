@@ -7,7 +7,7 @@ voltages: a channel, or a sensor row. So every topology can be drawn, also one o
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from taction.netlist_gen.board.circuit import (
     SignalAmplifier,
     TransistorCell,
 )
-from taction.system.data_classes import dataclass
 
 Passive = Resistor | Capacitor
 Cell = OpAmpCell | SignalAmplifier

@@ -5,7 +5,7 @@ They stand in the schematic itself and in a library beside it, so no library of 
 
 from __future__ import annotations
 
-from taction.system.data_classes import dataclass
+from dataclasses import dataclass
 
 LIBRARY = "taction"
 RIGHT, UP, LEFT, DOWN = 0, 90, 180, 270  # from the end of a pin to its symbol

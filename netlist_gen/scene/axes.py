@@ -26,11 +26,11 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from taction.netlist_gen.scene.keys import Key, Value, find_key, own_value, read_value
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 
 MAX_POINTS = 100_000  # on one axis

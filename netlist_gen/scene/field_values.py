@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from taction.system.data_classes import dataclass
 from taction.system.quantities import EXAMPLES, parse
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 from taction.spice_models.foreign_devices import RefusedError
@@ -14,7 +14,6 @@ from taction.spice_models.imported import (
     Rational,
     check_pins,
 )
-from taction.system.data_classes import dataclass
 from taction.system.documents import plain, read, taken
 from taction.system.errors import listed
 

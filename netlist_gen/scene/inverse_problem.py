@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,6 @@ from taction.netlist_gen.scene.problem import (
     fitted,
 )
 from taction.system.array_types import EPS, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 
 ROUNDING = 16 * EPS

@@ -12,14 +12,13 @@ import json
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.field_values import Rule, TemperatureRange, Unit, in_range
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES
 from taction.spice_models.transistor import pair_names
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, listed, nearest_question
 from taction.system.plugins import names
 from taction.system.quantities import parse, show

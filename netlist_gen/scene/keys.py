@@ -6,6 +6,7 @@ import difflib
 import functools
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
@@ -14,7 +15,6 @@ from pydantic import BaseModel
 from taction.netlist_gen.scene.field_values import Unit
 from taction.netlist_gen.scene.key_mistakes import impossible
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import number as plain_number
 from taction.system.quantities import parse

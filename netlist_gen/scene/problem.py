@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -24,7 +25,6 @@ from taction.netlist_gen.scene.fields import (
     Real,
     Seed,
 )
-from taction.system.data_classes import dataclass
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

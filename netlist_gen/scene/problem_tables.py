@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from taction.netlist_gen.scene.array_files import read_table
 from taction.netlist_gen.scene.problem import fitted
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 
 

@@ -7,6 +7,8 @@ its operating point (`VendorBench`), and only as a deck.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SmallSignal, Transient
 from taction.netlist_gen.board.circuit import (
     GROUND,
@@ -25,7 +27,6 @@ from taction.spice_models.foreign_netlist import Subcircuit
 from taction.spice_models.imported import instance
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
-from taction.system.data_classes import dataclass
 
 OHMS = 1.0  # of the source of a step
 IN, OUT = "in", "out"

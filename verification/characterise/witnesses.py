@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -18,7 +18,6 @@ from taction.netlist_gen.analysis import (
 )
 from taction.netlist_gen.board.circuit import VoltageSource
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import SingularCircuit, StepTooSmall, TimedOut
 from taction.system.own_folders import remove_own_folder
 from taction.verification.characterise.bench import IN, OUT, SWITCHED, VENDOR, Bench, VendorBench

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from operator import attrgetter
 from pathlib import Path
@@ -24,7 +24,6 @@ from taction.netlist_gen.scene.keys import Value, find_key, own_value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
 from taction.system.quantities import fraction, number
 from taction.verification.design.ranges import SearchRange

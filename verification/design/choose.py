@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts
@@ -20,7 +20,6 @@ from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
-from taction.system.data_classes import dataclass
 from taction.system.errors import (
     NoVerdictError,
     SimulatorNotFound,

@@ -8,6 +8,7 @@ a movement of the hand and runs in a process of its own.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard

@@ -9,7 +9,7 @@ import math
 import re
 import shlex
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,6 @@ from taction.netlist_gen.scene.problem import MOST_NAME, NAME_PATTERN
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import number, parse
 from taction.verification.reference.lambda_rule import resolve_lambda

@@ -10,7 +10,7 @@ import math
 import os
 import textwrap
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -29,7 +29,6 @@ from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import EPS, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction
 from taction.system.results import Result

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.errors import TactionError
 from taction.system.quantities import spaced
 from taction.verification.design.explorer_settings import Control, Settings, Start

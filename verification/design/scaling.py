@@ -12,7 +12,7 @@ a linear board, and the highest output voltage becomes the wanted share of the s
 from __future__ import annotations
 
 import math
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.results import Result
 from taction.verification.design.search import search_range

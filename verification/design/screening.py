@@ -10,12 +10,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.system.reading_definitions import READINGS, RISE_LEVELS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.transients.exact import is_exact

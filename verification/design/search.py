@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 from taction.netlist_gen.scene.keys import Value
-from taction.system.data_classes import dataclass
 from taction.system.errors import InputError
 from taction.verification.design.ranges import SearchRange
 from taction.verification.design.trials import OutOfTimeError, Trial, Trials

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.keys import Key, find_key, own_value
-from taction.system.data_classes import dataclass
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.design.trials import OutOfTimeError, Trials, knobs_with_margin
 from taction.verification.stability.edges import Edges

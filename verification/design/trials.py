@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
@@ -22,7 +22,6 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError, InputError, NoVerdictError
 from taction.verification.design.screening import Outline, estimated_checks
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
@@ -21,7 +21,6 @@ from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.checks import ExcursionCheck, StabilityCheck
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.system.quantities import percent, show
 from taction.system.results import Result

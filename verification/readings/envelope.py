@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.verification.readings.signals import resample, typical_step
 
 _MOST_SAMPLES = 8192  # of a record

@@ -10,12 +10,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import FAINT, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -8,12 +8,11 @@ is within its physical range is read. A settling time is given only if the recor
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.system.array_types import Bools, Floats
-from taction.system.data_classes import dataclass
 from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
 from taction.verification.readings.envelope import Envelope, envelope

@@ -10,11 +10,11 @@ contribute to the same poles; its singular values give the number of poles.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.verification.readings.envelope import (
     Envelope,
     envelope,

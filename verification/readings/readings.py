@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from taction.system.array_types import Bools, Floats, Indices
-from taction.system.data_classes import dataclass
 from taction.system.reading_definitions import (
     BAND_SHIFT,
     EXCURSIONS,

@@ -13,12 +13,12 @@ Everything else is another state, with a reason that says what to do.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.verification.readings.envelope import saturates
 from taction.verification.readings.mode_fit import GOOD_FIT, RESOLVED, Mode
 from taction.verification.readings.readings import Reading

@@ -7,11 +7,11 @@ instant or height is then refined on the waveform itself, and no interpolation a
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Floats, Indices
-from taction.system.data_classes import dataclass
 from taction.verification.readings.crossings import (
     Crossings,
     first_crossings,

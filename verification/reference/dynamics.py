@@ -8,13 +8,13 @@ components only mu, a multiple of lambda, is left. Its rest state solves the ref
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Floats, Indices
-from taction.system.data_classes import dataclass
 from taction.system.reading_definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system import plugins
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.verification.reference import networks
 from taction.verification.reference.dynamics import (

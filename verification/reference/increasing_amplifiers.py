@@ -8,11 +8,11 @@ duality gap ``1/2 |f1|^2 + mu sum(divergence of f2/mu)`` of ``f1 = eps - T u - r
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.system.data_classes import dataclass
 from taction.verification.reference.doubledouble import (
     FUNCTION_ERROR,
     PRODUCT_ERROR,

@@ -7,13 +7,12 @@ Every rule minimises a score over lam. The sensitivity of the solution is exact:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from operator import itemgetter
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS

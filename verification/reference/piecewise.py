@@ -16,11 +16,11 @@ entry's error by ``4 E / s^2``; entries without such a distance count as free fo
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
-from taction.system.data_classes import dataclass
 from taction.system.errors import SolverError
 from taction.verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
 from taction.verification.reference.newton import ScaledProblem

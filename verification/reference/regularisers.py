@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.plugins import OpenTable
 from taction.verification.reference import doubledouble as dd
 from taction.verification.reference.doubledouble import DoubleDouble

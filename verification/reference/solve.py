@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.system.data_classes import dataclass
 from taction.verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
 from taction.verification.reference.increasing_amplifiers import solve_maxent
 from taction.verification.reference.newton import ScaledProblem

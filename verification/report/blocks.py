@@ -9,11 +9,10 @@ Quantities are written with µ and Ω; the terminal writes them as SPICE does.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from taction.system.after_result import attempt
-from taction.system.data_classes import dataclass
 from taction.verification.report.charts import Chart, Outcome
 
 if TYPE_CHECKING:

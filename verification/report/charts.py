@@ -10,6 +10,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import cycle
 from typing import Any, ClassVar, Literal
 
@@ -17,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 
 BLUE, ORANGE, GREY, PURPLE = "#0072b2", "#d55e00", "#7f7f7f", "#cc79a7"
 """Colours that stay apart for every kind of colour vision (Okabe and Ito)."""

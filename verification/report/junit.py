@@ -7,12 +7,11 @@ failed check is a failure, an undecided one an error, and what was not run is sk
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
-from taction.system.data_classes import dataclass
 from taction.system.foreign_text import escaped, visible, visible_lines
 from taction.verification.evidence.stress.catalogue import FOLDER
 from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport

@@ -14,12 +14,12 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import FOLDERS
 from taction.system.foreign_text import shortened

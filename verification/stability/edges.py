@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 
 Range = tuple[float, float]
 

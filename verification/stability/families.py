@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from taction.netlist_gen.board.circuit import Capacitor, Circuit, Knob
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edges, Scan

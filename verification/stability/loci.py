@@ -18,12 +18,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.port_response import PortResponse

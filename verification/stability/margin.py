@@ -7,9 +7,9 @@ sides confirm it, and a winding number that needs no poles.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard

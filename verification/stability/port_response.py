@@ -7,13 +7,13 @@ in the matrices as a product of a column and a row.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import driven

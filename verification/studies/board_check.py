@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
-from taction.system.data_classes import dataclass
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps, Volts
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from taction.netlist_gen.scene.problem_tables import problem_tables
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import parse
 from taction.verification.reference.problem import Problem

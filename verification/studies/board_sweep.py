@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.data_classes import dataclass
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps
 from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -16,7 +16,6 @@ import numpy as np
 
 from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import EPS, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError, InputError
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Knob
 from taction.system.array_types import Complexes
-from taction.system.data_classes import dataclass
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -29,7 +29,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
 from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard

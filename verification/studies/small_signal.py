@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.flat_cards import CardError, shown
 from taction.spice_models.foreign_expressions import number
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import SimulationError
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import simulate, start

@@ -14,9 +14,9 @@ import sqlite3
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
-from taction.system.data_classes import dataclass
 from taction.verification.studies.running.versions import digest
 from taction.verification.studies.store_file import (
     ACCEPTED,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,7 +18,6 @@ from taction.netlist_gen.board.variation import Parameter, parameters, vary
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taction.system.data_classes import dataclass
 from taction.system.documents import plain
 from taction.system.error_document import error_document
 from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError

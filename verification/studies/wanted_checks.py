@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction, parse
 

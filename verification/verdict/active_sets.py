@@ -6,11 +6,11 @@ way may be less stable than the one at rest, so it has a rightmost pole and a ma
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 
-from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.transients.piecewise import (

@@ -13,12 +13,11 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import SolverError
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.problem import Solution

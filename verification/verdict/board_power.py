@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 

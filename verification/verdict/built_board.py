@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.results import Result
 from taction.verification.verdict.verify import Verdict
 

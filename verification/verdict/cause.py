@@ -7,9 +7,9 @@ for one cause. Every medium names the cause by this module.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 
-from taction.system.data_classes import dataclass
 from taction.system.quantities import show, spaced
 from taction.verification.verdict.checks import Check, Outcome
 

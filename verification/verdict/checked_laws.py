@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.topologies.frame.laws import Law
-from taction.system.data_classes import dataclass
 from taction.system.errors import TactionError
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.statespace.linearised.board import LinearBoard

@@ -8,6 +8,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +16,6 @@ from numpy.typing import ArrayLike
 
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.fields import Model
-from taction.system.data_classes import dataclass
 from taction.system.quantities import percent, show, show_rate
 from taction.verification.readings.measurements import Measurements, describe_states
 from taction.verification.readings.settling import ChannelState

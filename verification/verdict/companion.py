@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -22,7 +22,6 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.documents import Inline
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import READINGS

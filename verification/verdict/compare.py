@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from taction.system.data_classes import dataclass
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import CHANNEL_FIGURES, FIGURES, Figure, Record, finite
 

@@ -8,12 +8,11 @@ gain, and that of the stage with this capacitance, which may ring.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, CurrentSource, Output, Resistor, Role
-from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.crossings import first_above
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,6 @@ from taction.netlist_gen.deck.dialects.table import DIALECTS
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.atomic_files import write_together
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError, SolverError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
@@ -62,9 +61,6 @@ class DeckChoice:
         return self.measures or self.dialect != NATIVE
 
 
-PLAIN = DeckChoice()
-
-
 @dataclass(frozen=True, slots=True)
 class Netlist(Deck):
     """The deck of a scene, with its board.
@@ -98,7 +94,7 @@ class Netlist(Deck):
 
 
 def deck_of(
-    scene: Scene, *, output: str | Path | None = None, choice: DeckChoice = PLAIN
+    scene: Scene, *, output: str | Path | None = None, choice: DeckChoice = DeckChoice()
 ) -> tuple[Circuit, Deck]:
     """Return the board of `scene` and the deck of its transient.
 

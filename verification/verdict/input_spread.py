@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from taction.netlist_gen.board.variation import (
 from taction.spice_models.input_errors import CHANGES
 from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 

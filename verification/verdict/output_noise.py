@@ -6,6 +6,7 @@ It is integrated in bands of frequencies, in which the analysis follows every re
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import Complexes
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError, SimulationError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.output_noise import output_noise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import InputError
 from taction.system.quantities import show
 from taction.verification.reference.changed_matrix import change_bound

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.documents import Inline, plain, read
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import ChannelMeasure, Measurements

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -22,7 +22,6 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.errors import (
     BadEvidence,
     DivergesError,

@@ -19,6 +19,7 @@ Functions of modes over time, none of which overflows: steps, integrals, exponen
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -26,7 +27,6 @@ import numpy as np
 
 from taction.spice_models.subcircuits import STAGE_CAPACITANCE
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.linearised.board import (
     Initial,
     LinearBoard,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,6 @@ from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import TactionError
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import sizes

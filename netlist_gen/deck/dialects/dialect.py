@@ -10,10 +10,10 @@ import re
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from taction.netlist_gen.analysis import Analysis, SimulatorTolerances, Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint
 
 NATIVE = "ngspice"

@@ -10,7 +10,7 @@ voltage by ``R_t = U0 / I_ref``. `docs/exponential-stage.md` derives it.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +29,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import Transistor, load_pairs, thermal_voltage
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 
 REFERENCE, REFERENCE_VOLTS = "reference", 5.0

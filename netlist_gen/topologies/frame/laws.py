@@ -10,6 +10,7 @@ its own equations, of all parts; `verify` compares the two.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 
 MOST = 400  # op-amps, up to which the modes of S cost less than a second
 ROUNDINGS = 8.0  # units in the last place of every element of K, at most

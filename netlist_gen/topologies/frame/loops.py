@@ -11,7 +11,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -43,7 +43,6 @@ from taction.netlist_gen.topologies.frame.signs import WAYS, Array, Way
 from taction.netlist_gen.topologies.frame.topology import Topology
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Bools, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 
 SAME_LOAD = 1e-12  # relative difference of two loads that need no resistor

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.board.circuit import (
     GROUND,
@@ -22,7 +22,6 @@ from taction.netlist_gen.board.circuit import (
     VoltageSource,
 )
 from taction.netlist_gen.board.preferred_values import preferred
-from taction.system.data_classes import dataclass
 
 
 @dataclass(slots=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -40,7 +40,6 @@ from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.netlist_gen.topologies.frame.topology import Topology, slope_of
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Bools, Floats
-from taction.system.data_classes import dataclass
 
 
 @dataclass(slots=True)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -27,7 +28,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import matrix_resistors
 from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.system.array_types import Bools, Floats
-from taction.system.data_classes import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,6 +29,7 @@ import math
 import re
 import signal
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -42,7 +43,6 @@ from taction.netlist_gen.analysis import (
     Transient,
 )
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import (
     BadEvidence,
     DidNotLoad,

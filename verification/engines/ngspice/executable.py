@@ -11,9 +11,9 @@ import shutil
 import signal
 import subprocess
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
-from taction.system.data_classes import dataclass
 from taction.system.errors import SimulatorNotFound, SimulatorTooOld
 
 OLDEST = 39

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.analysis import Analysis, OperatingPoint
-from taction.system.data_classes import dataclass
 from taction.system.errors import DidNotLoad
 from taction.system.foreign_files import UnusableFileError, read_bounded
 from taction.system.waveforms import PHYSICAL_BOUND

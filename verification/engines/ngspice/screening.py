@@ -14,11 +14,10 @@ import functools
 import itertools
 import re
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from taction.netlist_gen.analysis import Analysis
-from taction.system.data_classes import dataclass
 from taction.system.errors import DidNotLoad, SingularCircuit
 
 

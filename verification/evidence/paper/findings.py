@@ -6,14 +6,13 @@ import enum
 import math
 import string
 import tomllib
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.quantities import UNITS, show
 from taction.verification.evidence.paper.pictures import Picture
 from taction.verification.readings.readings import Reading

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from taction.system.data_classes import dataclass
 from taction.system.errors import NoVerdictError
 from taction.system.results import Result
 from taction.verification.evidence.paper.breadboard import breadboard

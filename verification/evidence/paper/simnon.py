@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network

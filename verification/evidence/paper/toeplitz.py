@@ -10,13 +10,13 @@ if the condition number allows.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Floats
-from taction.system.data_classes import dataclass
 from taction.verification.reference.newton import (
     Iterate,
     NewtonResult,

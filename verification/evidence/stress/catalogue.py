@@ -12,13 +12,13 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system import errors
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError, TactionError
 from taction.verification.evidence.stress.matrices import make_array
 from taction.verification.evidence.stress.true_values import TrueValues

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
-from taction.system.data_classes import dataclass
 from taction.system.reading_definitions import READINGS
 from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.verdict.checks import Check, Outcome

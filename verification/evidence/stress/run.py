@@ -6,8 +6,8 @@ import enum
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
-from taction.system.data_classes import dataclass
 from taction.system.errors import INTERRUPTED
 from taction.system.results import Result
 from taction.verification.evidence.stress.catalogue import Case

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
-
-from taction.system.data_classes import dataclass
 
 
 @dataclass(frozen=True, slots=True)

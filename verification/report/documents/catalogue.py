@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata
 from typing import Annotated, Any
 
 from taction.system import document_schema, documents
-from taction.system.data_classes import dataclass
 from taction.system.documents import DocumentKey, Note
 from taction.system.errors import SimulationError
 from taction.verification.engines.ngspice.executable import find_simulator

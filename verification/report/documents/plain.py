@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from taction.netlist_gen.scene.imported_opamps import StoredOpAmp
 from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
-from taction.system.data_classes import dataclass
 from taction.system.documents import (
     OPTIONAL,
     DocumentKey,

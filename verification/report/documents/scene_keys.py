@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Annotated, Any
 
@@ -11,7 +12,6 @@ import numpy as np
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.scene.keys import Key, Value, all_keys, files_of, own_value
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.documents import OPTIONAL
 from taction.system.errors import TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded

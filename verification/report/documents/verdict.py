@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
 
-from taction.system.data_classes import dataclass
 from taction.system.documents import (
     INLINE,
     OPTIONAL,

@@ -9,10 +9,9 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
-from taction.system.data_classes import dataclass
 from taction.system.documents import read
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.quantities import readable

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,6 @@ import numpy as np
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.foreign_text import visible
 from taction.system.quantities import show
 from taction.verification.characterise.characterise import (

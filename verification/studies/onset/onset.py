@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -19,7 +20,6 @@ from taction.netlist_gen.scene.axes import Over, SweepAxis, parse_axes, with_val
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.system.documents import DocumentKey, Number
 from taction.system.errors import (
     Complaint,

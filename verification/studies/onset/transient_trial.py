@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit, CurrentSource
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Complexes
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
 from taction.system.waveforms import Waveforms

@@ -10,7 +10,7 @@ import json
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from taction.netlist_gen.scene.keys import all_keys, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.document_schema import unknown_keys
 from taction.system.documents import INLINE, plain, read
 from taction.system.errors import Complaint, InputError

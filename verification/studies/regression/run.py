@@ -6,7 +6,7 @@ import enum
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,6 @@ import numpy as np
 from taction.netlist_gen.scene.checks import Regression, WaveformTolerance
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import INTERRUPTED, InputError, NoVerdictError
 from taction.system.output_files import printable
 from taction.system.quantities import NONE

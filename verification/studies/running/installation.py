@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib import metadata, util
 from pathlib import Path
 from typing import Annotated
 
-from taction.system.data_classes import dataclass
 from taction.system.documents import HIDDEN
 from taction.system.errors import SimulationError
 from taction.system.results import Result

@@ -16,7 +16,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,6 @@ from pydantic import BaseModel
 
 from taction import netlist_gen, spice_models, system, verification
 from taction.system import plugins
-from taction.system.data_classes import dataclass
 from taction.system.errors import SimulationError, SimulatorNotFound, SimulatorTooOld
 from taction.system.processes import THREADS
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator

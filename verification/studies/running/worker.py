@@ -18,12 +18,12 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing import util
 from multiprocessing.connection import Connection
 from types import ModuleType
 from typing import Any, TypeVar
 
-from taction.system.data_classes import dataclass
 from taction.system.errors import NoVerdictError
 from taction.system.own_folders import MEMORY, make_own_folder, remove_own_folder, temporary_place
 from taction.system.processes import is_stopped

@@ -6,6 +6,7 @@ import itertools
 import math
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from taction.netlist_gen.scene.axes import Point, SweepAxis, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import TactionError
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import Family

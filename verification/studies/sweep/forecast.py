@@ -6,12 +6,12 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.system.array_types import Bools, Floats, Indices
-from taction.system.data_classes import dataclass
 from taction.system.errors import TactionError
 from taction.system.progress import Clock, duration
 from taction.verification.studies.running.worker import Workers

@@ -17,13 +17,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from taction.netlist_gen.scene.axes import SweepAxis
 from taction.system.array_types import Bools
-from taction.system.data_classes import dataclass
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.verdict.checks import Outcome

@@ -6,12 +6,12 @@ A failed verification is a result like any other: no exception crosses the borde
 from __future__ import annotations
 
 import io
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.data_classes import dataclass
 from taction.verification.studies.running.collecting import attempted
 from taction.verification.studies.running.versions import Versions
 from taction.verification.studies.store import StoredResult

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -17,7 +17,6 @@ import numpy as np
 from taction.netlist_gen.scene.axes import SweepAxis
 from taction.netlist_gen.scene.keys import Value
 from taction.system.atomic_files import replacing
-from taction.system.data_classes import dataclass
 from taction.system.documents import INLINE, Note, Number
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file

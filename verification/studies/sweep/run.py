@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Bools
-from taction.system.data_classes import dataclass
 from taction.system.errors import MACHINE_FAILURES, Interrupted, TactionError
 from taction.system.progress import Notice, Progress, duration
 from taction.verification.studies.running.collecting import collected_together, together

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import Complaint, InputError
 from taction.system.results import Result
 from taction.verification.studies.running.collecting import Pace

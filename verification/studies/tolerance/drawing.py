@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from taction.netlist_gen.board.variation import draw
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.documents import plain, read
 from taction.system.errors import Complaint, InputError
 from taction.system.progress import Progress

@@ -17,14 +17,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from taction.netlist_gen.board.variation import Parameter, draw, parameters
 from taction.system.array_types import Bools, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.system.progress import Notice, Progress
 from taction.system.reading_definitions import READINGS

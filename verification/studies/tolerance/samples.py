@@ -9,7 +9,7 @@ from __future__ import annotations
 import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache, partial
 from typing import Annotated, Any, ClassVar
 
@@ -17,7 +17,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.variation import Parameter, vary
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.documents import INLINE
 from taction.verification.studies.running.collecting import (
     attempted,

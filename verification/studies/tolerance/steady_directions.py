@@ -8,13 +8,13 @@ says: ``e_n + sum_p |S_pn|``. That corner is solved, too, and both numbers stand
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 
 from taction.netlist_gen.board.variation import DEVICE, INPUT_ERROR, Parameter
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.documents import HIDDEN
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity

@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.quantities import percent
 from taction.system.results import Result
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied

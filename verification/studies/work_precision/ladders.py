@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import zip_longest
 
-from taction.system.data_classes import dataclass
 from taction.verification.studies.running.worker import FAILURES, Worker
 from taction.verification.studies.work_precision.methods import Method, MethodRun, MethodTask
 

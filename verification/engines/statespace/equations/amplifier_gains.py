@@ -11,12 +11,12 @@ becomes too short.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.spice_models.opamp import KNEE
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.system.plugins import OpenTable, cached
 

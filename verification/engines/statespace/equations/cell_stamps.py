@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,7 +36,6 @@ from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from taction.spice_models.transistor import thermal_voltage
 from taction.system.array_types import Bools, Floats, Ints
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import (
     CLAMP,

@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Iterable
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
 from taction.verification.engines.statespace.equations.mirror_symmetry import DenseMatrix, Halves

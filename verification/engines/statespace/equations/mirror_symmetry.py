@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import functools
 import re
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
-from taction.system.data_classes import dataclass
 
 _NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
 ROUNDING = 64 * EPS  # relative error of Newton's method in a slope

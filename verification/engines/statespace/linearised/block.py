@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.linearised.real_modes import (
     Joined,
     both,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
-from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.linearised.block import Block, complex_form
 from taction.verification.engines.statespace.linearised.real_modes import (
     Joined,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages

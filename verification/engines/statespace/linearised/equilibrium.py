@@ -10,11 +10,11 @@ on ``|F|`` converges from any start in ``q = y + diag(H) g(y)`` (see `amplifier_
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
-from taction.system.data_classes import dataclass
 
 
 def both(kept: NDArray[Any], real: int) -> NDArray[Any]:

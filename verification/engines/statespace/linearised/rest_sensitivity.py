@@ -10,13 +10,14 @@ amplifiers J is taken at the equilibrium: the linearised condition of the optimu
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import entry_voltages
 from taction.spice_models.input_errors import CHANGES
 from taction.system.array_types import Floats
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.cell_stamps import gain_stage
 from taction.verification.engines.statespace.equations.stamps import stamp

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 
 GROWN = 10.0  # step amplitudes: an instability of this height counts as shown

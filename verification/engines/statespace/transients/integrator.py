@@ -12,14 +12,13 @@ polynomial between the stages.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.system.progress import reached
 from taction.verification.engines.statespace.transients.steps import (

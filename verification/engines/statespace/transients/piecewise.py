@@ -14,13 +14,12 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Iterable
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import EPS, Floats, Indices
-from taction.system.data_classes import dataclass
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms

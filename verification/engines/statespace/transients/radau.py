@@ -7,12 +7,12 @@ stages the solution is a polynomial of degree s through the start and the stages
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.data_classes import dataclass
 
 
 @dataclass(frozen=True, slots=True, eq=False)

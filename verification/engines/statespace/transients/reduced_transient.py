@@ -13,13 +13,12 @@ import functools
 import math
 import time as clock
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import Floats, Indices, Ints
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import (

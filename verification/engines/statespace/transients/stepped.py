@@ -9,7 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Hashable, Iterable, Sequence
 from copy import copy
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import EPS, Floats, Indices, Ints
-from taction.system.data_classes import dataclass
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms

@@ -13,12 +13,11 @@ continuous, the board then errs by the slack times the change of slope, which `P
 from __future__ import annotations
 
 import functools
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
-from taction.system.data_classes import dataclass
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, Gain
 from taction.verification.engines.statespace.equations.descriptor import Descriptor, Devices
