@@ -73,7 +73,7 @@ OTHERS = {
     "a version of 5,000 digits": (SimulatorNotFound, "does not name ngspice"),
     "the version floods": (SimulatorNotFound, "does not name ngspice"),
     "the version hangs": (SimulatorNotFound, "does not name ngspice"),
-    "the version ends by a signal": (SimulatorNotFound, "does not name ngspice"),
+    "the version ends by a signal": (SimulatorNotFound, "-v was ended by SIGSEGV"),
 }
 FOUND = {"version 39": (39, False), "the version leaves a child": (46, True)}
 

@@ -84,7 +84,7 @@ REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("verify", {"scenes": ["../outside.toml"]}, "outside of the folders that are read"),
     ("verify", {"scenes": ["link.toml"]}, "outside of the folders that are read"),
     ("verify", {"scenes": ["matrix.toml"]}, "outside of the folders that are read"),
-    ("check", {"deck": "outside.cir"}, "a file outside the deck's folder is not read"),
+    ("check", {"deck": "outside.cir"}, "is outside the deck's folder and not read"),
     ("verify", {"scenes": ["--help"]}, "No such file"),
     ("verify", {"scenes": ["a\0b"]}, "null byte"),
     ("verify", {"scene": SCENE}, "'scenes' is a required property"),

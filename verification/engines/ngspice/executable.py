@@ -24,6 +24,7 @@ REMEDY = (
     " has the fast KLU solver), or name the executable in TACTION_NGSPICE"
 )
 PATIENCE = 20.0  # s to wait for a version
+LAST_WORDS = 1.0  # s from the end of what it prints to its own end
 ALIVE_INTERVAL = 0.02  # s between two looks whether the process still runs
 LONGEST_ANSWER = 65_536  # bytes of a version
 SHOWN = 2_000  # characters of an answer in a message
@@ -113,12 +114,13 @@ def _answer(executable: str) -> str:
     end, text, ended = time.monotonic() + PATIENCE, b"", False
     with process, process.stdout as stream:  # type: ignore[union-attr]  # a pipe was asked for
         while len(text) < LONGEST_ANSWER and time.monotonic() < end:
-            # The ended process keeps its number, so the group is still its own.
-            look = os.WEXITED | os.WNOHANG | os.WNOWAIT
-            ended = os.waitid(os.P_PID, process.pid, look) is not None
+            ended = _has_ended(process)
             if select.select([stream], [], [], 0.0 if ended else ALIVE_INTERVAL)[0]:
                 part = os.read(stream.fileno(), LONGEST_ANSWER)
-                if not part:
+                if not part:  # the pipe is closed just before the process has ended
+                    end = min(end, time.monotonic() + LAST_WORDS)
+                    while not (ended := _has_ended(process)) and time.monotonic() < end:
+                        time.sleep(0.001)
                     break
                 text += part
             elif ended:  # a child may hold the pipe
@@ -129,6 +131,12 @@ def _answer(executable: str) -> str:
         ended_by = signal.Signals(-process.returncode).name
         raise SimulatorNotFound(f"{executable} -v was ended by {ended_by}. Run the command again")
     return text.decode(errors="replace")
+
+
+def _has_ended(process: subprocess.Popen[bytes]) -> bool:
+    """Whether a process has ended; it keeps its number, so the group is still its own."""
+    look = os.WEXITED | os.WNOHANG | os.WNOWAIT
+    return os.waitid(os.P_PID, process.pid, look) is not None
 
 
 @functools.cache
