@@ -557,7 +557,7 @@ def accuracy(
     budget : float
         Wall time for the study, s; with less time a shorter part of the transient is run.
     progress : callable, optional
-        Receives the name of each stage.
+        Receives the name of each stage, with what is left of the budget.
 
     Returns
     -------
@@ -576,14 +576,16 @@ def accuracy(
     >>> study.scene.name, len(study.points) > 0
     ('tuned-breadboard', True)
     """
-    from taction.system.progress import Notice
+    from taction.system.progress import duration
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.work_precision.study import run_study
 
-    def notice(stage: str) -> None:
-        progress(Notice(stage))
+    end = time.monotonic() + budget
 
-    return run_study(read_scene(scene), budget=budget, progress=notice)
+    def of_budget(stage: str) -> None:
+        progress(f"{stage}, about {duration(max(end - time.monotonic(), 0.0))} left")
+
+    return run_study(read_scene(scene), budget=budget, progress=of_budget)
 
 
 def stress(

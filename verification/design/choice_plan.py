@@ -248,13 +248,16 @@ def choice_base(scene: Scene, request: ChoiceRequest) -> Scene:
         **({"design.lambda": lam} if lam > 0.0 else {}),
         ERRORS: scene.design.opamp.input_errors,
     }
-    bases = [with_values(scene, {**changed, "design.opamp": name}) for name in _names(request)]
-    for base in bases:
-        with suppress(InputError):
+    refused = list[InputError]()
+    for name in _names(request):
+        base = with_values(scene, {**changed, "design.opamp": name})
+        try:
             choose_opamp(base)
+        except InputError as error:
+            refused.append(error)
+        else:
             return base
-    choose_opamp(bases[0])
-    return bases[0]
+    raise refused[0]
 
 
 def base_of(scene: str | Path | Scene, request: ChoiceRequest) -> tuple[Scene, Scene]:

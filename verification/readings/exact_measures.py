@@ -21,7 +21,8 @@ from taction.system.reading_definitions import FAINT, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
-from taction.verification.readings.exact_signal import Course, ExactSignal
+from taction.verification.readings.course import Course
+from taction.verification.readings.exact_signal import ExactSignal
 from taction.verification.readings.measurements import (
     NO_STEP,
     Measurements,

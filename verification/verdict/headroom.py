@@ -16,7 +16,8 @@ from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
-from taction.verification.readings.exact_signal import Course, ExactGrid, ExactSignal
+from taction.verification.readings.course import Course
+from taction.verification.readings.exact_signal import ExactGrid, ExactSignal
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
