@@ -1,14 +1,23 @@
-"""The way of a board's channels to their targets, with bounds and the instants that resolve it."""
+"""The ways of boards' channels to their targets, with bounds and the instants that resolve them.
+
+The numbers of many boards stand in the same arrays, so that each step of a search is some array
+operations over all boards. A board has the same digits beside others as alone: sums of few channels
+go mode after mode, and those of many are products of one board's own matrices.
+"""
 
 from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from taction.system.array_types import EPS, Bools, Floats, Ints
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.transients.exact import Exact
 
 FINENESS = 0.25  # step times |p| of the fastest mode of a resolved interval: 25 points a period
@@ -17,6 +26,8 @@ SEEN = 2.0  # width times |p| up to which a chord bounds a mode better than its 
 LONGER = 1.1  # times the end of the grid: the least next end
 EARLY = 4.0 ** -np.arange(13, 1, -1)  # of the fastest mode's time constant: the first instants
 NOISE = 0.1  # of the error bound: smaller amplitudes are not followed
+FEW = 4  # channels up to which sums over modes of many boards are quicker than products of each
+BLOCK, BOARD_BLOCK = 1 << 15, 512  # instants that are evaluated together: of all boards, of one
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,100 +66,276 @@ class Course:
         largest = float(np.abs([self.solution.start, self.solution.final]).max(initial=0.0))
         return NOISE * (self.solution.error + self.target_error + EPS * largest)
 
-    @functools.cached_property
-    def weight(self) -> Floats:
-        """Largest share of every mode in every channel, V, (m, N)."""
-        return np.abs(self.solution.flow.share)
+
+def _stacked(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return arrays of the boards as one, with zeros behind each.
+
+    Of arrays (m_k,) that is (m, boards), of arrays (m_k, N) it is (boards, N, m).
+    """
+    counts = np.array([len(part) for part in parts])
+    inside = np.arange(counts.max()) < counts[:, None]
+    found = np.zeros((*inside.shape, *parts[0].shape[1:]), parts[0].dtype)
+    found[inside] = np.concatenate(parts)
+    return np.ascontiguousarray(found.T if found.ndim == 2 else found.swapaxes(1, 2))
+
+
+class _Terms:
+    """The ringing exponentials of many boards, or the others, in arrays (m, boards)."""
+
+    def __init__(self, courses: Sequence[Course], *, ringing: bool) -> None:
+        flows = [course.solution.flow for course in courses]
+        some = [np.flatnonzero((flow.poles.imag != 0.0) == ringing) for flow in flows]
+        each = list(zip(flows, some, strict=True))
+        poles = _stacked([flow.poles[at] for flow, at in each])
+        share = _stacked(
+            [flow.share[at] * c.signs for c, (flow, at) in zip(courses, each, strict=True)]
+        )
+        self.poles, self.share = (poles, share) if ringing else (poles.real, share.real)
+        self.powers = _stacked([flow.powers[at] for flow, at in each])
+        self.scales = _stacked([flow.scales[at] for flow, at in each])
+        self.rates = _stacked([flow.rates[at] for flow, at in each])
+        self.speeds = _stacked([flow.speeds[at] for flow, at in each])
+        self.counts = [len(at) for at in some]
+        self._highest = int(self.powers.max(initial=0))
 
     @functools.cached_property
-    def _lost(self) -> tuple[Floats, Floats]:
-        return self._fastest(self.noise)
+    def shares(self) -> Complexes:
+        """Shares of the values and of two time derivatives, (3, boards, N, m)."""
+        found, poles, scales = [self.share], self.poles.T[:, None], self.scales.T[:, None]
+        for _ in range(2):
+            after = np.zeros_like(self.share)
+            after[:, :, :-1] = np.where(self.powers.T[:, None, 1:] > 0, found[-1][:, :, 1:], 0.0)
+            found.append(found[-1] * poles + scales * after)
+        return np.array(found)
 
-    def _fastest(self, level: float) -> tuple[Floats, Floats]:
-        """Return instants (m,) at which modes fall below `level`, and the fastest |p| before each.
+    def basis(self, times: Floats, board: Ints) -> Complexes:
+        """Return the terms with shares of 1 at `times` (Q,), (m, Q)."""
+        basis: Complexes = np.exp(self.poles[:, board] * times)
+        for k in range(1, self._highest + 1):
+            grown = self.scales[:, board] * times / k
+            basis *= np.where(self.powers[:, board] >= k, grown, 1.0)
+        return basis
 
-        The last rate, of the time after all instants, is 0.
+
+def _total(terms: NDArray[Any]) -> Floats:
+    """Return the sums of terms (m, Q), one after the other; 0 without any."""
+    return np.add.accumulate(terms, axis=0)[-1] if len(terms) else np.zeros(terms.shape[1])
+
+
+class Courses:
+    """The courses of boards with equally many channels, N.
+
+    Instants (Q,) belong each to a board; where a function divides them by boards (all but `rate`
+    and `sums`), the boards rise.
+
+    Attributes
+    ----------
+    ends : ndarray (boards, N)
+        Errors at the end of time, V.
+    noise, detail, level : ndarray (boards,)
+        See `Course`, V; no level is below the noise.
+    """
+
+    def __init__(self, courses: Sequence[Course]) -> None:
+        flows = [course.solution.flow for course in courses]
+        self._courses, self.channels = courses, len(courses[0].signs)
+        self.ends = np.array([course.ends for course in courses])
+        self.noise = np.array([course.noise for course in courses])
+        self.detail = np.array([course.detail for course in courses])
+        self.level = np.maximum([course.level for course in courses], self.noise)
+        self._terms = tuple(_Terms(courses, ringing=ringing) for ringing in (False, True))
+        self._counts = [len(flow.rates) for flow in flows]
+        self._rates = _stacked([flow.rates for flow in flows])
+        self._speeds = _stacked([flow.speeds for flow in flows])
+        self._weight = _stacked([np.abs(flow.share) for flow in flows])
+        self._largest = np.ascontiguousarray(self._weight.max(axis=1, initial=0.0).T)
+
+    @property
+    def count(self) -> int:
+        """Number of boards."""
+        return len(self._courses)
+
+    @functools.cached_property
+    def end_bounds(self) -> Floats:
+        """Bounds of the error of `ends`, V, (boards, N)."""
+        parts = [each.solution.rest_error + each.target_error for each in self._courses]
+        return np.array(parts)
+
+    def each(self, board: Ints) -> Iterator[tuple[int, slice]]:
+        """Yield the boards of a rising list, and where each stands in it."""
+        begins = np.searchsorted(board, np.arange(self.count + 1)).tolist()
+        for k, (begin, end) in enumerate(pairwise(begins)):
+            if begin < end:
+                yield k, slice(begin, end)
+
+    def _pieces(self, board: Ints) -> Iterator[slice]:
+        """Yield parts of a rising list that are evaluated together: with many channels of a board.
+
+        No array of a step is large then.
         """
-        flow = self.solution.flow
-        with np.errstate(divide="ignore"):
-            lives = np.log(level / self.weight.max(axis=1, initial=0.0)) / flow.rates
-        lives = np.maximum(lives, 0.0)
-        order = np.argsort(lives)
-        rates = np.append(flow.speeds[order], 0.0)
-        return lives[order], np.maximum.accumulate(rates[::-1])[::-1]
+        parts: list[tuple[int, int, int]] = [(0, len(board), BLOCK)]
+        if self.channels > FEW:
+            parts = [(s.start, s.stop, BOARD_BLOCK) for _, s in self.each(board)]
+        for begin, end, length in parts:
+            for first in range(begin, end, length):
+                yield slice(first, min(first + length, end))
 
-    def rate(self, times: Floats) -> Floats:
+    def _product(
+        self, left: Complexes | Floats, weight: Complexes | Floats, board: Ints, counts: list[int]
+    ) -> Floats:
+        """Return the real part of sums over terms (m, Q) with weights (boards, N, m); (Q, N)."""
+        if self.channels > FEW:
+            some, k = min(counts[board[0]], len(left)), board[0]
+            a, b = left[:some].T, weight[k, :, :some].T
+            found = a.real @ b.real
+            return np.asarray(found - a.imag @ b.imag if np.iscomplexobj(a) else found)
+        parts = (np.ascontiguousarray(weight[:, n].T) for n in range(self.channels))
+        return np.stack([_total(np.real(left * part[:, board])) for part in parts], axis=1)
+
+    def _lives(self, level: Floats) -> Floats:
+        """Return instants at which modes fall below a `level` (boards,), s, (m, boards)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            lives = np.log(level / self._largest) / self._rates
+        return np.where(self._largest > 0.0, np.maximum(lives, 0.0), 0.0)
+
+    @functools.cached_property
+    def _lost(self) -> Floats:
+        return self._lives(self.noise)
+
+    def rate(self, times: Floats, board: Ints) -> Floats:
         """Return |p| of the fastest mode above the noise at `times` (Q,), 1/s."""
-        lost, fastest = self._lost
-        return np.asarray(fastest[np.searchsorted(lost, times, side="right")])
+        heard = self._lost[:, board] > times
+        return np.asarray(np.where(heard, self._speeds[:, board], 0.0).max(axis=0, initial=0.0))
 
-    def first_grid(self) -> Floats:
-        """Return instants that resolve modes above `detail`, at least `PER_OCTAVE` to an octave.
+    def first_grids(self) -> tuple[Floats, Ints]:
+        """Return instants that resolve modes above `detail`, and the board of each.
 
-        From rest on all modes nearly cancel, and what is left may turn well before any of them.
+        There are at least `PER_OCTAVE` to an octave. From rest on all modes nearly cancel, and what
+        is left may turn well before any of them.
         """
-        lives, rates = self._fastest(self.detail)
-        shortest = 1.0 / float(self.solution.flow.speeds.max(initial=1.0))
-        begin = np.append(0.0, lives[:-1])
-        some = np.flatnonzero(lives > begin)
-        begin, end, step = begin[some], lives[some], FINENESS / rates[some]
-        if not some.size:
-            return np.unique(np.append(shortest * EARLY, [0.0, shortest]))
+        lives, every = self._lives(self.detail).T, np.arange(self.count)
+        order = np.argsort(lives, axis=1)
+        lives = np.take_along_axis(lives, order, axis=1)
+        rates = np.take_along_axis(self._speeds.T, order, axis=1)
+        rates = np.maximum.accumulate(rates[:, ::-1], axis=1)[:, ::-1]  # of modes that live on
+        before = np.concatenate([np.zeros((self.count, 1)), lives], axis=1)[:, :-1]
+        board, mode = np.nonzero(lives > before)
+        begin, end, step = before[board, mode], lives[board, mode], FINENESS / rates[board, mode]
         even = np.minimum(np.maximum(PER_OCTAVE * step, begin), end)
-        ends = np.stack([begin, even, end], axis=1)
-        counts = np.ceil([(even - begin) / step, PER_OCTAVE * np.log(end / even)])
-        grid = _between(ends, counts.T.astype(np.int64))
-        return np.unique(np.concatenate([[0.0], shortest * EARLY, grid]))
+        counts = np.ceil([(even - begin) / step, PER_OCTAVE * np.log(end / even)]).T
+        counts = counts.astype(np.int64)
+        grid = _between(np.stack([begin, even, end], axis=1), counts)
+        shortest = 1.0 / self._speeds.max(axis=0, initial=1.0)
+        empty = np.setdiff1d(every, board)
+        parts = [np.zeros(self.count), np.outer(shortest, EARLY).ravel(), shortest[empty], grid]
+        owners = [every, np.repeat(every, len(EARLY)), empty, np.repeat(board, counts.sum(axis=1))]
+        time, owner = np.concatenate(parts), np.concatenate(owners)
+        order = np.lexsort((time, owner))
+        time, owner = time[order], owner[order]
+        new = np.append(True, (time[1:] != time[:-1]) | (owner[1:] != owner[:-1]))
+        return time[new], owner[new]
 
-    def later(self, begin: float) -> Floats:
-        """Return instants after the last of a grid, `begin`, s, until all modes are noise."""
-        slowest = float(self.solution.flow.rates[0])
-        left = float(self.remainder(begin).max(initial=0.0))
-        end = begin + math.log(max(left / self.noise, 1.0)) / -slowest
+    def later(self, k: int, begin: float) -> Floats:
+        """Return instants after the last of a grid of board k, until all its modes are noise, s."""
+        slowest = float(self._rates[0, k])
+        left = float(self.remainder(np.array([begin]), np.array([k])).max(initial=0.0))
+        end = begin + math.log(max(left / float(self.noise[k]), 1.0)) / -slowest
         end = LONGER * max(begin, end)
         count = math.ceil(PER_OCTAVE * math.log(end / begin))
         return _between(np.array([[begin, begin, end]]), np.array([[0, count]]))
 
-    def evaluate(self, times: Floats) -> tuple[Floats, Floats, Floats]:
+    def evaluate(self, times: Floats, board: Ints) -> tuple[Floats, Floats, Floats]:
         """Return errors, slopes and bounds at `times`, (Q, N) each."""
-        values, slopes = self.solution.flow.pair(times)
-        bounds = self.solution.bounds(times) + self.target_error
-        return values * self.signs + self.ends, slopes * self.signs, bounds
+        values, slopes, bounds = np.zeros((3, len(times), self.channels))
+        for some in self._pieces(board):
+            at, of = times[some], board[some]
+            if self.channels > FEW:
+                course = self._courses[of[0]]
+                values[some], slopes[some] = course.solution.flow.pair(at)
+                values[some] *= course.signs
+                slopes[some] *= course.signs
+                bounds[some] = course.solution.bounds(at) + course.target_error
+                continue
+            for terms in self._terms:
+                basis = terms.basis(at, of)
+                for sums, share in zip((values, slopes), terms.shares, strict=False):
+                    sums[some] += self._product(basis, share, of, terms.counts)
+            bounds[some] = self._bounds(at, of)
+        values += self.ends[board]
+        return values, slopes, bounds
 
-    def remainder(self, time: float) -> Floats:
-        """Return a bound (N,) on what the modes have left after `time`, V."""
-        return np.asarray(np.exp(self.solution.flow.rates * time) @ self.weight)
+    @functools.cached_property
+    def _bound_terms(self) -> tuple[list[int], Floats, Floats, Floats, Floats]:
+        parts = [course.solution.flow.bound_terms for course in self._courses]
+        rates, lag, vague, omitted = (list(each) for each in zip(*parts, strict=True))
+        rest = np.array(omitted) + self.end_bounds
+        return list(map(len, rates)), _stacked(rates), _stacked(lag), _stacked(vague), rest
 
-    def room(self, begin: Floats, width: Floats) -> tuple[Floats, Bools]:
+    def _bounds(self, times: Floats, board: Ints) -> Floats:
+        """Return bounds on the error of the errors at `times`, V, (Q, N)."""
+        counts, rates, lag, vague, rest = self._bound_terms
+        left = np.exp(rates[:, board] * times)
+        aged = self._product(times * left, lag, board, counts)
+        return np.asarray(aged + self._product(left, vague, board, counts) + rest[board])
+
+    def sums(self, times: Floats, board: Ints, channel: Ints, order: int) -> tuple[Floats, Floats]:
+        """Return derivatives of two orders from `order` of one channel at each time, (Q,)."""
+        sums = np.zeros((2, len(times)))
+        for terms in self._terms:
+            basis = terms.basis(times, board)
+            for k in range(2):
+                share = terms.shares[order + k][board, channel].T
+                sums[k] += _total((basis * share).real)
+        first, second = sums
+        return (first, second) if order else (first + self.ends[board, channel], second)
+
+    def remainder(self, times: Floats, board: Ints) -> Floats:
+        """Return bounds on what the modes have left after `times`, V, (Q, N)."""
+        found = np.empty((len(times), self.channels))
+        for some in self._pieces(board):
+            of = board[some]
+            size = np.exp(self._rates[:, of] * times[some])
+            found[some] = self._product(size, self._weight, of, self._counts)
+        return found
+
+    def room(self, begin: Floats, width: Floats, board: Ints) -> tuple[Floats, Bools]:
         """Bound what lies between the channels and the cubics through values and slopes, V, (Q, N).
 
         The intervals (Q,) have a `width` each, s. Of a mode slower than the width the fourth
         derivative counts, of a faster one its envelope and the cubic through it. The second result
         tells where such a mode is above `detail`, so that `envelopes` are the better bounds.
         """
-        flow = self.solution.flow
-        angle, size = flow.speeds * width[:, None], np.exp(flow.rates * begin[:, None])
-        most = 2.0 + 0.3 * angle
-        slow, fast = size * np.minimum(angle**4 / 384.0, most), np.where(angle > SEEN, size, 0.0)
-        rings = (fast @ self.weight.max(axis=1, initial=0.0)) > self.detail
-        return np.asarray(slow @ self.weight), np.asarray(rings)
+        room, loud = np.empty((len(begin), self.channels)), np.empty(len(begin))
+        for some in self._pieces(board):
+            of = board[some]
+            angle = self._speeds[:, of] * width[some]
+            size, most = np.exp(self._rates[:, of] * begin[some]), 2.0 + 0.3 * angle
+            slow, fast = size * np.minimum(angle**4 / 384.0, most), np.where(angle > SEEN, size, 0)
+            room[some] = self._product(slow, self._weight, of, self._counts)
+            loud[some] = _total(fast * self._largest[:, of])
+        return room, loud > self.detail[board]
 
-    def envelopes(self, begin: Floats, end: Floats) -> Floats:
+    def envelopes(self, begin: Floats, end: Floats, board: Ints) -> Floats:
         """Bound ``e`` and ``-e`` in intervals (Q,) by chords of slow modes and envelopes of others.
 
         Returns the bounds, V, (Q, 2, N).
         """
-        flow, width = self.solution.flow, (end - begin)[:, None]
-        seen = flow.speeds * width <= SEEN
-        size, share = np.exp(flow.rates * begin[:, None]), flow.share * self.signs
-        still = [
-            (shape * seen).real @ share.real - (shape * seen).imag @ share.imag
-            for shape in (flow.basis(begin), flow.basis(end))
-        ]
-        bend = np.where(seen, (flow.speeds * width) ** 2 / 8.0, 1.0)
-        room = (size * bend) @ self.weight
-        high = np.maximum(*still) + self.ends + room
-        return np.stack([high, room - np.minimum(*still) - self.ends], axis=1)
+        found = np.empty((len(begin), 2, self.channels))
+        for some in self._pieces(board):
+            first, last, of = begin[some], end[some], board[some]
+            width, still = last - first, np.zeros((2, len(first), self.channels))
+            for terms in self._terms:
+                seen = terms.speeds[:, of] * width <= SEEN
+                for side, at in enumerate((first, last)):
+                    shape = terms.basis(at, of) * seen
+                    still[side] += self._product(shape, terms.share, of, terms.counts)
+            angle = self._speeds[:, of] * width
+            bend = np.where(angle <= SEEN, angle**2 / 8.0, 1.0)
+            size = np.exp(self._rates[:, of] * first) * bend
+            room, ends = self._product(size, self._weight, of, self._counts), self.ends[of]
+            found[some, 0] = still.max(axis=0) + ends + room
+            found[some, 1] = room - still.min(axis=0) - ends
+        return found
 
 
 def _between(ends: Floats, counts: Ints) -> Floats:

@@ -15,15 +15,14 @@ operation over all boards, channels and levels.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
-from taction.verification.readings.course import FINENESS, Course
+from taction.system.array_types import EPS, Bools, Floats, Ints
+from taction.verification.readings.course import FINENESS, Course, Courses
 from taction.verification.readings.crossings import Crossings
 
 PIECES = 64  # largest number of pieces of a refined interval
@@ -32,42 +31,6 @@ MOST = 2_000_000  # points times channels of a board: no refinement above it
 SLACK = 0.1  # of the height of the tangents above the ends; a cubic's top errs by 0.0013 of it
 BISECTIONS, ITERATIONS = 9, 60  # of a first root, by a cubic, and of a root
 CONVERGED = 1e-8  # of an interval: last step of a root
-
-
-class _Terms:
-    """Exponentials of many boards in arrays, for some `channels` of each board.
-
-    `share` (3, boards, m, N) are the shares of the errors and of two time derivatives.
-    """
-
-    def __init__(self, courses: Sequence[Course], channels: Ints, *, ringing: bool) -> None:
-        flows = [course.solution.flow for course in courses]
-        some = [np.flatnonzero((flow.poles.imag != 0.0) == ringing) for flow in flows]
-        most, count = max(map(len, some)), len(courses)
-        kind = np.complex128 if ringing else np.float64
-        self.poles, self.powers = np.zeros((count, most), kind), np.zeros((count, most), np.int64)
-        self.scales = np.zeros((count, most))
-        self.share = np.zeros((3, count, most, len(channels)), kind)
-        for k, (course, flow, at) in enumerate(zip(courses, flows, some, strict=True)):
-            n, derived = len(at), (flow.derived(order)[at] * course.signs for order in range(3))
-            shares = [each[:, channels] for each in derived]
-            self.poles[k, :n] = flow.poles[at] if ringing else flow.poles[at].real
-            self.powers[k, :n], self.scales[k, :n] = flow.powers[at], flow.scales[at]
-            self.share[:, k, :n] = shares if ringing else np.real(shares)
-        self.highest = int(self.powers.max(initial=0))
-
-    def sums(self, times: Floats, board: Ints, channel: Ints, order: int) -> tuple[Floats, ...]:
-        """Return derivatives of two orders from `order` at `times` (Q,)."""
-        basis: Complexes = np.exp(times[:, None] * self.poles[board])
-        for k in range(1, self.highest + 1):
-            grown = times[:, None] * self.scales[board] / k
-            basis *= np.where(self.powers[board] >= k, grown, 1.0)
-        parts = (self.share[order + each, board, :, channel] for each in range(2))
-        terms = [(basis * part).real.T for part in parts]
-        if not len(terms[0]):
-            return np.zeros(len(times)), np.zeros(len(times))
-        # Mode after mode, so that a board has the same digits beside others as alone.
-        return tuple(np.add.accumulate(each, axis=0)[-1] for each in terms)
 
 
 class ExactGrid:
@@ -96,12 +59,9 @@ class ExactGrid:
     """
 
     def __init__(self, courses: Sequence[Course]) -> None:
-        self.courses, self.chosen = courses, np.arange(len(courses[0].signs))
-        self.ends = np.concatenate([course.ends for course in courses])
-        self.noise = np.array([course.noise for course in courses])
-        grids = [course.first_grid() for course in courses]
-        self.time = np.concatenate(grids)
-        self.board = np.repeat(np.arange(len(courses)), [len(grid) for grid in grids])
+        self.courses = Courses(courses)
+        self.chosen, self.ends = np.arange(self.courses.channels), self.courses.ends.ravel()
+        self.time, self.board = self.courses.first_grids()
         self.resolved: Bools = np.zeros(len(self.time), dtype=np.bool_)
         self._place(self._evaluate(self.time, self.board))
         self._bound(np.arange(len(self.time)))
@@ -114,57 +74,37 @@ class ExactGrid:
     def narrow(self, channels: Ints) -> None:
         """Keep some channels of each board; they have the digits that they have beside others."""
         self.chosen = self.chosen[channels]
-        self.ends = self.ends.reshape(len(self.courses), -1)[:, channels].ravel()
+        self.ends = self.courses.ends[:, self.chosen].ravel()
         self._place(self._columns[:, :, channels])
-
-    @functools.cached_property
-    def _terms(self) -> tuple[_Terms, _Terms]:
-        still, ringing = (
-            _Terms(self.courses, self.chosen, ringing=ringing) for ringing in (False, True)
-        )
-        return still, ringing
-
-    def each(self, board: Ints) -> Iterator[tuple[int, slice]]:
-        """Yield the boards of a rising list, and where each stands in it."""
-        begins = np.searchsorted(board, np.arange(len(self.courses) + 1)).tolist()
-        for k, (begin, end) in enumerate(pairwise(begins)):
-            if begin < end:
-                yield k, slice(begin, end)
 
     def _place(self, columns: Floats) -> None:
         """Set the values of all points and intervals, (P, 8, N); find where each board is."""
         self._columns = columns
         self.errors, self.slopes, self.bounds, self.reach = (columns[:, k] for k in range(4))
         self.caps, self.peaks = columns[:, 4:6], columns[:, 6:8]
-        self.first = np.searchsorted(self.board, np.arange(len(self.courses)))
+        self.first = np.searchsorted(self.board, np.arange(self.courses.count))
         self.tail = np.append(self.board[1:] != self.board[:-1], True)
 
     def _evaluate(self, times: Floats, board: Ints) -> Floats:
         """Return errors, slopes and bounds at `times` of rising boards, then room: (Q, 8, N)."""
         columns = np.empty((len(times), 8, self.channels))
-        for k, some in self.each(board):
-            for column, values in enumerate(self.courses[k].evaluate(times[some])):
-                columns[some, column] = values[:, self.chosen]
+        for column, values in enumerate(self.courses.evaluate(times, board)):
+            columns[:, column] = values[:, self.chosen]
         return columns
-
-    def _rate(self, places: Ints) -> Floats:
-        """Return |p| of the fastest mode above the noise at the points `places`, 1/s."""
-        times = self.time[places]
-        parts = [self.courses[k].rate(times[some]) for k, some in self.each(self.board[places])]
-        return np.concatenate(parts) if parts else times
 
     def _bound(self, places: Ints) -> None:
         """Bound the intervals at `places`."""
         self.peaks[places] = np.nan
         last = self.tail[places]
         self.reach[places] = np.maximum(self.bounds[places], self.bounds[places + ~last])
-        for k in places[last].tolist():
-            course = self.courses[self.board[k]]
-            left, end = course.remainder(float(self.time[k])), course.ends
-            self.caps[k] = (end + left)[self.chosen], (left - end)[self.chosen]
+        at = places[last]
+        left = self.courses.remainder(self.time[at], self.board[at])
+        end = self.courses.ends[self.board[at]]
+        self.caps[at] = np.stack([end + left, left - end], axis=1)[:, :, self.chosen]
         places = places[~last]
         width = self.time[places + 1] - self.time[places]
-        self.resolved[places] = self._rate(places) * width <= FINENESS
+        rate = self.courses.rate(self.time[places], self.board[places])
+        self.resolved[places] = rate * width <= FINENESS
         here, after = self.errors[places], self.errors[places + 1]
         rise, fall = self.slopes[places], self.slopes[places + 1]
         for side, sign in enumerate((1.0, -1.0)):
@@ -172,20 +112,14 @@ class ExactGrid:
                 sign * here, sign * after, sign * rise, sign * fall, width
             )
         coarse = np.flatnonzero(~self.resolved[places])
-        if not coarse.size:
-            return
         ends = here[coarse], after[coarse], rise[coarse], fall[coarse]
         caps = np.stack(_cubic_ranges(*ends, width[coarse, None]), axis=1)
         k = places[coarse]
-        begin, end = self.time[k], self.time[k + 1]
-        for board, some in self.each(self.board[k]):
-            course = self.courses[board]
-            room, rings = course.room(begin[some], width[coarse[some]])
-            caps[some] += room[:, None, self.chosen]
-            at = np.flatnonzero(rings) + some.start
-            if at.size:
-                bounds = course.envelopes(begin[at], end[at])[:, :, self.chosen]
-                caps[at] = np.minimum(caps[at], bounds)
+        begin, end, board = self.time[k], self.time[k + 1], self.board[k]
+        room, rings = self.courses.room(begin, width[coarse], board)
+        caps += room[:, None, self.chosen]
+        bounds = self.courses.envelopes(begin[rings], end[rings], board[rings])
+        caps[rings] = np.minimum(caps[rings], bounds[:, :, self.chosen])
         self.caps[k] = caps
 
     def refine(self, places: Ints, most: int = PIECES) -> Bools:
@@ -195,19 +129,20 @@ class ExactGrid:
         no new points if its grid would be too large, or if there is nothing left to find.
         """
         places = np.unique(places)
-        places = places[[self._is_divisible(k) for k in places.tolist()]]
+        places = places[self._are_divisible(places)]
         last = self.tail[places]
         inner, ends = places[~last], places[last].tolist()
         width = self.time[inner + 1] - self.time[inner]
-        pieces = np.ceil(self._rate(inner) * width / FINENESS)
+        pieces = self.courses.rate(self.time[inner], self.board[inner])
+        pieces = np.ceil(pieces * width / FINENESS)
         pieces = np.clip(pieces, 2, most).astype(np.int64)
         number = pieces - 1
         which = np.repeat(np.arange(len(inner)), number)
         nth = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number) + 1
-        beyond = [self.courses[self.board[k]].later(float(self.time[k])) for k in ends]
+        beyond = [self.courses.later(int(self.board[k]), float(self.time[k])) for k in ends]
         new = np.concatenate([self.time[inner][which] + (width / pieces)[which] * nth, *beyond])
         into = np.concatenate([inner[which], np.repeat(places[last], list(map(len, beyond)))])
-        count = len(self.courses)
+        count = self.courses.count
         added = np.bincount(self.board[into], minlength=count)
         size = added + np.bincount(self.board, minlength=count)
         divided: Bools = (added > 0) & (size * self.channels <= MOST)
@@ -217,11 +152,13 @@ class ExactGrid:
             self._insert(places[divided[self.board[places]]], new[kept], into[kept])
         return divided
 
-    def _is_divisible(self, k: int) -> bool:
-        if not self.tail[k]:
-            return True
-        left = self.courses[self.board[k]].remainder(float(self.time[k]))
-        return bool(left.max(initial=0.0) > self.noise[self.board[k]])
+    def _are_divisible(self, places: Ints) -> Bools:
+        """Tell which intervals (Q,) can be divided: a last one if modes are above the noise."""
+        found, board = ~self.tail[places], self.board[places]
+        at = np.flatnonzero(~found)
+        left = self.courses.remainder(self.time[places[at]], board[at]).max(axis=1, initial=0.0)
+        found[at] = left > self.courses.noise[board[at]]
+        return found
 
     def _insert(self, places: Ints, new: Floats, into: Ints) -> None:
         """Insert points `new` (Q,) that divide the intervals at `places`; `into` is that of each.
@@ -243,9 +180,7 @@ class ExactGrid:
     def _chosen(self, times: Floats, row: Ints, order: int) -> tuple[Floats, Floats]:
         """Return the derivatives of two orders from `order` of one row at each time, (Q,)."""
         board, channel = np.divmod(row, self.channels)
-        parts = [terms.sums(times, board, channel, order) for terms in self._terms]
-        first, second = (still + ringing for still, ringing in zip(*parts, strict=True))
-        return (first, second) if order else (first + self.ends[row], second)
+        return self.courses.sums(times, board, self.chosen[channel], order)
 
     def value(self, row: Ints, times: Floats) -> Floats:
         """Return the error of one row at each instant, (Q,)."""
@@ -365,7 +300,7 @@ class ExactSignal:
         self.grid = ExactGrid(courses)
         self.wanted = np.ones((len(courses), self.grid.channels), dtype=np.bool_)
         self.ends = self.grid.ends
-        self.level = np.maximum([course.level for course in courses], self.grid.noise)
+        self.level = self.grid.courses.level
 
     def narrow(self, wanted: Bools) -> Ints:
         """Keep the channels that are `wanted` (boards, N) of any board, and return them.
@@ -380,8 +315,7 @@ class ExactSignal:
     @property
     def end_bounds(self) -> Floats:
         """See `Signal`."""
-        parts = [each.solution.rest_error + each.target_error for each in self.grid.courses]
-        return np.concatenate(parts)
+        return self.grid.courses.end_bounds.ravel()
 
     def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
         """See `Signal`."""
@@ -410,7 +344,7 @@ class ExactSignal:
     @functools.cached_property
     def _highest(self) -> tuple[Floats, Floats]:
         """The maxima of ``e`` and of ``-e`` and their uncertainties, (2, rows) each."""
-        grid, count = self.grid, len(self.grid.courses)
+        grid, count = self.grid, self.grid.courses.count
         ends = self.ends.reshape(count, -1)
         best = np.stack([ends, -ends], axis=1)
         open_boards = np.ones(count, dtype=np.bool_)
@@ -419,7 +353,7 @@ class ExactSignal:
             lows = np.minimum.reduceat(grid.errors, grid.first)
             best = np.maximum(best, np.stack([tops, -lows], axis=1))
             open_rows = (self.wanted & open_boards[:, None])[:, None]
-            least = np.where(open_rows, grid.noise[:, None, None] + best, np.inf)
+            least = np.where(open_rows, grid.courses.noise[:, None, None] + best, np.inf)
             place, side, channel = np.nonzero(grid.caps > least[grid.board])
             board, fine = grid.board[place], grid.resolved[place]
             if fine.any():
@@ -436,7 +370,7 @@ class ExactSignal:
                 break
         reach = grid.reach[:, None]
         reached, lowest = np.maximum.reduceat(grid.caps + reach, grid.first), np.empty_like(best)
-        for k, some in grid.each(grid.board):
+        for k, some in grid.courses.each(grid.board):
             highest = grid.caps[some].argmax(axis=0)[None]
             lowest[k] = np.take_along_axis(reach[some], highest, axis=0)[0]
         doubt = np.maximum(reached - best, lowest)
@@ -534,7 +468,7 @@ class _TimeSearch:
         """
         grid, kept, places = self.grid, [left[:0]], [left[:0]]
         ends = np.append(grid.first, len(grid.time))
-        for board, some in grid.each(self.board[left]):
+        for board, some in grid.courses.each(self.board[left]):
             searches, begin = left[some], int(ends[board])
             part = slice(begin, int(ends[board + 1]))
             n, shift = self.channel[searches], self.shift[searches, None]

@@ -252,8 +252,9 @@ def _begun(board: LinearBoard, initial: Start, band: float) -> tuple[MeasuredBoa
     if not found.known_stable:
         still = _without_rest(response, found)
         return MeasuredBoard(board, initial, found, still, before, rest, error), None
-    empty = summary(response.step.amplitude, band, (), [])
-    return MeasuredBoard(board, initial, found, empty, before, rest, error), (response, returns)
+    unread_yet = Measurements(response.step.amplitude, band, (), {}, "", ())
+    measured = MeasuredBoard(board, initial, found, unread_yet, before, rest, error)
+    return measured, (response, returns)
 
 
 def step_response(

@@ -199,13 +199,15 @@ def _peaks(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
     """Return the loads of boards with equally many rows that no upper bound excludes."""
     signal, found = ExactSignal(*(_course(*each) for each in boards)), list[tuple[Load, ...]]()
     grid, ends = signal.grid, np.abs(signal.ends).reshape(len(boards), -1)
-    each = [_not_excluded(boards[k][0], grid, some, ends[k]) for k, some in grid.each(grid.board)]
-    rows = signal.narrow(np.array(each))
+    each = grid.courses.each
+    rows = signal.narrow(
+        np.array([_not_excluded(boards[k][0], grid, some, ends[k]) for k, some in each(grid.board)])
+    )
     (high, above), (low, below) = (
         [part.reshape(len(boards), -1) for part in signal.highest(sign)] for sign in (1.0, -1.0)
     )
     peaks, errors = np.maximum(high, low), np.where(high > low, above, below)
-    for k, some in grid.each(grid.board):
+    for k, some in each(grid.board):
         own = np.flatnonzero(signal.wanted[k])
         sizes, time = np.abs(grid.errors[some][:, own]), np.append(grid.time[some], math.inf)
         at = time[np.append(sizes, ends[k : k + 1, rows[own]], axis=0).argmax(axis=0)]

@@ -178,6 +178,11 @@ class ModalFlow(Exponentials):
         most = (peak + self._vague).sum(axis=0) + self._omitted
         self.error = float(np.nan_to_num(most, nan=math.inf).max(initial=0.0))
 
+    @property
+    def bound_terms(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Rates r (m,), lags l and errors v (m, K), and o (K,): ``sum (l t + v) exp(r t) + o``."""
+        return self._bounded, self._lag, self._vague, self._omitted
+
     def bounds(self, times: Floats) -> Floats:
         """Return bounds on the rounding error at `times` (P,), to first order, shape (P, K)."""
         left = np.exp(np.minimum(np.outer(times, self._bounded), LARGEST))
