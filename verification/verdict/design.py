@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
@@ -11,7 +11,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
 from taction.system.progress import Clock
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network
@@ -40,32 +40,45 @@ def design_board(
     InputError, NoVerdictError
         As `taction.verification.verdict.verify.verify`.
     """
-    (design,) = at_their_levels(
-        [small_signal_board(scene, clock, problem=problem, circuit=circuit)]
-    )
+    unplanned = synthesised_board(scene, clock, problem=problem, circuit=circuit)
+    (design,) = at_their_levels([small_signal_board(unplanned, clock)])
     if isinstance(design, TactionError):
         raise design
     return design
 
 
-def small_signal_board(
+@dataclass(frozen=True, slots=True, eq=False)
+class UnplannedBoard:
+    """The board of a scene, with a number for lambda, before anything is computed from it."""
+
+    scene: Scene
+    problem: InverseProblem
+    board: LinearBoard
+    network: IdealNetwork
+
+
+def synthesised_board(
     scene: Scene,
     clock: Clock,
     *,
     problem: InverseProblem | None = None,
     circuit: Circuit | LinearBoard | None = None,
-) -> PlannedBoard:
-    """Synthesise the board of `scene` and plan its transient, whatever its op-amps have to do.
-
-    See `design_board`; `at_their_levels` is the second half of it.
-    """
+) -> UnplannedBoard:
+    """Synthesise the board of `scene`; see `design_board`."""
     clock.begin("synthesis")
     scene = resolve_lambda(scene)
     problem = make_problem(scene) if problem is None else problem
     board = LinearBoard.of(synthesise(scene, problem) if circuit is None else circuit)
-    network = ideal_network(problem, scene)
+    return UnplannedBoard(scene, problem, board, ideal_network(problem, scene))
+
+
+def small_signal_board(unplanned: UnplannedBoard, clock: Clock) -> PlannedBoard:
+    """Plan the transient of a board, whatever its op-amps have to do.
+
+    See `design_board`; `at_their_levels` is the last part of it.
+    """
     clock.begin("poles")
-    return _designed(scene, problem, board, network)
+    return _designed(unplanned)
 
 
 def at_their_levels(designs: Sequence[PlannedBoard]) -> list[PlannedBoard | TactionError]:
@@ -79,22 +92,36 @@ def at_their_levels(designs: Sequence[PlannedBoard]) -> list[PlannedBoard | Tact
         if has_loads(design.scene, design.board, stable=design.poles.known_stable)
     }
     loads = dict(zip(loaded, PartLoads.together(list(loaded.values())), strict=True))
+    leveled = [
+        _leveled(design, loads.get(place, NOT_LIMITED)) for place, design in enumerate(designs)
+    ]
+    prepare([each.board for each in leveled if isinstance(each, UnplannedBoard)])
     found = list[PlannedBoard | TactionError]()
-    for place, design in enumerate(designs):
-        small = loads.get(place, NOT_LIMITED)
+    for place, (design, each) in enumerate(zip(designs, leveled, strict=True)):
+        if isinstance(each, TactionError):
+            found.append(each)
+            continue
         try:
-            leveled = leveled_board(design.scene, design.board, small)
-            if leveled is not design.board:
-                design = _designed(design.scene, design.problem, leveled, design.network)
-            found.append(replace(design, small=small))
+            planned = design if each is None else _designed(each)
+            found.append(replace(planned, small=loads.get(place, NOT_LIMITED)))
         except TactionError as error:
             found.append(error)
     return found
 
 
-def _designed(
-    scene: Scene, problem: InverseProblem, board: LinearBoard, network: IdealNetwork
-) -> PlannedBoard:
+def _leveled(design: PlannedBoard, small: PartLoads) -> UnplannedBoard | TactionError | None:
+    """Return the board at its level, or why there is none; None if it is at its level."""
+    try:
+        board = leveled_board(design.scene, design.board, small)
+    except TactionError as error:
+        return error
+    if board is design.board:
+        return None
+    return UnplannedBoard(design.scene, design.problem, board, design.network)
+
+
+def _designed(unplanned: UnplannedBoard) -> PlannedBoard:
+    scene, board = unplanned.scene, unplanned.board
     scales = time_scales(board, initial=scene.analysis.initial)
     poles = poles_behind(board, scales)
     scales = scales.with_slower(poles.rightmost)
@@ -108,4 +135,5 @@ def _designed(
         stable=stable,
         resolution=poles.resolution,
     )
+    problem, network = unplanned.problem, unplanned.network
     return PlannedBoard(scene, problem, board, network, scales, poles, engine, plan)

@@ -20,7 +20,7 @@ from taction.system.progress import Clock, Progress
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements
@@ -49,9 +49,11 @@ from taction.verification.verdict.checks import Check, Evidence, Outcome, overal
 from taction.verification.verdict.companion import Agreement, StepError, exact_response
 from taction.verification.verdict.constraint_stage import ConstraintPlane, constraint_plane
 from taction.verification.verdict.design import (
+    UnplannedBoard,
     at_their_levels,
     design_board,
     small_signal_board,
+    synthesised_board,
 )
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads
@@ -69,6 +71,7 @@ from taction.verification.verdict.simulation import (
     Pending,
     begin,
     begin_together,
+    choose_engine,
 )
 from taction.verification.verdict.warnings import (
     all_warnings,
@@ -297,7 +300,7 @@ class Request:
     effort: Effort = FULL
 
 
-TOGETHER = 400_000  # squared numbers of states of the boards that are measured together
+TOGETHER = 600_000  # squared numbers of unknowns of the boards that are computed together
 
 
 def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]]:
@@ -317,23 +320,24 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
     >>> place, verdict.outcome is verify(scene).outcome
     (0, True)
     """
-    planned: dict[int, _Planned] = {}
+    made: dict[int, tuple[Request, UnplannedBoard, Clock]] = {}
     size = 0
     for place, request in enumerate(requests):
         clock = Clock(lambda stage: None)
         with suppress(Exception):
-            design = small_signal_board(
+            unplanned = synthesised_board(
                 request.scene, clock, problem=request.problem, circuit=request.circuit
             )
-            if ENGINES[design.engine].together is None or design.board.descriptor.is_large:
+            descriptor = unplanned.board.descriptor
+            if ENGINES[choose_engine(unplanned.scene)].together is None or descriptor.is_large:
                 continue
             clock.pause()
-            planned[place] = _Planned(request, design, clock)
-            size += design.board.state_space.n**2
+            made[place] = request, unplanned, clock
+            size += descriptor.size**2
         if size > TOGETHER:
-            yield from _verified_together(planned)
-            planned, size = {}, 0
-    yield from _verified_together(planned)
+            yield from _verified_together(_planned(made))
+            made, size = {}, 0
+    yield from _verified_together(_planned(made))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -355,6 +359,17 @@ class _Planned:
         clock, effort = self.clock, self.request.effort
         found = _evidence(self.design, ideal, pending, clock, effort, known, margin)
         return _judged(*found, ideal, clock, effort)
+
+
+def _planned(made: Mapping[int, tuple[Request, UnplannedBoard, Clock]]) -> dict[int, _Planned]:
+    """Plan the transients of boards at the small-signal level; leave out those that have none."""
+    prepare([unplanned.board for _, unplanned, _ in made.values()])
+    planned: dict[int, _Planned] = {}
+    for place, (request, unplanned, clock) in made.items():
+        with suppress(Exception):
+            planned[place] = _Planned(request, small_signal_board(unplanned, clock), clock)
+            clock.pause()
+    return planned
 
 
 def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, Verdict]]:

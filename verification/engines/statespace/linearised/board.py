@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
+from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.coarse_board import coarsen
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
@@ -31,6 +33,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import (
 from taction.verification.engines.statespace.linearised.state_space import (
     StateSpace,
     linearise,
+    linearise_together,
     open_loop,
 )
 
@@ -195,6 +198,32 @@ class LinearBoard:
     def coarse(self) -> LinearBoard:
         """A coarse board in place of a large one; see `coarse_board`."""
         return LinearBoard(self.circuit, coarsen(self.descriptor))
+
+
+def prepare(boards: Sequence[LinearBoard]) -> None:
+    """Compute the state spaces of boards; boards of one structure are eliminated together.
+
+    Every board has the digits that it has alone. A board that has no state space, and a large one,
+    stays as it is, and says why where it is asked.
+
+    Examples
+    --------
+    >>> import taction
+    >>> from taction.netlist_gen.board.synthesis import synthesise
+    >>> boards = [LinearBoard(synthesise(taction.load_scene("scenes/custom-matrix.toml")))]
+    >>> prepare(boards)
+    >>> "state_space" in vars(boards[0])
+    True
+    """
+    ready = dict[LinearBoard, tuple[Descriptor, Equilibrium | None]]()
+    for board in boards:
+        if "state_space" not in vars(board):
+            with suppress(EngineError):
+                if not board.descriptor.is_large:
+                    ready[board] = board.descriptor, board.operating_point
+    for board, space in zip(ready, linearise_together(list(ready.values())), strict=True):
+        if not isinstance(space, EngineError):
+            vars(board)["state_space"] = space
 
 
 Initial = Literal["zero", "rest"]

@@ -9,6 +9,7 @@ import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.alike import agreed, alone
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
 ROUNDING = 64 * EPS
@@ -18,55 +19,73 @@ SINGULAR = 1e13  # condition number of an equilibrated matrix above which it cou
 
 
 class ScaledInverse:
-    """Solver of ``A X = B``: an inverse with scaled rows, and one step of refinement."""
+    """Solver of ``A X = B`` for a stack A (B, k, k): inverses with scaled rows, refined once."""
 
     def __init__(self, A: Floats) -> None:
         filled = A != 0.0
-        decoupled = filled.diagonal().copy()
-        np.fill_diagonal(filled, False)
-        decoupled &= ~(filled.any(axis=0) | filled.any(axis=1))
+        diagonal = A.diagonal(axis1=1, axis2=2)
+        own = np.arange(A.shape[1])
+        filled[:, own, own] = False
+        decoupled = agreed((diagonal != 0.0) & ~(filled.any(axis=1) | filled.any(axis=2)))
         self.coupled = np.flatnonzero(~decoupled)
-        self.diagonal = np.where(decoupled, A.diagonal(), 1.0)[:, None]
-        scaled = A.take(self.coupled, axis=0).take(self.coupled, axis=1)
-        scale = np.abs(scaled).max(axis=1, initial=0.0)
+        self.diagonal = np.where(decoupled, diagonal, 1.0)[:, :, None]
+        scaled = taken(A, self.coupled, self.coupled)
+        scale = np.abs(scaled).max(axis=2, initial=0.0)
         scale[scale == 0.0] = 1.0
-        self.scale = scale[:, None]
+        self.scale = scale[:, :, None]
         self.scaled = scaled / self.scale
-        try:
-            self.inverse = np.linalg.inv(self.scaled)
-        except np.linalg.LinAlgError:
-            self.inverse = np.full_like(self.scaled, np.inf)
-        self.largest = float(np.abs(self.inverse).max(initial=0.0))
+        self.inverse = _inverses(self.scaled)
+        self.largest = np.abs(self.inverse).max(axis=(1, 2), initial=0.0)
 
     @property
-    def condition(self) -> float:
-        """Condition number of the scaled matrix in the row-sum norm; inf if singular."""
-        norms = [np.abs(X).sum(axis=1).max(initial=1.0) for X in (self.scaled, self.inverse)]
-        return float(norms[0] * norms[1])
+    def condition(self) -> Floats:
+        """Condition numbers of the scaled matrices in the row-sum norm, (B,); inf if singular."""
+        norms = [
+            np.abs(X).sum(axis=2).max(axis=1, initial=1.0) for X in (self.scaled, self.inverse)
+        ]
+        return np.asarray(norms[0] * norms[1])
 
     def magnitudes(self) -> Floats:
-        """Return the sizes of the elements of the inverse."""
-        inverse = np.diag(1.0 / np.abs(self.diagonal[:, 0]))
-        inverse[self.coupled[:, None], self.coupled] = np.abs(self.inverse) / self.scale.T
+        """Return the sizes of the elements of the inverses."""
+        count, size = self.diagonal.shape[:2]
+        inverse, own = np.zeros((count, size, size)), np.arange(size)
+        inverse[:, own, own] = 1.0 / np.abs(self.diagonal[:, :, 0])
+        part = np.abs(self.inverse) / self.scale.transpose(0, 2, 1)
+        inverse[:, self.coupled[:, None], self.coupled] = part
         return inverse
 
     def spread(self, X: Floats) -> Floats:
         """Return ``|A^-1| |A| |X|``: to what the rounding of a solution X is relative."""
-        moved = np.abs(self.diagonal) * np.abs(X)
-        moved[self.coupled] = np.abs(self.scaled * self.scale) @ np.abs(X[self.coupled])
+        moved, size = np.abs(self.diagonal) * np.abs(X), np.abs(X.take(self.coupled, axis=1))
+        moved[:, self.coupled] = np.abs(self.scaled * self.scale) @ size
         return np.asarray(self.magnitudes() @ moved)
 
     def solve(self, B: Floats, names: Sequence[str], failure: str) -> Floats:
-        """Return X; for a singular A raise EngineError with the names of the unknowns."""
-        if not self.largest < SINGULAR:
+        """Return X; for singular A raise EngineError with the names of the unknowns."""
+        if not agreed(self.largest < SINGULAR):
             listed = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
             raise EngineError(f"{failure}: {listed}")
         X = B / self.diagonal
         if self.coupled.size:
-            right = B.take(self.coupled, axis=0) / self.scale
+            right = B.take(self.coupled, axis=1) / self.scale
             Y = self.inverse @ right
-            X[self.coupled] = Y + self.inverse @ (right - self.scaled @ Y)
+            X[:, self.coupled] = Y + self.inverse @ (right - self.scaled @ Y)
         return X
+
+
+def _inverses(A: Floats) -> Floats:
+    """Return the inverses of a stack of matrices; infinite ones of singular matrices."""
+    try:
+        return np.asarray(np.linalg.inv(A))
+    except np.linalg.LinAlgError:
+        if len(A) == 1:
+            return np.full_like(A, np.inf)
+        return np.concatenate([_inverses(one[None]) for one in A])
+
+
+def taken(A: Floats, rows: Ints, columns: Ints) -> Floats:
+    """Return rows and columns of each matrix of a stack."""
+    return A.take(rows, axis=1).take(columns, axis=2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,31 +118,40 @@ def eliminate(
     names: Sequence[str],
     *,
     has_branches: bool = False,
-) -> ReducedEquations:
+) -> list[ReducedEquations]:
     """Eliminate voltages that ideal sources determine, then all other unknowns without charge.
 
     With `has_branches` the rounding of every step counts in the size of the terms; of a board with
     a design that of the last step bounds it.
 
-    `b` (size, inputs) has columns for the strain currents, for constant sources, and for other
-    inputs; `determined` marks rows that state a voltage instead of a current balance; `names` are
-    for messages.
+    Parameters
+    ----------
+    M, K : ndarray (B, size, size)
+        Matrices of B boards that have the same unknowns.
+    b : ndarray (B, size, inputs)
+        Columns for the strain currents, for constant sources, and for other inputs.
+    determined : ndarray of bool (size,)
+        Rows that state a voltage instead of a current balance.
+    names : sequence of str
+        Of the unknowns, for messages.
 
     Raises
     ------
     EngineError
-        The equations have no such form (see `state_space.linearise`).
+        The equations have no such form (see `state_space.linearise`), those of any board.
+    Unlike
+        The boards need different steps.
     """
     f, o = np.flatnonzero(~determined), np.flatnonzero(determined)
-    size, inputs = b.shape
-    within, decided, found = Terms(np.abs(M), np.abs(K)), True, None
+    count, size, inputs = b.shape
+    within, found, decided = Terms(np.abs(M), np.abs(K)), None, np.ones(count, dtype=np.bool_)
     if o.size:
         sources, *rest, found, decided = _without_sources(M, K, b, f, o, names)
         M, K, b, charge = rest
         within = found or Terms(np.abs(M), np.abs(K))
         names = [names[place] for place in f.tolist()]
     else:
-        charge = np.concatenate([M, np.zeros((size, 1))], axis=1)
+        charge = np.concatenate([M, np.zeros((count, size, 1))], axis=2)
     split = _separate(M, K, b, charge)
     d, a, basis, mass, K, b, charge = split.parts
     if split.left is not None and basis is not None:
@@ -132,48 +160,51 @@ def eliminate(
         )
     n = len(d)
     columns = np.concatenate([d, np.arange(len(f), len(f) + inputs), a])
-    rows = np.concatenate([d, a])
-    K = np.concatenate([K, b], axis=1).take(rows, axis=0).take(columns, axis=1)
+    K = taken(np.concatenate([K, b], axis=2), np.concatenate([d, a]), columns)
     # 0 = K_ad x + K_aa y + b_a
     chargeless = [names[k] for k in a] if basis is None else names
-    inner_factor = ScaledInverse(K[n:, n + inputs :])
+    inner_factor = ScaledInverse(K[:, n:, n + inputs :])
     passive = inner_factor.solve(
-        K[n:, : n + inputs], chargeless, "nodes without capacitance stay undetermined"
+        K[:, n:, : n + inputs], chargeless, "nodes without capacitance stay undetermined"
     )
-    rates = K[:n, : n + inputs] - K[:n, n + inputs :] @ passive
+    rates = K[:, :n, : n + inputs] - K[:, :n, n + inputs :] @ passive
     charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
-    charge = _with_impulses(charge, K[:n, n + inputs :], inner_factor, chargeless, d, a)
-    right = np.concatenate([rates, charge], axis=1)
-    terms = np.abs(K[:n, :n]) + np.abs(K[:n, n + inputs :]) @ np.abs(passive[:, :n])
+    charge = _with_impulses(charge, K[:, :n, n + inputs :], inner_factor, chargeless, d, a)
+    right = np.concatenate([rates, charge], axis=2)
+    terms = np.abs(K[:, :n, :n]) + np.abs(K[:, :n, n + inputs :]) @ np.abs(passive[:, :, :n])
     sizes = np.abs(mass.solve(terms, charged, "the capacitances do not determine the states"))
     rates = mass.solve(right, charged, "the capacitances do not determine the states")
-    sizes = np.stack([sizes, np.zeros_like(sizes)])
+    sizes = np.stack([sizes, np.zeros_like(sizes)], axis=1)
     exact = found is not None or split.left is not None
     if exact or has_branches:
         cancelling = within.sizes(d, a, mass, inner_factor, passive)
-        cancelling[0] += mass.spread(rates[:, :n])
+        cancelling[:, 0] += mass.spread(rates[:, :, :n])
         sizes = np.maximum(sizes, cancelling if exact else cancelling / SPARE)
     if has_branches:
-        decided = decided and not split.singular and within.decide(d, a, mass, inner_factor)
-    inner = np.zeros((len(f), n + inputs))
-    inner[d, np.arange(n)] = 1.0
-    inner[a] = -passive
+        decided = decided & (not split.singular) & within.decide(d, a, mass, inner_factor)
+    inner = np.zeros((count, len(f), n + inputs))
+    inner[:, d, np.arange(n)] = 1.0
+    inner[:, a] = -passive
     outer = inner if basis is None else basis @ inner
     if o.size:
-        inner, outer = outer, np.zeros((size, n + inputs))
-        outer[f], outer[o] = inner, sources[:, : len(f)] @ inner
-        outer[o, n:] += sources[:, len(f) :]
-    return ReducedEquations(
-        A=np.ascontiguousarray(rates[:, :n]),
-        B=rates[:, n : n + inputs],
-        C=outer[:, :n],
-        D=outer[:, n:],
-        charge=rates[:, n + inputs : -1],
-        offset=rates[:, -1],
-        places=f[d] if basis is None else None,
-        size=sizes,
-        decided=decided,
-    )
+        inner, outer = outer, np.zeros((count, size, n + inputs))
+        outer[:, f], outer[:, o] = inner, sources[:, :, : len(f)] @ inner
+        outer[:, o, n:] += sources[:, :, len(f) :]
+    rates_of_states = np.ascontiguousarray(rates[:, :, :n])
+    return [
+        ReducedEquations(
+            A=rates_of_states[k],
+            B=rates[k, :, n : n + inputs],
+            C=outer[k, :, :n],
+            D=outer[k, :, n:],
+            charge=rates[k, :, n + inputs : -1],
+            offset=rates[k, :, -1],
+            places=f[d] if basis is None else None,
+            size=sizes[k],
+            decided=bool(decided[k]),
+        )
+        for k in range(count)
+    ]
 
 
 def _with_impulses(
@@ -184,20 +215,21 @@ def _with_impulses(
     d: Ints,
     a: Ints,
 ) -> Floats:
-    """Return the charges of the unknowns d, (n, ...), after the impulses of the others.
+    """Return the charges of the unknowns d, (B, n, ...), after the impulses of the others.
 
     Where a step reaches a capacitor whose current is an unknown, this current has an impulse at the
     step, which charges what it flows into.
     """
-    own, jumps = charge.take(d, axis=0), charge.take(a, axis=0)
-    if not np.abs(jumps).max(initial=0.0) > np.abs(charge).max(initial=0.0) / SINGULAR:
+    own, jumps = charge.take(d, axis=1), charge.take(a, axis=1)
+    jump, largest = (np.abs(x).max(axis=(1, 2), initial=0.0) for x in (jumps, charge))
+    if not agreed(jump > largest / SINGULAR):
         return own
     return own - pull @ inner_factor.solve(jumps, names, "a step has no bounded current through")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terms:
-    """Sizes of the terms that add up to M and K, (size, size) each."""
+    """Sizes of the terms that add up to M and K, (B, size, size) each."""
 
     mass: Floats
     pull: Floats
@@ -205,26 +237,25 @@ class Terms:
     def sizes(
         self, d: Ints, a: Ints, mass: ScaledInverse, inner: ScaledInverse, passive: Floats
     ) -> Floats:
-        """Return the sizes of `Block`, (2, n, n), with all that cancels on the way to A."""
-        passive, pull = np.abs(passive[:, : len(d)]), self.pull[d[:, None], a]
+        """Return the sizes of `Block`, (B, 2, n, n), with all that cancels on the way to A."""
+        passive, pull = np.abs(passive[:, :, : len(d)]), taken(self.pull, d, a)
         parts = []
         for part, through in ((self.pull, passive), (self.mass, 0.0)):
-            own, aside = (
-                part[rows[:, None], d] + part[rows[:, None], a] @ passive for rows in (d, a)
-            )
+            own, aside = (taken(part, rows, d) + taken(part, rows, a) @ passive for rows in (d, a))
             parts.append(own + pull @ (through + inner.magnitudes() @ aside))
-        return np.asarray(mass.magnitudes() @ np.stack(parts))
+        return np.asarray(mass.magnitudes()[:, None] @ np.stack(parts, axis=1))
 
-    def decide(self, d: Ints, a: Ints, mass: ScaledInverse, inner: ScaledInverse) -> bool:
-        """Whether rounding can make neither M on d nor K on a singular."""
-        found = mass.magnitudes() @ self.mass[d[:, None], d]
-        passive = inner.magnitudes() @ self.pull[a[:, None], a]
-        return all(X.sum(axis=1).max(initial=0.0) < DECIDED for X in (found, passive))
+    def decide(self, d: Ints, a: Ints, mass: ScaledInverse, inner: ScaledInverse) -> Bools:
+        """Whether rounding can make neither M on d nor K on a singular, (B,)."""
+        found = mass.magnitudes() @ taken(self.mass, d, d)
+        passive = inner.magnitudes() @ taken(self.pull, a, a)
+        sums = [X.sum(axis=2).max(axis=1, initial=0.0) for X in (found, passive)]
+        return np.asarray((sums[0] < DECIDED) & (sums[1] < DECIDED))
 
 
 def _without_sources(
     M: Floats, K: Floats, b: Floats, f: Ints, o: Ints, names: Sequence[str]
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Terms | None, bool]:
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Terms | None, Bools]:
     """Eliminate the voltages z_o that ideal sources determine.
 
     Returns ``[P, p]`` of ``z_o = P z_f + p u``; M, K and b of the other unknowns z_f; and the
@@ -233,22 +264,26 @@ def _without_sources(
     """
     listed = [names[place] for place in (*o, *f)]
     # 0 = K_oo z_o + K_of z_f + b_o
-    right = np.hstack([K[o[:, None], f], b[o]])
+    K_of = taken(K, o, f)
     failure = "ideal sources form a loop without a solution"
-    inverse = ScaledInverse(-K[o[:, None], o])
+    inverse = ScaledInverse(-taken(K, o, o))
+    right = np.concatenate([K_of, b.take(o, axis=1)], axis=2)
     sources = inverse.solve(right, listed, failure)
-    P, p = sources[:, : len(f)], sources[:, len(f) :]
-    source_charge = M[f[:, None], o] @ p
-    if np.any(source_charge[:, 2:]):
+    P, p = sources[:, :, : len(f)], sources[:, :, len(f) :]
+    source_charge = taken(M, f, o) @ p
+    if agreed(source_charge[:, :, 2:].any(axis=(1, 2))):
         raise EngineError("a capacitor at the output of a behavioural amplifier: not supported")
-    charge = np.hstack([M[f], -source_charge[:, :2].sum(axis=1)[:, None]])
-    within = _terms(M, K, f, o, inverse, P) if P.any() else None
-    b = b[f] + K[f[:, None], o] @ p
-    K = K[f[:, None], f] + K[f[:, None], o] @ P
-    M = M[f[:, None], f] + M[f[:, None], o] @ P
+    charge = np.concatenate(
+        [M.take(f, axis=1), -source_charge[:, :, :2].sum(axis=2)[:, :, None]], axis=2
+    )
+    within = _terms(M, K, f, o, inverse, P) if agreed(P.any(axis=(1, 2))) else None
+    b = b.take(f, axis=1) + taken(K, f, o) @ p
+    K = taken(K, f, f) + taken(K, f, o) @ P
+    M = taken(M, f, f) + taken(M, f, o) @ P
     decided = inverse.condition < DECIDED
     if within is not None:  # what cancels leaves no capacitance
-        decided &= not np.any((np.abs(M) < within.mass / DECIDED) & (within.mass > 0.0))
+        lost = (np.abs(M) < within.mass / DECIDED) & (within.mass > 0.0)
+        decided &= ~lost.any(axis=(1, 2))
         M[np.abs(M) < ROUNDING * within.mass] = 0.0
     return sources, M, K, b, charge, within, decided
 
@@ -256,10 +291,8 @@ def _without_sources(
 def _terms(M: Floats, K: Floats, f: Ints, o: Ints, inverse: ScaledInverse, P: Floats) -> Terms:
     """Return the sizes of the terms of M and K without the voltages that sources determine."""
     M, K, size = np.abs(M), np.abs(K), np.abs(P)
-    size = np.maximum(size, inverse.magnitudes() @ (K[o[:, None], f] + K[o[:, None], o] @ size))
-    return Terms(
-        M[f[:, None], f] + M[f[:, None], o] @ size, K[f[:, None], f] + K[f[:, None], o] @ size
-    )
+    size = np.maximum(size, inverse.magnitudes() @ (taken(K, o, f) + taken(K, o, o) @ size))
+    return Terms(*(taken(each, f, f) + taken(each, f, o) @ size for each in (M, K)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -290,23 +323,30 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     combinations of nodes, found by a singular value decomposition of the equilibrated M.
     """
     filled = M != 0.0
-    rows, columns = filled.any(axis=1), filled.any(axis=0)
+    rows, columns = (agreed(filled.any(axis=axis)) for axis in (2, 1))
     d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
     if np.array_equal(rows, columns):
-        mass = ScaledInverse(M.take(d, axis=0).take(d, axis=1))
-        if mass.condition < GRADED:
+        mass = ScaledInverse(taken(M, d, d))
+        if agreed(mass.condition < GRADED):
             return Split((d, a, None, mass, K, b, charge))
-        if mass.condition < SINGULAR:
+        alone(len(M))
+        if mass.condition[0] < SINGULAR:
             return _graded(M, K, b, charge, d, a)
-    weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
+    alone(len(M))
+    return _decomposed(M, K, b, charge, rows)
+
+
+def _decomposed(M: Floats, K: Floats, b: Floats, charge: Floats, rows: Bools) -> Split:
+    """Change to the singular vectors of the equilibrated M, whose rows are zero without `rows`."""
+    weight, pull = np.abs(M[0]).max(axis=1), np.abs(K[0]).max(axis=1)
     rate = np.median(pull[rows] / weight[rows]) or 1.0
     scale = np.where(rows, weight, np.where(pull > 0.0, pull, rate) / rate)[:, None]
-    U, S, Vt = np.linalg.svd(M / scale)
+    U, S, Vt = np.linalg.svd(M[0] / scale)
     rank = int(np.sum(S[0] / SINGULAR < S))
     places = np.arange(len(S))
-    turned = U.T @ (K / scale) @ Vt.T
     d, a = places[:rank], places[rank:]
-    mass = ScaledInverse(np.diag(S[:rank]))
+    mass = ScaledInverse(np.diag(S[:rank])[None])
+    turned = U.T @ (K / scale) @ Vt.T
     parts = (d, a, Vt.T, mass, turned, U.T @ (b / scale), U.T @ (charge / scale))
     return Split(parts, U.T / scale.T, True)
 
@@ -318,8 +358,8 @@ def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -
     In node voltages its own slow rate is the difference of two fast rates, and lost in their
     rounding. In the new unknowns every capacitance has its own equation, the fastest first.
     """
-    n, size = len(d), len(M)
-    left, D, basis = np.eye(n), M[d[:, None], d], np.eye(n)
+    n, size = len(d), M.shape[1]
+    left, D, basis = np.eye(n), taken(M, d, d)[0], np.eye(n)
     for k in range(n):
         i, j = (place + k for place in divmod(int(np.abs(D[k:, k:]).argmax()), n - k))
         for matrix in (D, left):
@@ -334,5 +374,5 @@ def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -
     order = np.arange(n)[::-1]
     outer, inner = np.eye(size), np.eye(size)
     outer[d[:, None], d], inner[d[:, None], d] = left[order], basis[:, order]
-    mass = ScaledInverse(np.diag(D.diagonal()[order]))
+    mass = ScaledInverse(np.diag(D.diagonal()[order])[None])
     return Split((d, a, inner, mass, outer @ K @ inner, outer @ b, outer @ charge), outer)

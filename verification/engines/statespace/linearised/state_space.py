@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
@@ -23,6 +23,7 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import (
     evened,
 )
 from taction.verification.engines.statespace.equations.pole_count import finite_poles
+from taction.verification.engines.statespace.linearised.alike import solve_alike
 from taction.verification.engines.statespace.linearised.elimination import (
     ReducedEquations,
     eliminate,
@@ -141,6 +142,20 @@ def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
         The equations have no state-space form (a node without any path, or charges that are not
         free, such as a loop of capacitors and voltage sources).
     """
+    return _single(*linearise_together([(descriptor, point)]))
+
+
+def linearise_together(
+    boards: Sequence[tuple[Descriptor, Equilibrium | None]],
+) -> list[StateSpace | EngineError]:
+    """Linearise boards at their points, or tell why a board has no state space; see `linearise`.
+
+    Boards of one structure are eliminated together, and have the digits that each has alone.
+    """
+    return _state_spaces([_at_point(descriptor, point) for descriptor, point in boards])
+
+
+def _at_point(descriptor: Descriptor, point: Equilibrium | None) -> LinearEquations:
     b, devices = np.stack([descriptor.switched, descriptor.constant], axis=1), descriptor.devices
     board = linear_matrices(descriptor, point)
     if point is not None:
@@ -148,7 +163,7 @@ def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
         value = gain_of(devices.kinds).value(v / devices.v_scale)
         slopes = board.stiffness[devices.output, devices.input]
         b[devices.output, 1] += -devices.u_scale * value - slopes * v
-    return _state_space(descriptor, board, b)
+    return LinearEquations(descriptor, board, b)
 
 
 def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseMatrix:
@@ -168,7 +183,8 @@ def driven(descriptor: Descriptor, point: Equilibrium | None, inputs: Floats) ->
     EngineError
         As `linearise`.
     """
-    return _state_space(descriptor, linear_matrices(descriptor, point), inputs)
+    system = LinearEquations(descriptor, linear_matrices(descriptor, point), inputs)
+    return _single(*_state_spaces([system]))
 
 
 def open_loop(descriptor: Descriptor) -> StateSpace:
@@ -186,19 +202,69 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
     b = np.zeros((descriptor.size, 2 + devices.count))
     b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
-    return _state_space(descriptor, descriptor.dense, b)
+    return _single(*_state_spaces([LinearEquations(descriptor, descriptor.dense, b)]))
 
 
-def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace:
-    """Eliminate unknowns without charge, and count the states again where rounding has a say.
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearEquations:
+    """Linear equations of a board, with the inputs b (size, k) of their state space."""
+
+    descriptor: Descriptor
+    board: DenseMatrix
+    b: Floats
+
+    def is_like(self, other: LinearEquations) -> bool:
+        """Whether the same unknowns carry the same names and are determined, in the same halves."""
+        own, others = self.descriptor, other.descriptor
+        return (
+            self.board.halves is other.board.halves
+            and self.b.shape == other.b.shape
+            and own.has_branches == others.has_branches
+            and own.names == others.names
+            and np.array_equal(own.determined, others.determined)
+        )
+
+
+def _single(found: StateSpace | EngineError) -> StateSpace:
+    if isinstance(found, EngineError):
+        raise found
+    return found
+
+
+def _state_spaces(systems: Sequence[LinearEquations]) -> list[StateSpace | EngineError]:
+    """Eliminate unknowns without charge, and count the states again where rounding has a say."""
+    groups = list[list[int]]()
+    for k, system in enumerate(systems):
+        for group in groups:
+            if system.is_like(systems[group[0]]):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    found: dict[int, StateSpace | EngineError] = {}
+    for group in groups:
+        alike = [systems[k] for k in group]
+        found |= zip(group, map(_counted, alike, solve_alike(alike, _eliminated)), strict=True)
+    return [found[k] for k in range(len(systems))]
+
+
+def _counted(system: LinearEquations, found: StateSpace | EngineError) -> StateSpace | EngineError:
+    try:
+        return found if isinstance(found, EngineError) else _with_sure_poles(system, found)
+    except EngineError as error:
+        return error
+
+
+def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
+    """Return a state space whose poles are counted, or raise EngineError.
 
     A topology's board is known to have the states that its design gives it.
     """
-    found = _eliminated(descriptor, board, b)
+    descriptor, board = system.descriptor, system.board
     if not descriptor.has_branches or all(block.decided for block in found.blocks):
         return found
     if found.halves is not None:
-        found = _eliminated(descriptor, replace(board, halves=None), b)
+        (found,) = _whole([system])
     devices = descriptor.devices
     slopes = (board.stiffness - descriptor.dense.stiffness)[devices.output, devices.input]
     count = finite_poles(descriptor, slopes)
@@ -226,33 +292,64 @@ def _state_space(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> State
     return found
 
 
-def _eliminated(descriptor: Descriptor, board: DenseMatrix, b: Floats) -> StateSpace:
-    """Eliminate unknowns without charge, in each half of a board that is its own mirror image."""
-    names, determined, halves = descriptor.names, descriptor.determined, board.halves
-    free = descriptor.has_branches
+def _eliminated(systems: Sequence[LinearEquations]) -> list[StateSpace]:
+    """Eliminate unknowns without charge, in each half of boards that are their own mirror image.
+
+    The systems are alike.
+    """
+    halves = systems[0].board.halves
     if halves is None:
-        block = eliminate(board.mass, board.stiffness, b, determined, names, has_branches=free)
-        if block.places is None:
-            charged = tuple(f"charge{k + 1}" for k in range(len(block.A)))
-        else:
-            charged = tuple(names[place] for place in block.places.tolist())
-        return StateSpace(descriptor, charged, (block,), None)
-    whole = replace(board, halves=None)
-    first_names = [names[place] for place in halves.first.tolist()]
-    parts = zip(board.blocks, halves.split_vectors(b), strict=True)
+        return _whole(systems)
+    descriptor = systems[0].descriptor
+    first_names = [descriptor.names[place] for place in halves.first.tolist()]
+    inputs = zip(*(halves.split_vectors(system.b) for system in systems), strict=True)
     try:
         even, odd = (
-            eliminate(
-                M, K, inputs, determined[halves.first[: len(K)]], first_names, has_branches=free
-            )
-            for (M, K), inputs in parts
+            _blocks(systems, half, b, halves.first[: b[0].shape[0]], first_names)
+            for half, b in enumerate(inputs)
         )
     except EngineError:  # the message must name unknowns of the whole board
-        return _eliminated(descriptor, whole, b)
-    if even.places is None or odd.places is None:
-        return _eliminated(descriptor, whole, b)
-    places, states = halves.within(even.places)
-    if not (states.pairs > 0 and np.array_equal(even.places[: states.pairs], odd.places)):
-        return _eliminated(descriptor, whole, b)
-    charged = tuple(names[place] for place in places.tolist())
-    return StateSpace(descriptor, charged, (even, odd), (halves, states))
+        return _whole(systems)
+    if even[0].places is None or odd[0].places is None:
+        return _whole(systems)
+    places, states = halves.within(even[0].places)
+    if not (states.pairs > 0 and np.array_equal(even[0].places[: states.pairs], odd[0].places)):
+        return _whole(systems)
+    charged = tuple(descriptor.names[place] for place in places.tolist())
+    return [
+        StateSpace(system.descriptor, charged, parts, (halves, states))
+        for system, parts in zip(systems, zip(even, odd, strict=True), strict=True)
+    ]
+
+
+def _whole(systems: Sequence[LinearEquations]) -> list[StateSpace]:
+    """Eliminate unknowns without charge from all equations at once."""
+    names = systems[0].descriptor.names
+    blocks = _blocks(systems, None, [system.b for system in systems], slice(None), names)
+    if blocks[0].places is None:
+        charged = tuple(f"charge{k + 1}" for k in range(len(blocks[0].A)))
+    else:
+        charged = tuple(names[place] for place in blocks[0].places.tolist())
+    pairs = zip(systems, blocks, strict=True)
+    return [StateSpace(system.descriptor, charged, (block,), None) for system, block in pairs]
+
+
+def _blocks(
+    systems: Sequence[LinearEquations],
+    half: int | None,
+    b: Sequence[Floats],
+    places: Ints | slice,
+    names: Sequence[str],
+) -> list[ReducedEquations]:
+    """Eliminate in one half of the systems, or in the whole, with the inputs b (size, k) of each.
+
+    `places` are those of the half's unknowns.
+    """
+    if half is None:
+        matrices = [(system.board.mass, system.board.stiffness) for system in systems]
+    else:
+        matrices = [system.board.blocks[half] for system in systems]
+    M, K = (np.stack(part) for part in zip(*matrices, strict=True))
+    descriptor = systems[0].descriptor
+    determined, free = descriptor.determined[places], descriptor.has_branches
+    return eliminate(M, K, np.stack(b), determined, names, has_branches=free)

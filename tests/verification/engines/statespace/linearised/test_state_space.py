@@ -12,11 +12,13 @@ import pytest
 
 from taction.netlist_gen.board.circuit import (
     Capacitor,
+    Circuit,
     CurrentSource,
     OpAmpCell,
     Resistor,
     VoltageSource,
 )
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
@@ -25,7 +27,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised import board as board_module
 from taction.verification.engines.statespace.linearised import state_space as state_space_module
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
 from taction.verification.verdict import transient_plan
 from taction.verification.verdict.verify import verify
 from tests.support.boards import bare, kernel, paper_board, single_mode, strain
@@ -234,7 +236,7 @@ def test_one_verification_computes_nothing_twice(
     stamped = recorded(monkeypatch, board_module, "stamp")
     factorised = recorded(monkeypatch, board_module, "dense_response")
     solved = recorded(monkeypatch, board_module, "solve_equilibrium")
-    linearised = recorded(monkeypatch, board_module, "linearise")
+    linearised = recorded(monkeypatch, state_space_module, "_at_point")
     decomposed = recorded(monkeypatch, state_space_module, "decompose")
     verdict = verify(with_values(load_scene(SCENES / f"{scene}.toml"), values))
     assert sum(circuit is verdict.circuit for (circuit,) in stamped) == 1
@@ -245,3 +247,67 @@ def test_one_verification_computes_nothing_twice(
     assert len(set(matrices)) == len(matrices)
     if values["analysis.engine"] == "ngspice":
         assert verdict.accuracy.tries == 2
+
+
+def boards_of_a_stack() -> dict[str, Circuit]:
+    """Boards that differ in values alone, and some that take other steps in the elimination."""
+
+    def ladder(*farads: float, ohms: float = 1e3) -> Circuit:
+        return bare(
+            resistors=(
+                Resistor("R1", "a", "b", ohms),
+                Resistor("R2", "b", "c", 2.0 * ohms),
+                Resistor("R3", "c", "0", 3e3),
+            ),
+            capacitors=(
+                Capacitor("C1", "a", "0", farads[0]),
+                Capacitor("C2", "a", "c", farads[1]),
+                Capacitor("C3", "c", "0", farads[2]),
+            ),
+            currents=(CurrentSource("I", "b", 1e-3),),
+        )
+
+    return {
+        "plain": ladder(1e-9, 2e-9, 3e-9),
+        "other values": ladder(2e-9, 1e-9, 7e-9, ohms=5e3),
+        "graded": ladder(1e-12, 1e-4, 1e-12),  # its states are combinations of voltages
+        "no capacitor": ladder(0.0, 0.0, 3e-9),  # at node a
+        "plain again": ladder(4e-9, 2e-9, 5e-9),
+        "no path": bare(
+            capacitors=(Capacitor("C", "a", "b", 1e-9), Capacitor("D", "b", "c", 1e-9))
+        ),
+    }
+
+
+def test_a_board_of_a_stack_has_the_digits_that_it_has_alone() -> None:
+    stack = {name: LinearBoard(circuit) for name, circuit in boards_of_a_stack().items()}
+    for scene, changed in (
+        ("paper-breadboard", {"design.capacitance": 2e-11}),
+        ("tuned-breadboard", {"design.gain": 1e5}),  # op-amps that differ, ideal sources
+        ("paper-exponential", {"design.capacitance": 3e-11}),
+    ):
+        made = load_scene(SCENES / f"{scene}.toml")
+        for each in (made, with_values(made, changed), with_values(made, changed)):
+            stack[f"{scene} {len(stack)}"] = LinearBoard(synthesise(each))
+    prepare(list(stack.values()))
+    for name, board in stack.items():
+        alone = LinearBoard(board.circuit)
+        if name == "no path":
+            assert "state_space" not in vars(board)
+            with pytest.raises(EngineError):
+                _ = board.state_space
+            continue
+        found, expected = vars(board)["state_space"], alone.state_space
+        assert found.states == expected.states
+        assert len(found.blocks) == len(expected.blocks)
+        for one, two in zip(found.blocks, expected.blocks, strict=True):
+            for part in ("A", "B", "C", "D", "charge", "offset", "size"):
+                assert getattr(one, part).tobytes() == getattr(two, part).tobytes(), (name, part)
+
+
+def test_boards_of_one_structure_are_eliminated_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    eliminated = recorded(monkeypatch, state_space_module, "eliminate")
+    prepare([LinearBoard(circuit) for circuit in boards_of_a_stack().values()])
+    sizes = [len(M) for M, *_ in eliminated]
+    assert 3 in sizes  # plain, other values, plain again
+    assert sizes[0] == 6  # all boards, which do not agree
