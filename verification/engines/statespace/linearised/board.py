@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -203,8 +203,9 @@ class LinearBoard:
 def prepare(boards: Sequence[LinearBoard]) -> None:
     """Compute the state spaces of boards; boards of one structure are eliminated together.
 
-    Every board has the digits that it has alone. A board that has no state space, and a large one,
-    stays as it is, and says why where it is asked.
+    Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
+    the digits that it has alone. A board that has no state space, and a large one, stays as it is,
+    and says why where it is asked.
 
     Examples
     --------
@@ -215,6 +216,7 @@ def prepare(boards: Sequence[LinearBoard]) -> None:
     >>> "state_space" in vars(boards[0])
     True
     """
+    _share_rests(boards)
     ready = dict[LinearBoard, tuple[Descriptor, Equilibrium | None]]()
     for board in boards:
         if "state_space" not in vars(board):
@@ -224,6 +226,27 @@ def prepare(boards: Sequence[LinearBoard]) -> None:
     for board, space in zip(ready, linearise_together(list(ready.values())), strict=True):
         if not isinstance(space, EngineError):
             vars(board)["state_space"] = space
+
+
+def _share_rests(boards: Sequence[LinearBoard]) -> None:
+    """Give boards that differ in capacitances alone what the first of them has at rest.
+
+    A board that has limits may reach its rest by steps in time, which depend on its capacitances.
+    """
+    known = dict[bytes, LinearBoard]()
+    for board in boards:
+        with suppress(EngineError):
+            descriptor, computed = board.descriptor, board.point or vars(board).get("equilibrium")
+            if computed is not None or descriptor.is_large or descriptor.has_limits:
+                continue
+            first = known.setdefault(descriptor.at_rest, board)
+            if first is not board:
+                vars(board).update(
+                    _response=first._response,
+                    equilibrium=replace(first.equilibrium, descriptor=descriptor),
+                    rest=replace(first.rest, descriptor=descriptor),
+                    rounding=first.rounding,
+                )
 
 
 Initial = Literal["zero", "rest"]

@@ -311,3 +311,23 @@ def test_boards_of_one_structure_are_eliminated_together(monkeypatch: pytest.Mon
     sizes = [len(M) for M, *_ in eliminated]
     assert 3 in sizes  # plain, other values, plain again
     assert sizes[0] == 6  # all boards, which do not agree
+
+
+def test_boards_that_differ_in_capacitances_alone_come_to_rest_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = load_scene(SCENES / "paper-exponential.toml")
+    changes = [{"design.capacitance": 1e-11 * k} for k in (1, 2, 3)] + [{"design.gain": 2e5}]
+    boards = [LinearBoard(synthesise(with_values(scene, each))) for each in changes]
+    solved = recorded(monkeypatch, board_module, "solve_equilibrium")
+    prepare(boards)
+    assert len(solved) == 3  # with strain and without it, and that of the other gain
+    for board in boards:
+        alone = LinearBoard(board.circuit)
+        assert board.equilibrium.descriptor is board.descriptor
+        for name in ("equilibrium", "rest"):
+            found, expected = getattr(board, name), getattr(alone, name)
+            assert found.values.tobytes() == expected.values.tobytes()
+            assert found.slopes.tobytes() == expected.slopes.tobytes()
+            assert found.residual == expected.residual
+        assert board.rounding.tobytes() == alone.rounding.tobytes()
