@@ -97,10 +97,11 @@ class ExactGrid:
         self.peaks[places] = np.nan
         last = self.tail[places]
         self.reach[places] = np.maximum(self.bounds[places], self.bounds[places + ~last])
-        at = places[last]
-        left = self.courses.remainder(self.time[at], self.board[at])
-        end = self.courses.ends[self.board[at]]
-        self.caps[at] = np.stack([end + left, left - end], axis=1)[:, :, self.chosen]
+        if last.any():
+            at = places[last]
+            left = self.courses.remainder(self.time[at], self.board[at])
+            end = self.courses.ends[self.board[at]]
+            self.caps[at] = np.stack([end + left, left - end], axis=1)[:, :, self.chosen]
         places = places[~last]
         width = self.time[places + 1] - self.time[places]
         rate = self.courses.rate(self.time[places], self.board[places])
@@ -112,6 +113,8 @@ class ExactGrid:
                 sign * here, sign * after, sign * rise, sign * fall, width
             )
         coarse = np.flatnonzero(~self.resolved[places])
+        if not coarse.size:
+            return
         ends = here[coarse], after[coarse], rise[coarse], fall[coarse]
         caps = np.stack(_cubic_ranges(*ends, width[coarse, None]), axis=1)
         k = places[coarse]
@@ -156,6 +159,8 @@ class ExactGrid:
         """Tell which intervals (Q,) can be divided: a last one if modes are above the noise."""
         found, board = ~self.tail[places], self.board[places]
         at = np.flatnonzero(~found)
+        if not at.size:
+            return found
         left = self.courses.remainder(self.time[places[at]], board[at]).max(axis=1, initial=0.0)
         found[at] = left > self.courses.noise[board[at]]
         return found
