@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps
 from taction.system.errors import EngineError, InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
 from taction.verification.readings.readings import Reading
 from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.families import Family
@@ -82,11 +82,13 @@ def sweep_board(
         assert build is not None  # noqa: S101 - only decks have a .param
         family = Family.over(_over(build, swept.name, values))
     family = replace(family, board=cache(family.board))  # a scan and the readings share boards
+    boards = [_board(family, value) for value in values]
+    prepare([board for board in boards if isinstance(board, LinearBoard)])
     if family.ports is not None and swept.logarithmic:
         edges = family.edges(min(values), max(values))
     else:
         edges = family.scan(values, logarithmic=swept.logarithmic)
-    points = tuple(_points(family, values, initial, band))
+    points = tuple(map(_point, values, measure_boards(boards, initial, band)))
     return Sweep(swept.name, swept.unit, swept.own, edges, points)
 
 
@@ -105,20 +107,15 @@ def _over(build: Build, name: str, values: Sequence[float]) -> Callable[[float],
     return at
 
 
-def _points(
-    family: Family, values: Sequence[float], initial: Start, band: float
-) -> Iterator[PointRow]:
-    """Yield poles and readings at each value; those of all boards are measured at once."""
-    boards = (_board(family, value) for value in values)
-    for value, found in zip(values, measure_boards(boards, initial, band), strict=True):
-        if isinstance(found, MeasuredBoard):
-            lead = found.poles.rightmost
-            readings = found.measurements.readings
-            settling, rise, over, under = (_number(readings[name]) for name in COLUMNS)
-            frequency, stable = lead.imag / math.tau, found.poles.stable
-            yield PointRow(value, lead.real, frequency, stable, settling, rise, over, under)
-        else:
-            yield PointRow(value, None, None, None, failure=str(found))
+def _point(value: float, found: MeasuredBoard | Exception) -> PointRow:
+    """Return the poles and the readings at a value."""
+    if isinstance(found, Exception):
+        return PointRow(value, None, None, None, failure=str(found))
+    lead = found.poles.rightmost
+    readings = found.measurements.readings
+    settling, rise, over, under = (_number(readings[name]) for name in COLUMNS)
+    frequency, stable = lead.imag / math.tau, found.poles.stable
+    return PointRow(value, lead.real, frequency, stable, settling, rise, over, under)
 
 
 def _number(reading: Reading | None) -> float | None:

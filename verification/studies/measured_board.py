@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, InputError
 from taction.system.reading_definitions import READINGS
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
@@ -210,8 +210,11 @@ def measure_boards(
 ) -> list[MeasuredBoard | Exception]:
     """Return measured boards, with the error of each one that cannot be measured in its place.
 
-    Those of equally many outputs are measured by the same array operations.
+    Boards of one structure are linearised, and those of equally many outputs measured, by the same
+    array operations.
     """
+    boards = list(boards)
+    prepare([board for board in boards if isinstance(board, LinearBoard)])
     results: list[MeasuredBoard | Exception] = []
     begun, places = list[tuple[MeasuredBoard, _Response]](), list[int]()
     for k, board in enumerate(boards):
