@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from taction.verification.design.fresh_scene import NewScene
 
 DOCUMENTS = "verification.report.documents"
+BUILD_FOLDER = "verification.verdict.build_folder:check_build_folder"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 
@@ -243,7 +244,7 @@ KICAD = Command(
 BUILD = Command(
     function="build",
     files=lambda found, call: [found.folder],
-    parameters=(SCENE, folder("output", "-o"), ENGINE),
+    parameters=(SCENE, replace(folder("output", "-o"), check=BUILD_FOLDER), ENGINE),
     ends="Exit status: that of the verdict.",
 )
 SOLVE = Command(

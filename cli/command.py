@@ -134,7 +134,7 @@ REPORT = OutputOption(
     "report",
     "Write a report with pictures into FILE (HTML, one file that needs no network).",
     lambda found, path: found.report(path),
-    "verification.report.renderers.page:check_report_file",
+    "verification.report.output_checks:check_report_file",
 )
 
 

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
 JUNIT = "verification.report.junit"
+CASE_NAME = "verification.evidence.stress.case_names:refuse_unknown"
 STRESS_PAGE = "verification.report.views.stress:stress_page"
 
 
@@ -70,8 +71,15 @@ MONTECARLO = Command(
 )
 
 
+def _look_at_corners(call: Call) -> None:
+    from taction.verification.studies.tolerance.options import look_at_corners
+
+    look_at_corners(call.arguments["scene"], call.arguments["corner"])
+
+
 CORNERS = Command(
     function="corners",
+    before=_look_at_corners,
     outputs=(REPORT,),
     parameters=(
         SCENE,
@@ -79,7 +87,6 @@ CORNERS = Command(
             "corner",
             multiple=True,
             metavar="KEY=Z,...",
-            check="verification.studies.tolerance.options:deviations_of",
         ),
         ENGINE,
         JOBS,
@@ -129,13 +136,15 @@ def _ask_limits(call: Call) -> None:
     for name in (given["opamps"] or "").split(","):
         if name.strip():
             refuse_unknown(name.strip(), "--opamps")
-    from taction.verification.design.choice_plan import base_of, request_of
+    from taction.verification.design.choice_request import request_of
 
     request = request_of(
         given["opamps"], given["c_range"], given["gain_range"], given["points"],
         given["topology"],
         **{name: given[name] for name in LIMITS},
     )  # fmt: skip
+    from taction.verification.design.choice_plan import base_of
+
     scene, base = base_of(given["scene"], request)
     given["scene"] = scene
     times = {"settling_time": given["settling"], "rise_time": given["rise"]}
@@ -176,7 +185,7 @@ CHOOSE = Command(
         option("gain_range", metavar="LOW:HIGH"),
         option("points", type=click.IntRange(1, 101)),
         ANY_PART,
-        folder("output", "-o"),
+        replace(folder("output", "-o"), check="system.output_files:check_empty_folder"),
         replace(DATABASE, name="store", flags=("--store",)),
         JOBS,
         CLUSTER,
@@ -201,7 +210,11 @@ REFINE = Command(
     outputs=(picture("the error after each cycle"), REPORT),
     parameters=(
         SCENE,
-        option("conditions", metavar="A,B,C"),
+        option(
+            "conditions",
+            metavar="A,B,C",
+            check="verification.studies.refinement_options:condition_numbers",
+        ),
         option("bits", type=click.IntRange(2, 32)),
         option("target", type=click.IntRange(1, 48)),
         option("samples", "-n", "--samples", type=click.IntRange(1, 100_000)),
@@ -212,12 +225,12 @@ REFINE = Command(
 
 
 def _ask_axis(call: Call) -> None:
-    from taction.netlist_gen.scene.axes import look_at_axes
     from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.questions import axis_questions
+    from taction.verification.studies.onset.onset_axis import look_at_onset_axis
 
     given = call.arguments
-    look_at_axes(load_scene(given["scene"]), [given["over"]], bare=True)
+    look_at_onset_axis(load_scene(given["scene"]), given["over"])
     from taction.verification.studies.onset.onset import planned
 
     given["scene"], axis = planned(given["scene"], given["over"])
@@ -266,14 +279,19 @@ CHECK = Command(
 
 def _check_sweep(call: Call) -> None:
     """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
-    from taction.netlist_gen.scene.axes import fixed_values, look_at_axes
+    from taction.netlist_gen.scene.axes import (
+        check_axes,
+        fixed_values,
+        look_at_axes,
+        with_values,
+    )
     from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.questions import axis_questions
 
     given = call.arguments
     scene = load_scene(given["scene"])
-    look_at_axes(scene, given["over"])
-    fixed_values(scene, given["fix"])
+    fixed = fixed_values(scene, given["fix"])
+    check_axes(look_at_axes(with_values(scene, fixed) if fixed else scene, given["over"]), fixed)
     from taction.verification.studies.sweep.plan import plan_sweep
 
     given["retry_failed"] = given["retry_failed"] is not None
@@ -307,7 +325,7 @@ SWEEP = Command(
             "export",
             "Write a table (.csv, .parquet) or grid (.nc).",
             _sweep_table,
-            "verification.studies.sweep.result:check_sweep_export",
+            "verification.studies.sweep.export_file:check_sweep_export",
         ),
         picture("maps over two axes, or curves over one axis,"),
         REPORT,
@@ -371,7 +389,7 @@ STRESS = Command(
         text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:stress_junit"),
         text_file("page", "Write a page in Markdown.", STRESS_PAGE),
     ),
-    parameters=(option("only", multiple=True, metavar="NAME"), JOBS),
+    parameters=(option("only", multiple=True, metavar="NAME", check=CASE_NAME), JOBS),
     ends="Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.",
 )
 

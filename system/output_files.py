@@ -90,6 +90,23 @@ def make_folder(folder: str | Path, option: str = "-o") -> None:
         raise InputError(option, Complaint("FOLDER", repr(str(folder)), reason)) from None
 
 
+def check_empty_folder(folder: str | Path, option: str = "-o") -> None:
+    """Refuse a folder with files.
+
+    Raises
+    ------
+    InputError
+        `folder` is not empty, or a file.
+    """
+    text = ""
+    if Path(folder).is_dir():
+        text = "the folder is not empty; give another name" if os.listdir(folder) else ""  # noqa: PTH208 - names are enough
+    elif Path(folder).exists():
+        text = "a file; expected a folder"
+    if text:
+        raise InputError(option, Complaint("FOLDER", repr(str(folder)), text))
+
+
 def check_own_folder(folder: str | Path, files: Collection[str], option: str = "-o") -> None:
     """Refuse a folder that cannot be written, or that holds other files, before any work is done.
 

@@ -110,11 +110,12 @@ def check(
     """
     _refuse_scene(deck)
     _refuse_half(matrix, strain)
-    from taction.verification.studies.foreign_board import read_board
-    from taction.verification.studies.swept_values import SweptValue
     from taction.verification.studies.wanted_checks import wanted
 
     asked = wanted(_listed(checks), _listed(expect))
+    from taction.verification.studies.foreign_board import read_board
+    from taction.verification.studies.swept_values import SweptValue
+
     progress("deck")
     board = read_board(deck, _listed(outputs), linearise=linearise)
     notes = board.notes

@@ -181,9 +181,9 @@ def choose(
     4
     """
     from taction.netlist_gen.board.part_warnings import ANY_PART
-    from taction.system.errors import Complaint, InputError
-    from taction.system.output_files import make_folder
-    from taction.verification.design.choice_plan import choice_plan, request_of
+    from taction.system.output_files import check_empty_folder, make_folder
+    from taction.verification.design.choice_plan import choice_plan
+    from taction.verification.design.choice_request import request_of
     from taction.verification.design.choose import (
         Choice,
         best_designs,
@@ -195,9 +195,8 @@ def choose(
     from taction.verification.studies.store import Store
     from taction.verification.studies.sweep.run import computed
 
-    if output is not None and Path(output).exists() and any(Path(output).iterdir()):
-        text = "the folder is not empty; give another name"
-        raise InputError("-o", Complaint("FOLDER", repr(str(output)), text))
+    if output is not None:
+        check_empty_folder(output)
     original = read_scene(scene)
     request = request_of(
         opamps, c_range, gain_range, points, topology,

@@ -129,16 +129,11 @@ def refine(
     >>> result.rows[0].arrived
     5
     """
-    from taction.system.errors import Complaint, InputError
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.refinement import refinement
+    from taction.verification.studies.refinement_options import condition_numbers
 
-    words = conditions.split(",") if isinstance(conditions, str) else list(map(str, conditions))
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        text = "expected numbers of 1 or more, by commas: 3,8,30"
-        raise InputError("--conditions", Complaint("A,B,C", repr(",".join(words)), text)) from None
+    numbers = condition_numbers(conditions)
     return refinement(
         read_scene(scene), numbers, bits=bits, target=target, samples=samples, seed=seed,
         progress=progress,

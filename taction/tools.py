@@ -53,10 +53,11 @@ def demo(
     from taction.system.errors import InputError
     from taction.system.output_files import check_file
     from taction.system.progress import Notice
-    from taction.verification.evidence.demonstration import demonstrate
 
     if output is not None:
         check_file(str(output), "-o", (".html",), {})
+    from taction.verification.evidence.demonstration import demonstrate
+
     found = demonstrate(progress)
     if output is None:
         return found

@@ -34,6 +34,7 @@ from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import Complaint, InputError
 
 MAX_POINTS = 100_000  # on one axis
+ENGINE = "analysis.engine"
 POINTS = 31  # of a range without a number of points
 # Keys that exclude each other: a value of the first removes the second.
 REPLACES = {
@@ -100,24 +101,29 @@ def _refuse_twice(paths: Sequence[str]) -> None:
             raise _wrong(path, "the key occurs twice; give all its values at once")
 
 
-def look_at_axes(scene: Scene, over: Iterable[str], *, bare: bool = False) -> None:
-    """Refuse axes that are wrong as they are written, before anything is loaded that computes.
+def look_at_axes(scene: Scene, over: Iterable[str], *, bare: bool = False) -> list[list[SweepAxis]]:
+    """Return axes with the values that are written: of a range its ends, none of a key alone.
 
-    With `bare` a real key may stand alone.
+    So wrong axes are refused before anything is loaded that computes. With `bare` a real key may
+    stand alone.
 
     Raises
     ------
     InputError
-        As `parse_axis`, which also tries the values on the scene.
+        As `parse_axis`.
     """
-    paths: list[str] = []
+    groups: list[list[SweepAxis]] = []
     for text in over:
+        groups.append([])
         for one in _NEXT_KEY.split(text.strip()):
-            key, _, body = _stated(scene, one, bare=bare)
-            paths.append(key.path)
-            if body:
-                _range_or_values(key, one, body, POINTS)
-    _refuse_twice(paths)
+            key, name, body = _stated(scene, one, bare=bare)
+            stated = _range_or_values(key, one, body, POINTS) if body else []
+            scale: Scale = "list" if isinstance(stated, list) else stated[3]
+            values = stated if isinstance(stated, list) else stated[:2]
+            _try_each(scene, key, values)
+            groups[-1].append(SweepAxis(key, name, tuple(values), scale, default=not body))
+    _refuse_twice([axis.key.path for group in groups for axis in group])
+    return groups
 
 
 def _stated(scene: Scene, text: str, *, bare: bool) -> tuple[Key, str, str]:
@@ -167,10 +173,13 @@ def parse_axis(
     if not body:
         return _default_axis(scene, key, name, around or 1.0, points)
     values, scale = range_values(key, text, body, points)
-    tried = values if scale == "list" else (values[0], values[-1])
-    for value in tried:
-        _tried(scene, {key.path: value}, "--over")
+    _try_each(scene, key, values if scale == "list" else (values[0], values[-1]))
     return SweepAxis(key, name, values, scale)
+
+
+def _try_each(scene: Scene, key: Key, values: Iterable[Value]) -> None:
+    for value in values:
+        _tried(scene, {key.path: value}, "--over")
 
 
 def _tried(scene: Scene, changes: Point, option: str) -> Scene:
@@ -407,7 +416,7 @@ def fixed_values(scene: Scene, fixed: Fixed) -> dict[str, Value]:
 
 
 def check_axes(groups: Sequence[Sequence[SweepAxis]], fixed: Mapping[str, Value]) -> None:
-    """Refuse an axis that changes a fixed key, or that replaces it.
+    """Refuse an axis that changes the engine, or a fixed key, or that replaces it.
 
     Raises
     ------
@@ -415,6 +424,8 @@ def check_axes(groups: Sequence[Sequence[SweepAxis]], fixed: Mapping[str, Value]
         For the first such axis.
     """
     for axis in (axis for group in groups for axis in group):
+        if axis.key.path == ENGINE:
+            raise InputError("--over", Complaint(ENGINE, "", "give --engine both instead"))
         if axis.key.path in fixed:
             text = "the key has one value by --fix; leave out --over or --fix"
             raise InputError("--over", Complaint("key", repr(axis.name), text))

@@ -12,7 +12,8 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
+from taction.verification.design.choice_plan import choice_plan
+from taction.verification.design.choice_request import ChoiceRequest
 from taction.verification.design.choose import (
     Choice,
     Confirmation,

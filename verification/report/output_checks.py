@@ -1,7 +1,8 @@
-"""Outputs that would overwrite an input or another output are refused before any work is done."""
+"""Outputs that cannot be written or overwrite other files are refused before any work is done."""
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,6 +12,36 @@ from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file as check_file
 from taction.system.output_files import check_folder as check_folder
 from taction.system.output_files import is_special
+
+PACKAGES = ("jinja2", "plotly")  # of a report
+REMEDY = "needs {}: pip install 'taction[report]'"
+ENDINGS = (".html", ".htm")
+
+
+def check_report_file(path: str) -> None:
+    """Refuse a report that could not be written, before any work is done.
+
+    Raises
+    ------
+    InputError
+        The ending is not in `ENDINGS`, the folder is missing, or a package is not installed.
+    """
+    check_file(path, "--report", ENDINGS, {})
+    check_packages("--report", path)
+
+
+def check_packages(option: str, path: str) -> None:
+    """Refuse a report for which a package is not installed.
+
+    Raises
+    ------
+    InputError
+        The message has the remedy.
+    """
+    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
+    if missing:
+        text = REMEDY.format(" and ".join(missing))
+        raise InputError(option, Complaint("FILE", repr(path), text))
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:

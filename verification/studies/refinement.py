@@ -175,15 +175,12 @@ def refinement(
     Raises
     ------
     InputError
-        The boards of the topology do not solve ``T u = eps``, or a condition number is below 1.
+        The boards of the topology do not solve ``T u = eps``.
     """
     if not topology_of(scene).exact:
         exact = " or ".join(repr(name) for name, each in TOPOLOGIES.items() if each.exact)
         text = f"refinement needs a board that solves T u = eps: expected {exact}"
         raise InputError(scene.file, Complaint("design.topology", scene.design.topology, text))
-    if wrong := [each for each in conditions if not 1.0 <= each < math.inf]:
-        text = "a condition number is 1 or more"
-        raise InputError(scene.file, Complaint("--conditions", f"{wrong[0]:g}", text))
     start, count, rows = time.perf_counter(), len(make_problem(scene).strain), list[Refined]()
     for place, condition in enumerate(conditions):
         progress(f"condition number {condition:g}")

@@ -9,15 +9,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.results import Result
 from taction.verification.verdict.verify import Verdict
 
-KICAD, REPORT = "kicad", "report.html"
-OWN = {
-    REPORT: "the verdict, with pictures",
-    "parts.csv": "what to buy",
-    "wiring.csv": "what is joined to what, pin by pin",
-    "deck.cir": "the deck for ngspice",
-}
-"""What the files in the folder are; below `KICAD` is the KiCad project."""
-
 
 @dataclass(frozen=True, slots=True)
 class BuiltBoard(Result):

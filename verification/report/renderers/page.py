@@ -11,50 +11,19 @@ import base64
 import functools
 import gzip
 import hashlib
-import importlib.util
 from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from taction.system.atomic_files import write_atomically
-from taction.system.errors import Complaint, InputError
 from taction.system.foreign_text import escaped, visible
 from taction.verification.report.blocks import PAGE as MEDIUM
 from taction.verification.report.blocks import Block, Page, Section
-from taction.verification.report.output_checks import check_file
+from taction.verification.report.output_checks import check_report_file
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 
-PACKAGES = ("jinja2", "plotly")
-REMEDY = "needs {}: pip install 'taction[report]'"
-ENDINGS = (".html", ".htm")
 FILES = Path(__file__).parent / "page_files"
-
-
-def check_report_file(path: str) -> None:
-    """Refuse a report that could not be written, before any work is done.
-
-    Raises
-    ------
-    InputError
-        The ending is not in `ENDINGS`, the folder is missing, or a package is not installed.
-    """
-    check_file(path, "--report", ENDINGS, {})
-    check_packages("--report", path)
-
-
-def check_packages(option: str, path: str) -> None:
-    """Refuse a report for which a package is not installed.
-
-    Raises
-    ------
-    InputError
-        The message has the remedy.
-    """
-    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
-    if missing:
-        text = REMEDY.format(" and ".join(missing))
-        raise InputError(option, Complaint("FILE", repr(path), text))
 
 
 def write_page(page: Page, path: str) -> None:

@@ -35,8 +35,9 @@ from taction.verification.report.charts import (
     Outcome,
     Scale,
 )
+from taction.verification.report.output_checks import PACKAGES
 from taction.verification.report.renderers.markdown import line, markdown
-from taction.verification.report.renderers.page import PACKAGES, write_page
+from taction.verification.report.renderers.page import write_page
 from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.texts import outcome_cell
 from taction.verification.report.views.origin import origin_section

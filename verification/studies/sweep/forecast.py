@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.axes import ENGINE, with_values
 from taction.system.array_types import Bools, Floats, Indices
 from taction.system.errors import TactionError
 from taction.system.progress import Clock, duration
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.sweep.hybrid import has_order, next_to_the_boundary, sample
-from taction.verification.studies.sweep.plan import ENGINE, Plan
+from taction.verification.studies.sweep.plan import Plan
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.simulation import SLOWER
 from taction.verification.verdict.transient_plan import plan_transient

@@ -30,7 +30,6 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.versions import digest, own_code, simulator_name
 from taction.verification.verdict.simulation import choose_engine
 
-ENGINE = "analysis.engine"
 MAX_POINTS = 1_000_000
 
 
@@ -41,7 +40,7 @@ class Plan:
     Raises
     ------
     InputError
-        An axis changes the engine, or there are more than `MAX_POINTS` points.
+        There are more than `MAX_POINTS` points.
     """
 
     scene: Scene
@@ -53,8 +52,6 @@ class Plan:
     )
 
     def __post_init__(self) -> None:
-        if any(axis.key.path == ENGINE for axis in self.axes):
-            raise InputError("--over", Complaint(ENGINE, "", "give --engine both instead"))
         if self.total > MAX_POINTS:
             text = f"at most {MAX_POINTS} points in one sweep"
             raise InputError("--over", Complaint("points", repr(self.total), text))

@@ -19,9 +19,9 @@ from taction.netlist_gen.scene.keys import Value
 from taction.system.atomic_files import replacing
 from taction.system.documents import INLINE, Note, Number
 from taction.system.errors import Complaint, InputError
-from taction.system.output_files import check_file
 from taction.system.results import Result
 from taction.verification.studies.store import Store
+from taction.verification.studies.sweep.export_file import check_sweep_export
 from taction.verification.studies.sweep.hybrid import (
     BOUNDARY,
     EXTREME,
@@ -39,10 +39,6 @@ WORDS = {
     BOUNDARY: "next to the stability boundary",
     EXTREME: "with an extreme reading",
     SAMPLE: "of the random sample",
-}
-PACKAGES = {  # by ending: the package and how to install it
-    ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),
-    ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[netcdf]'"),
 }
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
 COMPARED = ("agreement", "chosen", "disagreement")  # columns of a sweep by two engines
@@ -318,17 +314,6 @@ def _need(package: str) -> None:
     if importlib.util.find_spec(package) is None:
         text = f"needs {package}: pip install 'taction[data]'"
         raise InputError(f"to_{package}", Complaint("package", repr(package), text))
-
-
-def check_sweep_export(path: str) -> None:
-    """Refuse a file that could not be written, before any work is done.
-
-    Raises
-    ------
-    InputError
-        An unknown ending, a missing folder, or a package that is not installed.
-    """
-    check_file(path, "--export", WRITERS, PACKAGES)
 
 
 def export_sweep(result: SweepResult, path: str) -> None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.axes import ENGINE, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Bools
@@ -32,7 +32,7 @@ from taction.verification.studies.sweep.forecast import (
     wall_time,
 )
 from taction.verification.studies.sweep.hybrid import confirmed_points
-from taction.verification.studies.sweep.plan import ENGINE, GridPoint, Plan, Requests, simulator_of
+from taction.verification.studies.sweep.plan import GridPoint, Plan, Requests, simulator_of
 from taction.verification.studies.sweep.point import PointJob, compute, failure
 from taction.verification.verdict.record import ERROR
 

@@ -19,10 +19,10 @@ import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.errors import Complaint, InputError
 from taction.system.results import Result
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.worker import Workers
+from taction.verification.studies.tolerance.options import refuse_unknown
 from taction.verification.studies.tolerance.samples import (
     BoardSample,
     Quantity,
@@ -156,11 +156,7 @@ def named_corner(board: Varied, name: str, ends: Mapping[str, float]) -> Corner:
     InputError
         A key names neither a component that varies nor a kind.
     """
-    names, kinds = {p.name for p in board.varied}, {p.kind for p in board.varied}
-    for key in ends:
-        if key not in names | kinds:
-            text = f"neither a component that varies nor one of {', '.join(sorted(kinds))}"
-            raise InputError("--corner", Complaint(key, "", text))
+    refuse_unknown(board.varied, ends)
     z = [ends.get(p.name, ends.get(p.kind, 0.0)) for p in board.varied]
     return _corner(board, name, np.array(z))
 

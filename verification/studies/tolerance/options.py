@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction
+
+if TYPE_CHECKING:
+    from taction.netlist_gen.board.variation import Parameter
 
 
 def half_width(until: str | float | None) -> float | None:
@@ -27,6 +31,43 @@ def half_width(until: str | float | None) -> float | None:
         accepted = "expected a half width such as 1% or 0.01"
         raise InputError("--until", Complaint("WIDTH", repr(until), accepted))
     return value
+
+
+def look_at_corners(file: str, corners: Iterable[str]) -> None:
+    """Refuse corners of what the board of a scene does not have, before it is verified.
+
+    Raises
+    ------
+    InputError
+        See `deviations_of` and `refuse_unknown`; or the scene cannot be built.
+    """
+    asked = [deviations_of(corner)[1] for corner in corners]
+    if not asked:
+        return
+    from taction.netlist_gen.board.synthesis import synthesise
+    from taction.netlist_gen.board.variation import parameters
+    from taction.verification.reference.lambda_rule import read_scene
+
+    scene = read_scene(file)
+    varied = parameters(synthesise(scene), scene.tolerances)
+    for ends in asked:
+        refuse_unknown(varied, ends)
+
+
+def refuse_unknown(varied: Collection[Parameter], ends: Iterable[str]) -> None:
+    """Refuse a key that names neither a component of `varied` nor a kind of these.
+
+    Raises
+    ------
+    InputError
+        The message has the kinds.
+    """
+    kinds = {parameter.kind for parameter in varied}
+    known = kinds.union(parameter.name for parameter in varied)
+    for key in ends:
+        if key not in known:
+            text = f"neither a component that varies nor one of {', '.join(sorted(kinds))}"
+            raise InputError("--corner", Complaint(key, "", text))
 
 
 def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:

@@ -15,7 +15,8 @@ from lxml import html
 
 from taction.system.errors import InputError
 from taction.verification.report.blocks import Facts, Page, Section
-from taction.verification.report.renderers.page import check_report_file, page_html, write_page
+from taction.verification.report.output_checks import check_report_file
+from taction.verification.report.renderers.page import page_html, write_page
 from tests.support.entries import write_fast
 from tests.support.report_pages import HOSTILE, hostile, page, swept
 from tests.support.running import taction as command

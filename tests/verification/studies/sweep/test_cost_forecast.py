@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from taction.netlist_gen.scene.axes import parse_axes, with_values
+from taction.netlist_gen.scene.axes import ENGINE, parse_axes, with_values
 from taction.system.array_types import Floats
 from taction.system.errors import NoVerdictError
 from taction.system.progress import Clock
@@ -23,7 +23,7 @@ from taction.verification.studies.sweep.forecast import (
     wall_time,
 )
 from taction.verification.studies.sweep.hybrid import sample
-from taction.verification.studies.sweep.plan import ENGINE, Plan, plan_sweep
+from taction.verification.studies.sweep.plan import Plan, plan_sweep
 from taction.verification.verdict.design import design_board
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
