@@ -55,6 +55,21 @@ def test_the_exit_status_is_the_worst_and_a_bad_file_stops_no_other(folder: Path
     assert bad["error"]["complaints"][0]["key"] == "problem.kind"
 
 
+@pytest.mark.parametrize(
+    ("names", "last", "status"),
+    [
+        (("good", "draft-1"), "BAD INPUT", 2),
+        (("slow", "none"), "BAD INPUT", 2),
+        (("slow", "good"), "FAIL", 1),
+    ],
+)
+def test_the_last_line_says_what_the_exit_status_says(
+    folder: Path, names: tuple[str, ...], last: str, status: int
+) -> None:
+    result = taction("verify", *(str(folder / f"{name}.toml") for name in names), "--jobs", "1")
+    assert (result.stdout.splitlines()[-1], result.exit_code) == (last, status)
+
+
 def test_several_processes_give_the_same_documents(folder: Path) -> None:
     words = ("verify", str(folder), "--json", "--margins")
     one, two = (document(taction(*words, "--jobs", jobs)) for jobs in ("1", "2"))

@@ -413,6 +413,8 @@ class Page:
         The last lines in a terminal and in a notebook: cost and error.
     sheet : function or None
         Returns what the picture of the result shows.
+    last_line : str
+        What the terminal ends with; by default the outcome.
     """
 
     title: str
@@ -423,6 +425,7 @@ class Page:
     sections: tuple[Section, ...] = ()
     foot: tuple[str, ...] = ()
     sheet: Callable[[], Sheet] | None = None
+    last_line: str = ""
 
     def blocks(self, medium: str = PAGE) -> Iterator[Block]:
         """Yield the blocks for a medium, of all sections."""

@@ -88,12 +88,12 @@ def page_lines(page: Page) -> Iterator[RenderableType]:
     for line in page.foot:
         yield Text(plain(line), style="dim")
     if page.outcome:
-        yield outcome_line(page.outcome)
+        yield outcome_line(page.outcome, page.last_line)
 
 
-def outcome_line(outcome: str) -> Text:
-    """Return the last line of a page: one word."""
-    return Text(outcome.upper(), style=f"bold {OUTCOMES[outcome].colour}")
+def outcome_line(outcome: str, words: str = "") -> Text:
+    """Return the last line of a page: one word, or other words for the outcome."""
+    return Text((words or outcome).upper(), style=f"bold {OUTCOMES[outcome].colour}")
 
 
 def shown(block: Block) -> RenderableType:

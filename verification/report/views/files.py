@@ -36,6 +36,7 @@ def view(files: VerifiedFiles) -> Page:
         title=counted(len(files.documents), "scene"),
         command="taction verify",
         outcome=_outcome(files.outcome),
+        last_line=files.outcome,
         summary=f"{counted(len(files.documents), 'scene')}: {counts}",
         sections=(
             Section("Scenes", (Table.of("Scenes", files.documents, columns),), media=BOTH),

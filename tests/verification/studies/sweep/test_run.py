@@ -26,7 +26,7 @@ from taction.verification.studies.running.versions import OtherVersionsError, Ve
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep import point as point_module
-from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.plan import Plan, Requests, plan_sweep
 from taction.verification.studies.sweep.point import PointJob, compute
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import SweepCounts, sweep
@@ -254,7 +254,7 @@ def test_both_engines(tmp_path: Path, workers: Workers, ngspice: str) -> None:
 
 def test_the_engine_is_no_axis() -> None:
     with pytest.raises(InputError, match="--engine both"):
-        plan("engine=ngspice,statespace")
+        plan_sweep(scene(), "engine=ngspice,statespace", None, keep_waveforms=False)
 
 
 def test_progress_counts_every_point(tmp_path: Path, workers: Workers) -> None:
