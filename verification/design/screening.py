@@ -25,6 +25,7 @@ from taction.verification.verdict.checks import Check, Outcome
 
 FAR = 1.15  # times a limit: beyond it a design fails by far
 CLOSE = 1.01  # times a limit of a rise time, which instants of its own resolve
+LATER = 1.02  # times the limit: so far from its begin a rise is followed
 FINE = 0.05  # angle of the fastest ringing between two of them: a rise errs by some 1e-3
 FEWEST, MOST = 33, 4000  # of them
 POINTS = 400  # instants, in geometric progression
@@ -161,7 +162,7 @@ def _checks(
         if channel < len(step) and step[channel]:
             progress = Progress(float(ideal.start[channel]), float(step[channel]), amplitude)
             seen, limits = progress(u[:, channel]), checks.rise_time
-            rise = _rise(outline, channel, progress, times, seen)
+            rise = _rise(outline, channel, progress, times, seen, limits.max)
             yield _check("rise_time", rise, limits.max, limits.min, far=CLOSE)
 
 
@@ -182,11 +183,17 @@ class Progress:
 
 
 def _rise(
-    outline: Outline, channel: int, progress: Progress, times: Floats, seen: Floats
+    outline: Outline,
+    channel: int,
+    progress: Progress,
+    times: Floats,
+    seen: Floats,
+    most: float | None,
 ) -> float | None:
     """Return the rise time, s, of a channel whose progress at `times` is `seen`.
 
-    None where the instants may miss a peak that begins or ends it.
+    None where the instants may miss a peak that begins or ends it; infinite where it is longer than
+    `LATER` times the limit `most`, s.
 
     The crossings lie between the instants around the first of them and around the last one, and are
     found on instants that resolve the ringing there.
@@ -195,20 +202,27 @@ def _rise(
     if not first or not last:
         return None
     begin, end = float(times[first - 1]), float(times[last])
+    if most is not None:
+        end = min(end, float(times[first]) + LATER * most)
     speed = outline.fastest(begin, SMALL * progress.size)
     count = math.ceil((end - begin) * speed / FINE) + FEWEST
     if count > MOST or speed * (float(times[first]) - begin) > RESOLVED:
         return None
     fine = np.linspace(begin, end, count)
-    seen, crossed = progress(outline.at(fine, channel)), []
-    for level in RISE_LEVELS:
-        k = int(np.argmax(seen >= level))
-        share = (level - seen[k - 1]) / (seen[k] - seen[k - 1])
-        crossed.append(float(fine[k - 1] + share * (fine[k] - fine[k - 1])))
-    before, here, after = seen[: k - 1], seen[1:k], seen[2 : k + 1]
+    seen = progress(outline.at(fine, channel))
+    low, high = (int(np.argmax(seen >= level)) for level in RISE_LEVELS)
+    until = high or count - 1
+    before, here, after = seen[: until - 1], seen[1:until], seen[2 : until + 1]
     peaks = here[(here > before) & (here >= after)]
-    hidden = float(peaks.max(initial=-math.inf)) > RISE_LEVELS[1] - PEAK
-    return None if hidden else crossed[1] - crossed[0]
+    if not low or float(peaks.max(initial=-math.inf)) > RISE_LEVELS[1] - PEAK:
+        return None
+    if not high:
+        return math.inf
+    start, stop = (
+        np.interp(level, seen[k - 1 : k + 1], fine[k - 1 : k + 1])
+        for level, k in zip(RISE_LEVELS, (low, high), strict=True)
+    )
+    return float(stop - start)
 
 
 def _check(
@@ -230,4 +244,5 @@ def _check(
             outcome = Outcome.FAIL
         elif margin * value <= high and value >= margin * low:
             outcome = Outcome.PASS
-    return Check(name, outcome, value, None, most, None, "", ESTIMATED)
+    known = value if value is not None and math.isfinite(value) else None
+    return Check(name, outcome, known, None, most, None, "", ESTIMATED)

@@ -227,12 +227,20 @@ class Trials:
         return self._known[key]
 
     def verified(self, trial: Trial) -> Trial:
-        """Return the trial with a verdict in the place of estimates, whatever the time."""
+        """Return the trial with a verdict in the place of estimates, whatever the time.
+
+        A trial that is refused keeps its estimates, by which it fails.
+        """
         if not trial.estimated:
             return trial
         key, self.deadline, self._longest = tuple(sorted(trial.values.items())), math.inf, 0.0
         self.end = math.inf
-        self._known[key] = self._try(trial.values, estimate=False)
+        refused = self.accepted.refused(broken_at_rest(self.board_at(trial.values)))
+        self._known[key] = (
+            replace(trial, refused=refused, estimated=False)
+            if refused
+            else self._try(trial.values, estimate=False)
+        )
         return self._known[key]
 
     def _try(self, changes: dict[str, Any], *, estimate: bool) -> Trial:
@@ -243,7 +251,7 @@ class Trials:
             outline = Outline.of(board, scene) if estimate else None
             found = poles(board) if outline is None else outline.unstable()
             if found is not None and found.known_unstable:  # known without a transient
-                return Trial(changes, _unstable(found))
+                return Trial(changes, _unstable(found, scene))
             if outline is not None:
                 ideal = ideal_answer(ideal_network(self.problem, scene), scene)
                 if checks := estimated_checks(outline, scene, ideal):
@@ -289,11 +297,21 @@ def at_small_signal(scene: Scene) -> Scene:
     return scene.model_copy(update={"design": scene.design.model_copy(update={"opamp": opamp})})
 
 
-def _unstable(found: Poles) -> Record:
-    """Return the record of a board whose poles show that it is unstable."""
+def _unstable(found: Poles, scene: Scene) -> Record:
+    """Return the record of a board whose poles show that it is unstable.
+
+    It never settles, and a limit of its overshoot is exceeded as soon as the ringing has grown.
+    """
     rate, reason = found.rightmost.real, "it is unstable"
-    check = Check("stability", Outcome.FAIL, rate, found.resolution, None, None, "1/s", reason)
-    return replace(_failing(reason, (check,)), stable=False)
+    limited = ("overshoot",) if scene.checks.overshoot is not None else ()
+    checks = [
+        Check("stability", Outcome.FAIL, rate, found.resolution, None, None, "1/s", reason),
+        *(
+            Check(name, Outcome.FAIL, None, None, None, None, "", reason)
+            for name in ("steady_state", "settling_time", *limited)
+        ),
+    ]
+    return replace(_failing(reason, tuple(checks)), stable=False)
 
 
 def _failing(reason: str, checks: tuple[Check, ...]) -> Record:

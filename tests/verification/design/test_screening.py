@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.circuit import OpAmpCell, Output, VoltageSource
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.checks import ExcursionCheck
 from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
@@ -58,6 +59,36 @@ def test_no_estimate_contradicts_a_verdict(C: float, gain: float) -> None:
             assert verdict.outcome is Outcome.PASS
         if check.name == "rise_time" and None not in (check.value, verdict.value):
             assert check.value == pytest.approx(verdict.value, rel=2e-3)  # a fifth of `CLOSE`
+
+
+@pytest.mark.parametrize(("C", "gain"), [(1.58e-11, 1e6), (5e-12, 6.81e5)])
+def test_a_rise_far_beyond_its_limit_needs_no_verdict(C: float, gain: float) -> None:
+    scene = with_values(PAPER, {"design.capacitance": 5e-12, "design.gain": 1e6})
+    trials = Trials(scene, screened=True)
+    found = trials.at({"design.capacitance": C, "design.gain": gain})
+    assert found.estimated
+    assert found.left == ("rise_time",)
+    judged = trials.verified(found)
+    assert judged.left == ("rise_time",)
+    assert judged.reading("rise_time") > 2.0 * scene.checks.rise_time.max
+
+
+def test_a_part_beyond_real_ones_needs_no_verdict() -> None:
+    trials = Trials(PAPER, screened=True)
+    judged = trials.verified(trials.at({"design.gain": 3.16e7}))
+    assert judged.refused == "resistors s above 10 Mohm"
+    assert judged.record.simulator is None
+    assert not judged.estimated
+    assert not judged.good
+
+
+def test_an_unstable_design_fails_what_its_verdict_fails() -> None:
+    changes = {"design.capacitance": 5e-12, "design.gain": 2e7}
+    trials = Trials(PAPER, screened=True)
+    verdict = verify(trials.scene_at(changes))
+    failed = {check.name for check in verdict.checks if check.outcome is Outcome.FAIL}
+    assert set(trials.at(changes).left) == failed
+    assert {"stability", "overshoot"} <= failed
 
 
 def test_estimates_change_no_proposal(monkeypatch: pytest.MonkeyPatch) -> None:
