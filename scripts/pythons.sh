@@ -1,8 +1,12 @@
 #!/usr/bin/env bash
 # Run tests with the newest Python on this machine that is newer than the one of .venv: the pinned
-# packages go into .venv-VERSION, beside .venv. Says so where there is none. With --all (the first
-# argument) it runs all tests with every newer Python; one that is missing is asked of uv, apt and
-# pyenv's folders, and named where none has it. Other arguments go to pytest.
+# packages go into .venv-VERSION, beside .venv. Says so where there is none. Other arguments than
+# these, of which one may come first, go to pytest.
+#
+# --all             all tests with every newer Python; one that is missing is asked of uv, apt and
+#                   pyenv's folders, and named where none has it
+# --kernels NAME    the numerical tests and scenes/ with these BLAS kernels at the same time: one run
+#                   shows both. Where there is no newer Python, with that of .venv
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=scripts/system.sh
@@ -11,15 +15,14 @@ source scripts/system.sh
 unset PYTHONPATH PYTHONHOME PIP_TARGET PIP_PREFIX
 export PIP_USER=0 PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 NEWER=(3.14 3.13 3.12)
-# What depends on Python: every engine and reading, processes, documents of types, all commands once.
-TESTS=(tests/verification/engines tests/verification/readings tests/verification/reference)
-TESTS+=(tests/verification/studies/running tests/netlist_gen/deck tests/system)
-TESTS+=(tests/cli/test_contract.py)
-all=
-if [ "${1-}" = --all ]; then
-    shift
-    all=yes TESTS=(tests)
-fi
+ROOMS=(engines readings reference) # the numerical tests
+# What else depends on Python: processes, files, plugins, documents of types, all commands once.
+OTHERS=(tests/verification/studies/running/test_executors.py tests/system tests/cli/test_contract.py)
+all= kernels=
+case ${1-} in
+--all) shift && all=yes ;;
+--kernels) kernels=$2 && shift 2 ;;
+esac
 
 is_version() { [ "$("$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)" = "$2" ]; }
 
@@ -58,6 +61,17 @@ prepare() {
     printf '%s\n' "$wanted" >"$venv/.set-up"
 }
 
+numerical() {
+    local python=$1
+    shift
+    if [ -n "$kernels" ]; then
+        "$python" scripts/processors.py --others --kernels "$kernels" --threads 1 --scenes \
+            --tests "${ROOMS[@]}" -- "$@"
+    else
+        "$python" -m pytest "${ROOMS[@]/#/tests/verification/}" "$@"
+    fi
+}
+
 status=0 found=
 for version in "${NEWER[@]}"; do
     if is_version .venv/bin/python "$version"; then
@@ -71,8 +85,16 @@ for version in "${NEWER[@]}"; do
     found=$version
     prepare "$python" ".venv-$version"
     say "tests with Python $version"
-    ".venv-$version/bin/python" -m pytest "${TESTS[@]}" "$@" || status=1
-    [ -n "$all" ] || break
+    if [ -n "$all" ]; then
+        ".venv-$version/bin/python" -m pytest tests "$@" || status=1
+    else
+        numerical ".venv-$version/bin/python" "$@" || status=1
+        ".venv-$version/bin/python" -m pytest "${OTHERS[@]}" "$@" || status=1
+        break
+    fi
 done
-[ -n "$found" ] || say "no Python newer than that of .venv on this machine"
+if [ -z "$found" ]; then
+    say "no Python newer than that of .venv on this machine"
+    [ -z "$kernels" ] || numerical .venv/bin/python "$@" || status=1
+fi
 exit $status

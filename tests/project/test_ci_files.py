@@ -98,7 +98,7 @@ def test_ci_runs_every_step_once_and_one_that_is_red_ends_it_red(ci: Run) -> Non
     assert text.endswith("scripts/nightly.py --stale\n")
     names = {line.removeprefix("make ") for line in made if line}
     assert len(made) == len(names) + 1
-    others = {f"test-{name}" for name in ("simulators", "pythons", "processors", "kicad")}
+    others = {f"test-{name}" for name in ("simulators", "pythons", "kicad")}
     others |= {"test-browser", "test-install", "regress", "stress", "reproduce", "docs", "lint"}
     assert names == others | {"ready", "demo", "test"}
     makefile = (ROOT / "Makefile").read_text("utf-8")

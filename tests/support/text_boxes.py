@@ -21,7 +21,7 @@ def figures() -> Iterator[list[Figure]]:
     saved: list[Figure] = []
 
     def keep(figure: Figure, file: Any, **_options: Any) -> None:
-        figure.canvas.draw()
+        figure.draw_without_rendering()  # which places everything
         saved.append(figure)
 
     with patch.object(Figure, "savefig", keep):
@@ -54,9 +54,9 @@ def texts_of(figure: Figure) -> list[tuple[str, Any]]:
     return found
 
 
-def overlapping(figure: Figure) -> list[tuple[str, str]]:
-    """Return pairs of texts that lie over each other."""
-    found, texts = [], texts_of(figure)
+def overlapping(texts: list[tuple[str, Any]]) -> list[tuple[str, str]]:
+    """Return pairs of texts that lie over each other, of `texts_of`."""
+    found = []
     for k, (first, a) in enumerate(texts):
         for second, b in texts[k + 1 :]:
             width = min(a.x1, b.x1) - max(a.x0, b.x0)
@@ -66,12 +66,12 @@ def overlapping(figure: Figure) -> list[tuple[str, str]]:
     return found
 
 
-def cut_off(figure: Figure) -> list[str]:
-    """Return the texts that are not entirely within the figure."""
+def cut_off(figure: Figure, texts: list[tuple[str, Any]]) -> list[str]:
+    """Return those of `texts_of` a figure that are not entirely within it."""
     whole = figure.bbox
     return [
         text
-        for text, box in texts_of(figure)
+        for text, box in texts
         if box.x0 < whole.x0 - TOUCH
         or box.x1 > whole.x1 + TOUCH
         or box.y0 < whole.y0 - TOUCH

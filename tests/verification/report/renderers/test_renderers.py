@@ -32,7 +32,7 @@ from taction.verification.report.renderers.figures import new_figure
 from taction.verification.report.renderers.page import FILES, page_html
 from tests.support.gallery import EVERYWHERE, charts, gallery, sheet
 from tests.support.printed import words_of
-from tests.support.text_boxes import cut_off, overlapping
+from tests.support.text_boxes import cut_off, overlapping, texts_of
 
 CHARTS = charts()
 WIDTHS = (40, 60, 80, 100, 120, 160, 200)
@@ -177,9 +177,10 @@ def test_plotly_marks_each_result() -> None:
 
 def test_a_picture_has_no_text_over_another_or_beyond_its_edge() -> None:
     figure = picture.draw_sheet(sheet())
-    figure.canvas.draw()
-    assert not overlapping(figure)
-    assert not cut_off(figure)
+    figure.draw_without_rendering()
+    texts = texts_of(figure)
+    assert not overlapping(texts)
+    assert not cut_off(figure, texts)
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
