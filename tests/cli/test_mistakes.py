@@ -243,8 +243,7 @@ def test_every_group_has_ten_mistakes() -> None:
     assert min(made.values()) >= 10, made
 
 
-# Without numpy: what is wrong as it is written. A process that cannot import numpy refuses one after
-# the other.
+# Without numpy: what is wrong as it is written. A process that cannot import numpy refuses each.
 WITHOUT_NUMPY = """
 import json, sys
 sys.modules["numpy"] = None
