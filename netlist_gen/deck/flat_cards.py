@@ -55,6 +55,7 @@ KINDS = {
 MODEL = "vendor{}"  # name of an op-amp that is replaced
 IDLE = {"tc1", "tc2", "tc", "noisy", "temp", "dtemp"}  # without effect at 27 degrees C, or on poles
 NAMED = 4  # sources in a sentence
+BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
 _FIELD = re.compile(r"[^\s=]+\s*=\s*[^\s=]+|[^\s=(),]+")
 _WAVE = re.compile(r"\b(pulse|pwl|sine?|exp|step)\s*\(?([^()]*)\)?")
@@ -443,8 +444,10 @@ def circuit_of(
 def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     """Return the parts with a step to show: where no source changes, one that is switched on.
 
-    The sources with an ``ac`` value are switched on at t = 0, and without one of them all sources
-    but those at the supplies of op-amps.
+    The sources with an ``ac`` value step at t = 0, and the others hold the circuit. They step from
+    0 to 1, or, where they have a DC value, by `BIASED_STEP` of it to this value: the circuit comes
+    to rest at its operating point and starts close to it. Without one of them all sources but
+    those at the supplies of op-amps are switched on.
     A `small` signal is a step by 1 of the sources with an ``ac`` value: the others hold the circuit
     at its operating point.
     """
@@ -462,9 +465,16 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
         return replace(flat, branches=by_one), text if chosen else "no source changes over time"
     supplies = {node for nodes in flat.rails.values() for node in nodes} - {GROUND}
     powering = {p.card for p in flat.branches if isinstance(p, Source) and supplies & {p.a, p.b}}
-    chosen = chosen or [card for card in sources if card not in powering] or sources
+    faint = [card for card in chosen if flat.stimuli[card].after]
+    chosen = faint or chosen or [card for card in sources if card not in powering] or sources
     unit = {card for card in chosen if flat.stimuli[card].after == 0.0}
-    if len(unit) == len(chosen):  # sources of an AC analysis have no value: they step to 1
+    if faint:
+        before = 1.0 - BIASED_STEP
+        branches = [
+            _on(p, p.value, before * p.value) if p.card in faint else p for p in flat.branches
+        ]
+        text = f"no source changes over time, so at t = 0 from {before:.0%} to the DC value: {{}}"
+    elif len(unit) == len(chosen):  # sources of an AC analysis have no value: they step to 1
         branches = [_on(p, 1.0) if p.card in unit else p for p in flat.branches]
         text = "no source changes over time, so at t = 0 from 0 to 1: {}"
     else:

@@ -28,6 +28,8 @@ LEFT = tuple(_LEFT.split())
 """Cards that say what to simulate and to show, and nothing about the parts."""
 LETTERS = "rclkviefghxbdqjms"
 """Devices that may stand in the text; `flat_cards` refuses those that are not linear."""
+NODES = {"r": 2, "c": 2, "l": 2, "v": 2, "i": 2, "e": 4, "g": 4, "f": 3, "h": 3}
+"""Parts with a value, and how many nodes and names stand before it."""
 LARGEST = 8 * MEGABYTE  # of a file
 MOST = 20_000  # cards of a deck with its files
 DEEPEST = 10  # files within one another
@@ -38,6 +40,8 @@ _SPACED = re.compile(
     r"\.(?:include|inc|lib)\s+()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
 )  # with blanks
 _UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
+_BRACES = re.compile(r"\{[^{}]*\}")
+_NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?[a-z]*")
 _QUOTED = re.compile(r"'([^'{}]*)'")
 
 
@@ -99,6 +103,21 @@ class ForeignDeck:
             if card.word == ".param" and depth == 0:
                 found += re.findall(r"([a-z_][a-z0-9_]*) ?=(?!=)", card.text)
         return tuple(dict.fromkeys(found))
+
+
+def unbraced_expression(deck: ForeignDeck) -> InputError | None:
+    """Return the error for the first value that is an expression without braces, None without one.
+
+    ngspice takes some of them; of the others it says no more than ``unknown parameter (*)``.
+    """
+    for card in deck.cards:
+        nodes = NODES.get(card.word[0])
+        if nodes is None:
+            continue
+        values = "".join(card.text.split(None, nodes + 1)[nodes + 1 :])
+        if re.search(r"[-+*/]", _NUMBER.sub("#", _BRACES.sub("#", values))):
+            return card.refused("an expression stands in braces, such as 'R1 in out {2*1k}'")
+    return None
 
 
 def read_deck(file: str | Path) -> ForeignDeck:

@@ -29,7 +29,12 @@ from taction.netlist_gen.deck.flat_cards import (
     read_cards,
     stepped,
 )
-from taction.netlist_gen.deck.foreign_deck import LINEAR, ForeignDeck, read_deck
+from taction.netlist_gen.deck.foreign_deck import (
+    LINEAR,
+    ForeignDeck,
+    read_deck,
+    unbraced_expression,
+)
 from taction.netlist_gen.deck.macromodels import (
     PINS,
     RAILS,
@@ -207,7 +212,9 @@ def read_board(
     try:
         (cards,) = expand(tuple(with_stubs(deck, vendors)), find_simulator())
     except DidNotLoad as error:
-        raise InputError(deck.file, Complaint("deck", "", str(error).splitlines()[0])) from None
+        refused = unbraced_expression(deck) if "unknown parameter" in str(error) else None
+        said = Complaint("deck", "", str(error).splitlines()[0])
+        raise refused or InputError(deck.file, said) from None
     try:
         small = ""
         if linearise:

@@ -355,6 +355,38 @@ def test_an_output_beyond_its_swing_is_said(powered: Read) -> None:
     assert any("would rest at -0.9999 V, beyond its swing" in note for note in notes)
 
 
+def test_a_source_with_ac_and_a_bias_steps_to_its_bias(powered: Read) -> None:
+    """A gain of -10 around 12 V: switched on from 0 V it would start beyond the rails."""
+    lines = "Vp vp 0 24\nVref ref 0 12\nV1 in 0 DC 12.1 AC 1\n"
+    stage = INVERTER.format(low="0").replace("R2 x out 10k", "R2 x out 100k")
+    assert "100k" in stage
+    board = powered(lines + stage)
+    assert board.notes[0].endswith("at t = 0 from 99% to the DC value: V1")
+    check = check_board(board.circuit, wanted(), initial=board.initial, witness=board.witness)
+    (row,) = check.outputs
+    assert row.rest == pytest.approx(12.0 - 10 * 0.1, rel=1e-3)
+    assert row.before == pytest.approx(12.0 + 10 * 0.021, rel=1e-3)  # from 11.979 V
+    assert check.checks[0].outcome.value == "pass", check.checks[0].reason
+    assert not any("swing" in note for note in check.notes)
+
+
+@pytest.mark.parametrize(
+    "card",
+    ["R1 in out R=2*1k", "R1 in out 2*1k", "R1 in out R=1k+q", "E1 out 0 in 0 2*3", "V9 out 0 2*3",
+     "C9 out 0 C = 2 * 1n", "R1 in out R=1k tc1=2*1m"],
+)  # fmt: skip
+def test_an_expression_without_braces_is_refused_with_its_line(card: str, read: Read) -> None:
+    text = f"title\n.param q=5\nV1 in 0 PULSE(0 1)\n{card}\nR2 out 0 1k\nC1 out 0 1n\n.end\n"
+    with pytest.raises(InputError, match=r"line 4 = .* an expression stands in braces"):
+        read(text)
+
+
+@pytest.mark.parametrize("value", ["R={2*1k}", "R='2*1k'", "{q*400}", "2e+3", "R=2.0e3"])
+def test_an_expression_that_ngspice_takes_is_read(value: str, read: Read) -> None:
+    board = read(f"title\n.param q=5\nV1 in 0 PULSE(0 1)\nR1 in out {value}\nC1 out 0 1n\n.end\n")
+    assert poles(board.circuit).rightmost.real == pytest.approx(-1.0 / (2e3 * 1e-9), rel=1e-9)
+
+
 def test_supplies_are_not_switched_on(powered: Read) -> None:
     lines = "Vp vp 0 24\nVref ref 0 12\nV1 in 0 12.01\n" + INVERTER.format(low="0")
     assert powered(lines).notes[0].endswith("switched on at t = 0: Vref, V1")
