@@ -200,7 +200,8 @@ class _Branches:
         stamper = self.stamper
         stamper.moved = {k: row for k, row in enumerate(self.rows) if row != k}
         for entries in (stamper.currents, stamper.mass):
-            arrays = (zip(*(part.tolist() for part in each), strict=True) for each in entries.parts)
+            lists = ([part.ravel().tolist() for part in each] for each in entries.parts)
+            arrays = (zip(*each, strict=True) for each in lists)
             entries.single = self._joined([*chain(*arrays), *entries.single])
             entries.parts = []
         rows = np.array([*self.rows, GROUND], dtype=np.int64)

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,7 @@ from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from taction.spice_models.transistor import thermal_voltage
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.amplifier_gains import (
     CLAMP,
     INPUT_STAGE,
@@ -64,7 +65,10 @@ FIGURES = operator.attrgetter(
 
 @dataclass(frozen=True, slots=True)
 class _Signal:
-    """Signals ``plus_gain z[plus] - minus_gain z[minus] + offset`` of P op-amps, each (P,)."""
+    """Signals ``plus_gain z[plus] - minus_gain z[minus] + offset`` of P op-amps.
+
+    Places are (P,); gains and offsets have a row for each board, (B, P).
+    """
 
     plus: Ints
     minus: Ints
@@ -73,7 +77,7 @@ class _Signal:
     offset: Floats
 
     def times(self, factor: Floats) -> _Signal:
-        """Return the signals times a factor (P,)."""
+        """Return the signals times a factor (P,) or (B, P)."""
         gains = (factor * x for x in (self.plus_gain, self.minus_gain, self.offset))
         return _Signal(self.plus, self.minus, *gains)
 
@@ -83,7 +87,7 @@ class _Signal:
         plus[where], minus[where] = places, GROUND
         gains = [self.plus_gain.copy(), self.minus_gain.copy(), self.offset.copy()]
         for gain, new in zip(gains, (1.0, 1.0, 0.0), strict=True):
-            gain[where] = new
+            gain[:, where] = new
         return _Signal(plus, minus, *gains)
 
 
@@ -96,7 +100,7 @@ def stamp_opamps(stamper: Stamper, pins: Ints) -> list[Devices]:
 
 
 class _OpAmps:
-    """The op-amps of a circuit, P of them."""
+    """The op-amps of each circuit, P of them."""
 
     def __init__(self, stamper: Stamper, pins: Ints) -> None:
         self.stamper, self.cells = stamper, stamper.circuit.opamps
@@ -104,16 +108,14 @@ class _OpAmps:
         models = stamper.circuit.models
         which = {name: k for k, name in enumerate(models)}
         self.chosen = np.array([which[cell.model] for cell in self.cells], dtype=np.int64)
-        self.models = tuple(models.values())
-        self.limited = self._where([model.large_signal for model in self.models])
+        self.limited = self._where(lambda model: model.large_signal)
 
     def stamp(self) -> list[Devices]:
         """Stamp everything."""
-        figures = np.array([FIGURES(model) for model in self.models]).reshape(-1, 9)
-        gain, gbw, second, *impedances, offset, common = figures[self.chosen].T
+        gain, gbw, second, *impedances, offset, common = self._of_models(FIGURES)
         leak, between, grounded, resistance = impedances
         self._inputs(leak, between, grounded)
-        poles = self._states(np.isfinite(np.stack([gbw, second], axis=1)))
+        poles = self._states(agreed(np.isfinite(np.stack([gbw, second], axis=2))))
         half = 0.5 * common
         signal = _Signal(self.plus, self.minus, 1.0 + half, 1.0 - half, offset)
         signal, stages = self._input_stages(signal)
@@ -130,8 +132,8 @@ class _OpAmps:
         stamper = self.stamper
         stamper.currents.branch(self.plus, self.minus, -1.0 / leak)
         stamper.mass.branch(self.plus, self.minus, between)
-        drawn = np.array([model.input_currents for model in self.models]).reshape(-1, 2)
-        for pin, amps in zip((self.plus, self.minus), drawn[self.chosen].T, strict=True):
+        drawn = self._of_models(lambda model: model.input_currents)
+        for pin, amps in zip((self.plus, self.minus), drawn, strict=True):
             stamper.mass.add(pin, pin, grounded)
             stamper.constant_currents.append((pin, -amps))
 
@@ -144,13 +146,20 @@ class _OpAmps:
         entries.add(rows, signal.minus, -signal.minus_gain)
         constants.append((rows, signal.offset))
 
-    def _where(self, chosen: list[bool]) -> Ints:
-        """Return which op-amps have one of the `chosen` models."""
-        return np.flatnonzero(np.array(chosen, dtype=np.bool_)[self.chosen])
+    def _of_models(self, figures: Callable[[OpAmp], tuple[float, ...]]) -> Floats:
+        """Return figures of the op-amps, from those of their models: (figures, B, P)."""
+        models = [list(map(figures, c.models.values())) for c in self.stamper.circuits]
+        return np.array(models, dtype=np.float64).take(self.chosen, axis=1).transpose(2, 0, 1)
 
-    def _figures(self, which: Ints, values: list[float]) -> Floats:
-        """Return one value of each of some op-amps, from one value of each model."""
-        return np.array(values, dtype=np.float64)[self.chosen[which]]
+    def _where(self, has: Callable[[OpAmp], bool]) -> Ints:
+        """Return which op-amps have a model of some kind."""
+        models = [list(map(has, c.models.values())) for c in self.stamper.circuits]
+        return np.flatnonzero(agreed(np.array(models, dtype=np.bool_))[self.chosen])
+
+    def _figures(self, which: Ints, figure: Callable[[OpAmp], float]) -> Floats:
+        """Return a figure of some op-amps, (B, which)."""
+        models = [list(map(figure, c.models.values())) for c in self.stamper.circuits]
+        return np.array(models, dtype=np.float64).take(self.chosen[which], axis=1)
 
     def _unknowns(self, kind: str, which: Ints) -> Ints:
         """Return the places of new unknowns of some op-amps, whose rows state laws."""
@@ -168,7 +177,8 @@ class _OpAmps:
         """Return the signals behind the input stages ``V tanh(e / V)``, and these stages."""
         which, inputs = self.limited, signal.minus[self.limited].copy()
         # A stage of -e inverts. Where e is -v- alone, v- is its input.
-        plain = (signal.plus == GROUND) & (signal.minus_gain == 1.0) & (signal.offset == 0.0)
+        alike = agreed((signal.minus_gain == 1.0) & (signal.offset == 0.0))
+        plain = (signal.plus == GROUND) & alike
         others = which[~plain[which]]
         places = self._unknowns("difference", others)
         inputs[~plain[which]] = places
@@ -177,19 +187,16 @@ class _OpAmps:
         rows[others] = places
         self._add(rows, every)
         self.stamper.laws.add(places, places, -np.ones(len(places)))
-        ranges = self._figures(which, [model.input_range for model in self.models])
+        ranges = self._figures(which, lambda model: model.input_range)
         stages = self._devices(INPUT_STAGE, which, inputs, ranges, ranges)
         return signal.replaced(which, stages.output), stages
 
     def _clamps(self, first: Ints) -> Devices:
         """Stamp the clamps of the first poles `first` (P,) of op-amps with a finite swing."""
-        swings = [model.swing(self.stamper.circuit.supply) for model in self.models]
-        limited = [
-            m.large_signal and np.isfinite(s) for m, s in zip(self.models, swings, strict=True)
-        ]
-        which = self._where(limited)
-        rates = self._figures(which, [model.slew_rate for model in self.models])
-        widths = self._figures(which, [swing / KNEE for swing in swings])
+        supply = self.stamper.circuit.supply
+        which = self._where(lambda m: m.large_signal and math.isfinite(m.swing(supply)))
+        rates = self._figures(which, lambda model: model.slew_rate)
+        widths = self._figures(which, lambda model: model.swing(supply) / KNEE)
         clamps = self._devices(CLAMP, which, first[which], rates, widths)
         self.stamper.laws.add(first[which], clamps.output, np.ones(len(which)))
         return clamps
@@ -217,9 +224,9 @@ class _OpAmps:
     def _outputs(self, signal: _Signal, resistance: Floats) -> Devices:
         """Stamp the voltage sources behind the output resistances; return the current limiters."""
         limiters = self._limiters(signal)
-        ideal = resistance == 0.0
+        ideal = agreed(resistance == 0.0)
         plain = ~ideal
-        plain[self._where([model.is_current_limited for model in self.models])] = False
+        plain[self._where(lambda model: model.is_current_limited)] = False
         g = np.divide(1.0, resistance, out=np.ones_like(resistance), where=~ideal)
         driven = signal.times(g)
         for laws, chosen in ((True, ideal), (False, plain)):
@@ -234,10 +241,10 @@ class _OpAmps:
         The unknown ``d = v_out + b - x`` is the voltage over the output resistance, and b the drop
         of the limiter behind it.
         """
-        which = self._where([model.is_current_limited for model in self.models])
+        which = self._where(lambda model: model.is_current_limited)
         drop, out = self._unknowns("drop", which), self.out[which]
-        ohms = self._figures(which, [model.output_resistance for model in self.models])
-        volts = ohms * self._figures(which, [model.output_current for model in self.models])
+        ohms = self._figures(which, lambda model: model.output_resistance)
+        volts = ohms * self._figures(which, lambda model: model.output_current)
         size = np.full(len(which), OVERDRIVE * self.stamper.circuit.supply)
         limiters = self._devices(LIMITER, which, drop, size, volts)
         laws, ones = self.stamper.laws, np.ones(len(which))

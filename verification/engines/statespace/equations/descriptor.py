@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
 from taction.verification.engines.statespace.equations.mirror_symmetry import DenseMatrix, Halves
 
@@ -87,11 +88,12 @@ class Devices:
         return Devices(kinds, *places, self.u_scale[chosen], self.v_scale[chosen])
 
     def joined(self, *others: Devices) -> Devices:
-        """Return these amplifiers, then the others."""
+        """Return these amplifiers, then the others; the scales may be stacks (B, m) of boards."""
         parts = (self, *others)
         kinds = tuple(kind for part in parts for kind in part.kinds)
-        fields = ("input", "output", "u_scale", "v_scale")
-        return Devices(kinds, *(np.concatenate([getattr(p, f) for p in parts]) for f in fields))
+        places = (np.concatenate([getattr(p, f) for p in parts]) for f in ("input", "output"))
+        scales = (in_a_row([getattr(p, f) for p in parts]) for f in ("u_scale", "v_scale"))
+        return Devices(kinds, *places, *scales)
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,8 +262,24 @@ class Descriptor:
 GROUND = -1
 
 
+def in_a_row(parts: Sequence[Floats]) -> Floats:
+    """Return arrays one after the other: (n,) each, or (B, n) with a row for each board."""
+    boards = [len(part) for part in parts if part.ndim > 1]
+    if len(boards) in (0, len(parts)):
+        return np.concatenate(parts, axis=-1)
+    found, begin = np.empty((boards[0], sum(part.shape[-1] for part in parts))), 0
+    for part in parts:
+        end = begin + part.shape[-1]
+        found[:, begin:end] = part
+        begin = end
+    return found
+
+
 class Entries:
-    """A growing matrix: arrays of (row, column, value), ground included."""
+    """A growing matrix: arrays of (row, column, value), ground included.
+
+    Values are those of all boards, (n,), or have a row for each board, (B, n).
+    """
 
     def __init__(self) -> None:
         self.parts: list[tuple[Ints, Ints, Floats]] = []
@@ -281,32 +299,35 @@ class Entries:
             self.add(p, p, values)
             self.add(p, q, -values)
 
-    def triplets(self, rows: Bools) -> Triplets:
-        """Return the entries of the chosen `rows` (size + 1, the last for ground)."""
-        nothing = np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0)
+    def triplets(self, rows: Bools, boards: int) -> list[Triplets]:
+        """Return each board's entries of the chosen `rows` (size + 1, the last for ground)."""
+        nothing = np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((boards, 0))
         single = list(zip(*self.single, strict=True)) or [(), (), ()]
         types = (np.int64, np.int64, np.float64)
         ones = tuple(np.array(part, dtype=kind) for part, kind in zip(single, types, strict=True))
         parts = zip(nothing, *self.parts, ones, strict=True)
-        i, j, values = (np.concatenate(part) for part in parts)
-        live = np.flatnonzero(rows[i] & (j != GROUND) & (values != 0.0))
-        return Triplets(i[live], j[live], values[live])
+        all_rows, all_columns, stack = parts
+        i, j, values = np.concatenate(all_rows), np.concatenate(all_columns), in_a_row(stack)
+        live = np.flatnonzero(rows[i] & (j != GROUND) & agreed(values != 0.0))
+        places = i[live], j[live]
+        return [Triplets(*places, each) for each in values.take(live, axis=1)]
 
 
 class Stamper:
     """Collector of stamps: currents, which do not apply to rows of ideal sources, and laws.
 
+    It stamps `circuits` that differ in values alone; `circuit` is the first of them.
     `constant_currents` and `constant_laws` are terms of b: places, and values; `switched` are
     terms of any row that begin at t = 0.
     """
 
-    def __init__(self, circuit: Circuit) -> None:
-        self.circuit = circuit
+    def __init__(self, circuits: Sequence[Circuit]) -> None:
+        self.circuits, self.circuit = circuits, circuits[0]
         self.places: dict[str, int] = {}
         self.fixed: set[int] = set()
         self.moved: dict[int, int] = {}
         self.currents, self.laws, self.mass = Entries(), Entries(), Entries()
-        self.couplings: list[tuple[Ints, Ints, Floats, bool]] = []
+        self.couplings: list[tuple[Ints, Ints, list[Floats], bool]] = []
         self.constant_currents: list[tuple[Ints, Floats]] = []
         self.constant_laws: list[tuple[Ints, Floats]] = []
         self.switched: list[tuple[Ints, Floats]] = []
@@ -324,57 +345,71 @@ class Stamper:
             raise EngineError(message)
         self.fixed.add(self.places[node])
 
-    def matrix(self, matrix: ResistorMatrix) -> None:
-        """Stamp a resistor matrix: arrays off the diagonal, sums on the diagonal."""
+    def matrix(self, matrices: Sequence[ResistorMatrix]) -> None:
+        """Stamp a resistor matrix of each board: arrays off the diagonal, sums on the diagonal."""
+        matrix = matrices[0]
         if matrix.is_mesh:
-            self._mesh(matrix)
+            self._mesh(matrices)
             return
-        G = np.divide(1.0, matrix.ohms)
-        G, negative = (G, matrix.negative) if matrix.by_column else (G.T, matrix.negative.T)
-        live = np.flatnonzero(G.any(axis=1))  # the node of an empty row may not exist
-        G, negative = G[live], negative[live]
+        G, negative = np.divide(1.0, np.stack([m.ohms for m in matrices])), matrix.negative
+        if not matrix.by_column:
+            G, negative = G.transpose(0, 2, 1), negative.T
+        live = np.flatnonzero(agreed(G.any(axis=2)))  # the node of an empty row may not exist
+        G, negative = G.take(live, axis=1), negative[live]
         sinks = self.nodes(matrix.sinks[k] for k in live.tolist())
-        G = np.concatenate([np.where(negative, 0.0, G), np.where(negative, G, 0.0)], axis=1)
-        used, names = np.flatnonzero(G.any(axis=0)), (*matrix.plus, *matrix.minus)
+        G = np.concatenate([np.where(negative, 0.0, G), np.where(negative, G, 0.0)], axis=2)
+        used, names = np.flatnonzero(agreed(G.any(axis=1))), (*matrix.plus, *matrix.minus)
         drivers = self.nodes(names[d] for d in used.tolist())
-        G = np.ascontiguousarray(G[:, used])
+        G = G.take(used, axis=2)
         # Sorted, so that the sums of mirrored rows are equal to the bit.
-        for places, axis in ((sinks, 1), (drivers, 0)):
+        for places, axis in ((sinks, 2), (drivers, 1)):
             self.currents.add(places, places, -np.sort(G, axis=axis).sum(axis=axis))
         driven = drivers != GROUND
-        self.couplings.append((sinks, drivers[driven], G[:, driven], False))
+        self.couplings.append((sinks, drivers[driven], [each[:, driven] for each in G], False))
 
-    def _mesh(self, matrix: ResistorMatrix) -> None:
+    def _mesh(self, matrices: Sequence[ResistorMatrix]) -> None:
         """Stamp resistors among the nodes of one kind, whose voltages sources may determine."""
-        upper = np.divide(1.0, matrix.ohms)
-        G = upper + upper.T
-        live = np.flatnonzero(G.any(axis=1))
-        G, nodes = G[np.ix_(live, live)], self.nodes(matrix.sinks[k] for k in live.tolist())
-        self.currents.add(nodes, nodes, -G.sum(axis=1))
+        upper = np.divide(1.0, np.stack([matrix.ohms for matrix in matrices]))
+        G, sinks = upper + upper.transpose(0, 2, 1), matrices[0].sinks
+        live = np.flatnonzero(agreed(G.any(axis=2)))
+        nodes = self.nodes(sinks[k] for k in live.tolist())
+        G = G.take(live, axis=1).take(live, axis=2)
+        self.currents.add(nodes, nodes, -G.sum(axis=2))
         free = np.array([place not in self.fixed for place in nodes.tolist()], dtype=np.bool_)
         driven = nodes != GROUND
         if free.any():
-            self.couplings.append((nodes[free], nodes[driven], G[np.ix_(free, driven)], True))
+            among = [each[np.ix_(free, driven)] for each in G]
+            self.couplings.append((nodes[free], nodes[driven], among, True))
 
     def sources(self, devices: Devices) -> tuple[Floats, Floats]:
-        """Stamp the laws of ideal sources; return b: switched and constant part, (size,)."""
+        """Stamp the laws of ideal sources; return b: switched and constant part, (B, size)."""
         c, size = self.circuit, len(self.places)
         nodes = self.nodes(v.node for v in c.voltages)
-        volts = np.array([v.volts for v in c.voltages])
+        volts = self.values(lambda circuit: [v.volts for v in circuit.voltages])
         switched = np.array([v.switched for v in c.voltages], dtype=np.bool_)
         self.constant_laws.append((nodes, np.where(switched, 0.0, volts)))
         for places in (nodes, devices.output):
             self.laws.add(places, places, -np.ones(len(places)))
         into = self.nodes(i.node for i in c.currents)
-        amps = np.array([i.amps for i in c.currents], dtype=np.float64)
-        b = np.zeros((2, size + 1))  # the last place is ground
-        np.add.at(b[0], into, amps)
-        for places, values in self.constant_currents:
-            np.add.at(b[1], places, values)
-        b[:, list(self.fixed)] = 0.0
-        np.add.at(b[0], nodes[switched], volts[switched])
-        for places, values in self.constant_laws:
-            np.add.at(b[1], places, values)
-        for places, values in self.switched:
-            np.add.at(b[0], places, values)
-        return b[0, :size], b[1, :size]
+        amps = self.values(lambda circuit: [i.amps for i in circuit.currents])
+        b = np.stack([self._sums([(into, amps)]), self._sums(self.constant_currents)])
+        b[:, :, list(self.fixed)] = 0.0
+        every = np.arange(size + 1)
+        more = [(nodes[switched], volts[:, switched]), *self.switched], self.constant_laws
+        on, constant = (
+            self._sums([(every, own), *terms]) for own, terms in zip(b, more, strict=True)
+        )
+        return on[:, :size], constant[:, :size]
+
+    def values(self, of: Callable[[Circuit], Sequence[float]]) -> Floats:
+        """Return values of parts, (B, n): a row for each board."""
+        return np.array([of(circuit) for circuit in self.circuits], dtype=np.float64)
+
+    def _sums(self, terms: Sequence[tuple[Ints, Floats]]) -> Floats:
+        """Return the sums of terms at each place, (B, size + 1); the last place is ground."""
+        boards, size = len(self.circuits), len(self.places) + 1
+        nothing = np.zeros(0, dtype=np.int64), np.zeros((boards, 0))
+        places, values = zip(nothing, *terms, strict=True)
+        at = np.concatenate(places) % size + size * np.arange(boards)[:, None]
+        sums = np.bincount(at.ravel(), in_a_row(values).ravel(), minlength=boards * size)
+        return sums.astype(np.float64, copy=False).reshape(boards, size)

@@ -5,13 +5,16 @@ All parts of a kind are stamped at once, as arrays; `opamp_stamps` has the op-am
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import port_matrices
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.alike import in_groups
 from taction.verification.engines.statespace.equations.cell_stamps import (
     stamp_imported,
     stamp_opamps,
@@ -23,7 +26,6 @@ from taction.verification.engines.statespace.equations.descriptor import (
     Descriptor,
     Devices,
     Stamper,
-    Triplets,
 )
 from taction.verification.engines.statespace.equations.mirror_symmetry import proposed_mirror
 
@@ -49,8 +51,8 @@ def _devices(stamper: Stamper) -> Devices:
         kinds=tuple(a.kind for a in amplifiers),
         input=places[:, 0],
         output=places[:, 1],
-        u_scale=np.array([a.u_scale for a in amplifiers], dtype=np.float64),
-        v_scale=np.array([a.v_scale for a in amplifiers], dtype=np.float64),
+        u_scale=stamper.values(lambda circuit: [a.u_scale for a in circuit.amplifiers]),
+        v_scale=stamper.values(lambda circuit: [a.v_scale for a in circuit.amplifiers]),
     )
 
 
@@ -62,9 +64,65 @@ def stamp(circuit: Circuit) -> Descriptor:
     EngineError
         Two ideal sources drive one node, or an amplifier's input is grounded.
     """
-    imported = tuple(cell for cell in circuit.opamps if circuit.linear_model(cell) is not None)
-    circuit = replace(circuit, opamps=tuple(c for c in circuit.opamps if c not in imported))
-    stamper = Stamper(circuit)
+    (found,) = stamp_together([circuit])
+    if isinstance(found, EngineError):
+        raise found
+    return found
+
+
+def stamp_together(circuits: Sequence[Circuit]) -> list[Descriptor | EngineError]:
+    """Return the equations of boards, or why a board has none; see `stamp`.
+
+    Boards that differ in values alone are stamped together.
+
+    Examples
+    --------
+    >>> import taction
+    >>> from taction.netlist_gen.board.synthesis import synthesise
+    >>> circuit = synthesise(taction.load_scene("scenes/custom-matrix.toml"))
+    >>> one, other = stamp_together([circuit, circuit])
+    >>> one.names is other.names
+    True
+    """
+    return in_groups(circuits, _differ_in_values, _stamp)
+
+
+def _differ_in_values(one: Circuit, other: Circuit) -> bool:
+    """Whether two circuits have the same parts between the same nodes, of kinds with arrays."""
+    return (
+        one.opamps == other.opamps
+        and one.supply == other.supply
+        and list(one.models) == list(other.models)
+        and not any(c.branches or c.transistors or c.has_imported for c in (one, other))
+        and list(map(_ENDS, one.resistors)) == list(map(_ENDS, other.resistors))
+        and list(map(_ENDS, one.capacitors)) == list(map(_ENDS, other.capacitors))
+        and list(map(_AMPLIFIED, one.amplifiers)) == list(map(_AMPLIFIED, other.amplifiers))
+        and [source.node for source in one.currents] == [source.node for source in other.currents]
+        and list(map(_VOLTAGE, one.voltages)) == list(map(_VOLTAGE, other.voltages))
+        and len(one.matrices) == len(other.matrices)
+        and all(map(_alike, one.matrices, other.matrices))
+    )
+
+
+_ENDS = operator.attrgetter("a", "b")
+_AMPLIFIED = operator.attrgetter("kind", "input", "output")
+_VOLTAGE = operator.attrgetter("node", "switched")
+_LINES = operator.attrgetter("by_column", "plus", "minus", "sinks", "wires")
+
+
+def _alike(one: ResistorMatrix, other: ResistorMatrix) -> bool:
+    """Whether two matrices without wires have the same nodes and signs."""
+    same = one.wires is None and _LINES(one) == _LINES(other)
+    return same and np.array_equal(one.negative, other.negative)
+
+
+def _stamp(circuits: Sequence[Circuit]) -> list[Descriptor]:
+    """Return the equations of circuits that differ in values alone."""
+    imported = tuple(c for c in circuits[0].opamps if circuits[0].linear_model(c) is not None)
+    if imported:
+        own = tuple(cell for cell in circuits[0].opamps if cell not in imported)
+        circuits = [replace(circuit, opamps=own) for circuit in circuits]
+    circuit, stamper = circuits[0], Stamper(circuits)
     foreign = stamper.nodes(
         n for cell in imported for n in (cell.noninverting, cell.inverting, cell.output)
     ).reshape(-1, 3)
@@ -78,15 +136,15 @@ def stamp(circuit: Circuit) -> Descriptor:
     stamper.nodes(source.node for source in circuit.voltages)
     stamper.nodes(node for part in circuit.branches for node in part.nodes)
     _claim_rows(stamper)
-    for matrix in port_matrices(circuit):
-        stamper.matrix(matrix)
+    for matrices in zip(*map(port_matrices, circuits), strict=True):
+        stamper.matrix(matrices)
     node_count = len(stamper.places)
     stamp_imported(stamper, imported, foreign)
     transistors = stamp_transistors(stamper, legs.reshape(-1, 3))
     devices = devices.joined(transistors, *stamp_opamps(stamper, wired))
-    ohms = np.array([part.ohms for part in circuit.resistors], dtype=np.float64)
+    ohms = stamper.values(lambda c: [part.ohms for part in c.resistors])
     stamper.currents.branch(resistors[0::2], resistors[1::2], -1.0 / ohms)
-    farads = np.array([part.farads for part in circuit.capacitors], dtype=np.float64)
+    farads = stamper.values(lambda c: [part.farads for part in c.capacitors])
     stamper.mass.branch(capacitors[0::2], capacitors[1::2], farads)
     if circuit.branches:
         from taction.verification.engines.statespace.equations.branch_stamps import stamp_branches
@@ -95,37 +153,36 @@ def stamp(circuit: Circuit) -> Descriptor:
     return _finish(stamper, node_count, devices)
 
 
-def _finish(stamper: Stamper, node_count: int, devices: Devices) -> Descriptor:
+def _finish(stamper: Stamper, node_count: int, devices: Devices) -> list[Descriptor]:
     switched, constant = stamper.sources(devices)
-    board = np.append(np.ones(len(stamper.places), dtype=np.bool_), False)
+    board, boards = np.append(np.ones(len(stamper.places), dtype=np.bool_), False), len(switched)
     determined = np.zeros(len(stamper.places), dtype=np.bool_)
     determined[list(stamper.fixed)] = True
     free = board & np.append(~determined, False)
-    laws, currents = stamper.laws.triplets(board), stamper.currents.triplets(free)
-    couplings = []
-    for sinks, drivers, G, among in stamper.couplings:
+    laws, currents = stamper.laws.triplets(board, boards), stamper.currents.triplets(free, boards)
+    mass, couplings = stamper.mass.triplets(free, boards), list[Sequence[Coupling]]()
+    for sinks, drivers, stack, among in stamper.couplings:
         live = sinks != GROUND
         if determined[sinks[live]].any():
             raise EngineError("an ideal source drives a summing node of a resistor matrix")
         loaded = np.zeros_like(determined[drivers]) if among else ~determined[drivers]
-        couplings.append(Coupling(sinks[live], drivers, G[live], loaded))
+        couplings.append([Coupling(sinks[live], drivers, G[live], loaded) for G in stack])
     names = tuple(stamper.places)
-    return Descriptor(
-        names=names,
-        node_count=node_count,
-        mass=stamper.mass.triplets(free),
-        local=Triplets(
-            np.concatenate([laws.rows, currents.rows]),
-            np.concatenate([laws.columns, currents.columns]),
-            np.concatenate([laws.values, currents.values]),
-        ),
-        couplings=tuple(couplings),
-        switched=switched,
-        constant=constant,
-        determined=determined,
-        devices=devices,
-        places=stamper.places,
-        mirror=proposed_mirror(names),
-        has_branches=bool(stamper.circuit.branches),
-        moved=stamper.moved,
-    )
+    return [
+        Descriptor(
+            names=names,
+            node_count=node_count,
+            mass=mass[k],
+            local=laws[k].joined(currents[k]),
+            couplings=tuple(each[k] for each in couplings),
+            switched=switched[k],
+            constant=constant[k],
+            determined=determined,
+            devices=replace(devices, u_scale=devices.u_scale[k], v_scale=devices.v_scale[k]),
+            places=stamper.places,
+            mirror=proposed_mirror(names),
+            has_branches=bool(stamper.circuit.branches),
+            moved=stamper.moved,
+        )
+        for k in range(boards)
+    ]

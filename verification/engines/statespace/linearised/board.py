@@ -16,7 +16,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.coarse_board import coarsen
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.stamps import stamp
+from taction.verification.engines.statespace.equations.stamps import stamp, stamp_together
 from taction.verification.engines.statespace.equations.structured_solve import (
     Response,
     Structure,
@@ -201,7 +201,7 @@ class LinearBoard:
 
 
 def prepare(boards: Sequence[LinearBoard]) -> None:
-    """Compute the state spaces of boards; boards of one structure are eliminated together.
+    """Compute equations and state spaces of boards, together for boards of one structure.
 
     Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
     the digits that it has alone. A board that has no state space, and a large one, stays as it is,
@@ -211,11 +211,19 @@ def prepare(boards: Sequence[LinearBoard]) -> None:
     --------
     >>> import taction
     >>> from taction.netlist_gen.board.synthesis import synthesise
-    >>> boards = [LinearBoard(synthesise(taction.load_scene("scenes/custom-matrix.toml")))]
-    >>> prepare(boards)
-    >>> "state_space" in vars(boards[0])
+    >>> circuit = synthesise(taction.load_scene("scenes/custom-matrix.toml"))
+    >>> one, other = LinearBoard(circuit), LinearBoard(circuit)
+    >>> prepare([one, other])
+    >>> one.state_space.states is other.state_space.states
     True
     """
+    if len(boards) < 2:
+        return
+    unstamped = [b for b in boards if b.equations is None and "descriptor" not in vars(b)]
+    stamped = stamp_together([board.circuit for board in unstamped])
+    for board, descriptor in zip(unstamped, stamped, strict=True):
+        if not isinstance(descriptor, EngineError):
+            vars(board)["descriptor"] = descriptor
     _share_rests(boards)
     ready = dict[LinearBoard, tuple[Descriptor, Equilibrium | None]]()
     for board in boards:

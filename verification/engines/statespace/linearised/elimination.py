@@ -9,7 +9,7 @@ import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.alike import agreed, alone
+from taction.verification.engines.statespace.equations.alike import agreed, alone
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
 ROUNDING = 64 * EPS

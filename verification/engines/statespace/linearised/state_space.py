@@ -15,6 +15,7 @@ import numpy as np
 
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.alike import in_groups
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.mirror_symmetry import (
@@ -23,7 +24,6 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import (
     evened,
 )
 from taction.verification.engines.statespace.equations.pole_count import finite_poles
-from taction.verification.engines.statespace.linearised.alike import solve_alike
 from taction.verification.engines.statespace.linearised.elimination import (
     ReducedEquations,
     eliminate,
@@ -233,19 +233,8 @@ def _single(found: StateSpace | EngineError) -> StateSpace:
 
 def _state_spaces(systems: Sequence[LinearEquations]) -> list[StateSpace | EngineError]:
     """Eliminate unknowns without charge, and count the states again where rounding has a say."""
-    groups = list[list[int]]()
-    for k, system in enumerate(systems):
-        for group in groups:
-            if system.is_like(systems[group[0]]):
-                group.append(k)
-                break
-        else:
-            groups.append([k])
-    found: dict[int, StateSpace | EngineError] = {}
-    for group in groups:
-        alike = [systems[k] for k in group]
-        found |= zip(group, map(_counted, alike, solve_alike(alike, _eliminated)), strict=True)
-    return [found[k] for k in range(len(systems))]
+    found = in_groups(systems, LinearEquations.is_like, _eliminated)
+    return list(map(_counted, systems, found))
 
 
 def _counted(system: LinearEquations, found: StateSpace | EngineError) -> StateSpace | EngineError:

@@ -42,7 +42,7 @@ def agreed(decisions: Bools | np.bool_) -> Bools:
     """
     every = np.asarray(decisions)
     first = every[0]
-    if (every != first).any():
+    if len(every) > 1 and (every != first).any():
         flat = every.reshape(len(every), -1)
         raise Unlike(np.unique(flat, axis=0, return_inverse=True)[1].reshape(-1))
     return np.asarray(first)
@@ -58,6 +58,26 @@ def alone(count: int) -> None:
     """
     if count > 1:
         raise Unlike(np.arange(count))
+
+
+def in_groups(
+    systems: Sequence[System],
+    are_alike: Callable[[System, System], bool],
+    solve: Callable[[Sequence[System]], Sequence[Found]],
+) -> list[Found | EngineError]:
+    """Return what `solve` finds for each system, in stacks of those that are alike."""
+    groups = list[list[int]]()
+    for k, system in enumerate(systems):
+        for group in groups:
+            if are_alike(systems[group[0]], system):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    found: dict[int, Found | EngineError] = {}
+    for group in groups:
+        found |= zip(group, solve_alike([systems[k] for k in group], solve), strict=True)
+    return [found[k] for k in range(len(systems))]
 
 
 def solve_alike(
