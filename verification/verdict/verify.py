@@ -20,7 +20,11 @@ from taction.system.progress import Clock, Progress
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
+from taction.verification.engines.statespace.linearised.board import (
+    LinearBoard,
+    parts_of,
+    prepare,
+)
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements
@@ -300,7 +304,7 @@ class Request:
     effort: Effort = FULL
 
 
-TOGETHER = 600_000  # squared numbers of unknowns of the boards that are computed together
+TOGETHER = 600_000  # squared numbers of parts of the boards that are computed together
 
 
 def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]]:
@@ -328,12 +332,11 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
             unplanned = synthesised_board(
                 request.scene, clock, problem=request.problem, circuit=request.circuit
             )
-            descriptor = unplanned.board.descriptor
-            if ENGINES[choose_engine(unplanned.scene)].together is None or descriptor.is_large:
+            if ENGINES[choose_engine(unplanned.scene)].together is None:
                 continue
             clock.pause()
             made[place] = request, unplanned, clock
-            size += descriptor.size**2
+            size += parts_of(unplanned.board) ** 2
         if size > TOGETHER:
             yield from _verified_together(_planned(made))
             made, size = {}, 0
@@ -367,6 +370,8 @@ def _planned(made: Mapping[int, tuple[Request, UnplannedBoard, Clock]]) -> dict[
     planned: dict[int, _Planned] = {}
     for place, (request, unplanned, clock) in made.items():
         with suppress(Exception):
+            if unplanned.board.descriptor.is_large:
+                continue
             planned[place] = _Planned(request, small_signal_board(unplanned, clock), clock)
             clock.pause()
     return planned

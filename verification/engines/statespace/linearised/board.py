@@ -15,7 +15,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.coarse_board import coarsen
-from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.descriptor import LARGE, Descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp, stamp_together
 from taction.verification.engines.statespace.equations.structured_solve import (
     Response,
@@ -200,6 +200,12 @@ class LinearBoard:
         return LinearBoard(self.circuit, coarsen(self.descriptor))
 
 
+def parts_of(board: LinearBoard) -> int:
+    """Return the number of parts without those of the matrices: about that of the unknowns."""
+    circuit = board.circuit
+    return len(circuit.opamps) + len(circuit.resistors) + len(circuit.capacitors)
+
+
 def prepare(boards: Sequence[LinearBoard]) -> None:
     """Compute equations and state spaces of boards, together for boards of one structure.
 
@@ -219,7 +225,8 @@ def prepare(boards: Sequence[LinearBoard]) -> None:
     """
     if len(boards) < 2:
         return
-    unstamped = [b for b in boards if b.equations is None and "descriptor" not in vars(b)]
+    small = [board for board in boards if parts_of(board) <= LARGE and board.equations is None]
+    unstamped = [board for board in small if "descriptor" not in vars(board)]
     stamped = stamp_together([board.circuit for board in unstamped])
     for board, descriptor in zip(unstamped, stamped, strict=True):
         if not isinstance(descriptor, EngineError):

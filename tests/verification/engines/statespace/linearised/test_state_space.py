@@ -24,6 +24,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations import stamps as stamps_module
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised import board as board_module
 from taction.verification.engines.statespace.linearised import state_space as state_space_module
@@ -292,6 +293,12 @@ def test_a_board_of_a_stack_has_the_digits_that_it_has_alone() -> None:
     prepare(list(stack.values()))
     for name, board in stack.items():
         alone = LinearBoard(board.circuit)
+        for matrix in ("mass", "stiffness"):
+            found, expected = (getattr(each.descriptor.dense, matrix) for each in (board, alone))
+            assert found.tobytes() == expected.tobytes(), (name, matrix)
+        for part in ("switched", "constant"):
+            found, expected = (getattr(each.descriptor, part) for each in (board, alone))
+            assert found.tobytes() == expected.tobytes(), (name, part)
         if name == "no path":
             assert "state_space" not in vars(board)
             with pytest.raises(EngineError):
@@ -306,11 +313,13 @@ def test_a_board_of_a_stack_has_the_digits_that_it_has_alone() -> None:
 
 
 def test_boards_of_one_structure_are_eliminated_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    stamped = recorded(monkeypatch, stamps_module, "_stamp")
     eliminated = recorded(monkeypatch, state_space_module, "eliminate")
     prepare([LinearBoard(circuit) for circuit in boards_of_a_stack().values()])
     sizes = [len(M) for M, *_ in eliminated]
     assert 3 in sizes  # plain, other values, plain again
     assert sizes[0] == 6  # all boards, which do not agree
+    assert [len(circuits) for (circuits,) in stamped] == [5, 1, 4, 1]  # one has no capacitor at a
 
 
 def test_boards_that_differ_in_capacitances_alone_come_to_rest_once(
