@@ -227,6 +227,8 @@ def largest(readings: Sequence[Reading]) -> Reading:
     >>> largest([Reading(0.5, 0.0625), Reading(0.25, 0.5)])
     Reading(value=0.5, uncertainty=0.25, fragile=False, alternative=None)
     """
+    if len(readings) == 1:
+        return readings[0]
     value = max(r.value for r in readings)
     highest, lowest = (max(r.value + s * r.uncertainty for r in readings) for s in (1.0, -1.0))
     doubt = max(highest - value, value - lowest)
