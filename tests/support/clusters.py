@@ -63,7 +63,8 @@ def another_taction(folder: Path, version: str | None = None, without: str | Non
 
     `version` is that of the copy, by default ours; `without` is a file that the copy lacks.
     """
-    skipped = shutil.ignore_patterns("__pycache__")
+    # Stored bytecode is good for the copies, too; what another process still writes is left out.
+    skipped = shutil.ignore_patterns("*.pyc.*")
     shutil.copytree(ROOT / "taction", folder / "taction", ignore=skipped)  # links become files
     with (folder / "taction" / "netlist_gen" / "analysis.py").open("a") as file:
         file.write("# another\n")

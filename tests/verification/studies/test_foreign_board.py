@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -30,10 +31,13 @@ IDEAL = ("wien-resistors",)  # gains of 1e9: rounding of the stamped values alon
 Read = Callable[[str], ForeignBoard]
 
 
-@pytest.fixture
-def read(tmp_path: Path) -> Read:
+@pytest.fixture(scope="module")
+def read(tmp_path_factory: pytest.TempPathFactory) -> Read:
+    """Return the board of a deck; each is read once."""
+
+    @functools.cache
     def board(text: str) -> ForeignBoard:
-        place = tmp_path / "deck.cir"
+        place = tmp_path_factory.mktemp("deck") / "deck.cir"
         place.write_text(text)
         return read_board(place)
 

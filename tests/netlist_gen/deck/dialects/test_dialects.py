@@ -6,7 +6,9 @@ with, at equal largest steps.
 
 from __future__ import annotations
 
+import functools
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +28,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import simulate
 from tests.support.making import make_scene
-from tests.support.other_simulators import distance, gnucap_record, ngspice_record
+from tests.support.other_simulators import Record, distance, gnucap_record, ngspice_record
 from tests.support.paths import SCENES
 
 MODES = {"ltspice": "ltpsa", "hspice": "hsa", "xyce": ""}  # compatibility modes of ngspice
@@ -97,16 +99,27 @@ def decks(name: str, *dialects: str, **options: Any) -> list[Deck]:
     return [write_deck(circuit, transient, dialect=word, **options) for word in dialects]
 
 
+@pytest.fixture(scope="module")
+def native(ngspice: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Record]:
+    """Return what ngspice finds of a board in its own dialect; each runs once."""
+
+    @functools.cache
+    def record(name: str) -> Record:
+        (deck,) = decks(name, "ngspice")
+        return ngspice_record(deck, tmp_path_factory.mktemp("native"))
+
+    return record
+
+
 @pytest.mark.parametrize("dialect", MODES)
 @pytest.mark.parametrize("name", [*LINEAR, *NONLINEAR])
 def test_ngspice_reads_the_dialect_and_finds_the_same_waveforms(
-    name: str, dialect: str, ngspice: str, tmp_path: Path
+    name: str, dialect: str, native: Callable[[str], Record], tmp_path: Path
 ) -> None:
-    native, foreign = decks(name, "ngspice", dialect)
-    expected = ngspice_record(native, tmp_path)
+    (foreign,) = decks(name, dialect)
     found = ngspice_record(foreign, tmp_path, MODES[dialect])
     assert found[0][-1] == pytest.approx(STEPS * step_of(name), rel=1e-9)
-    assert distance(expected, found) < 2e-4
+    assert distance(native(name), found) < 2e-4
 
 
 @pytest.mark.parametrize("dialect", ["ngspice", *MODES])
@@ -135,10 +148,10 @@ def test_decks_of_straight_pieces_err_by_their_steps_alone(
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice", "xyce", "spectre"])
 @pytest.mark.parametrize("name", LINEAR)
 def test_gnucap_finds_the_same_waveforms_of_linear_boards(
-    name: str, dialect: str, ngspice: str, gnucap: str, tmp_path: Path
+    name: str, dialect: str, native: Callable[[str], Record], gnucap: str
 ) -> None:
-    native, foreign = decks(name, "ngspice", dialect)
-    assert distance(ngspice_record(native, tmp_path), gnucap_record(gnucap, foreign)) < 3e-4
+    (foreign,) = decks(name, dialect)
+    assert distance(native(name), gnucap_record(gnucap, foreign)) < 3e-4
 
 
 @pytest.mark.parametrize(
@@ -194,11 +207,12 @@ def test_the_subcircuits_of_a_spectre_deck_are_what_a_parser_reads(tmp_path: Pat
 
 
 @pytest.mark.parametrize("dialect", MODES)
-def test_a_split_deck_in_any_dialect_runs(dialect: str, ngspice: str, tmp_path: Path) -> None:
-    (native,) = decks("paper-exponential", "ngspice")
+def test_a_split_deck_in_any_dialect_runs(
+    dialect: str, native: Callable[[str], Record], tmp_path: Path
+) -> None:
     (split,) = decks("paper-exponential", dialect, matrix_file="m.inc")
-    expected = ngspice_record(native, tmp_path)
-    assert distance(expected, ngspice_record(split, tmp_path, MODES[dialect])) < 2e-4
+    found = ngspice_record(split, tmp_path, MODES[dialect])
+    assert distance(native("paper-exponential"), found) < 2e-4
 
 
 @pytest.mark.parametrize("dialect", MODES)
