@@ -32,6 +32,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import (
 )
 from taction.verification.engines.statespace.linearised.state_space import (
     StateSpace,
+    find_modes,
     linearise,
     linearise_together,
     open_loop,
@@ -207,7 +208,7 @@ def parts_of(board: LinearBoard) -> int:
 
 
 def prepare(boards: Sequence[LinearBoard]) -> None:
-    """Compute equations and state spaces of boards, together for boards of one structure.
+    """Compute equations, state spaces and modes of boards, of one structure together.
 
     Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
     the digits that it has alone. A board that has no state space, and a large one, stays as it is,
@@ -241,6 +242,8 @@ def prepare(boards: Sequence[LinearBoard]) -> None:
     for board, space in zip(ready, linearise_together(list(ready.values())), strict=True):
         if not isinstance(space, EngineError):
             vars(board)["state_space"] = space
+    known = [vars(board).get("state_space") for board in boards]
+    find_modes([space for space in known if space is not None])
 
 
 def _share_rests(boards: Sequence[LinearBoard]) -> None:

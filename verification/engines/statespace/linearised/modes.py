@@ -5,15 +5,19 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
-from taction.verification.engines.statespace.linearised.block import Block, BlockShares
-from taction.verification.engines.statespace.linearised.decomposition import decompose_block
+from taction.verification.engines.statespace.linearised.block import (
+    Block,
+    BlockShares,
+    compute_together,
+)
+from taction.verification.engines.statespace.linearised.decomposition import decompose_blocks
 from taction.verification.engines.statespace.linearised.real_modes import Joined, both
 
 
@@ -56,7 +60,7 @@ class Modes:
     @property
     def defect(self) -> float:
         """Largest element of ``left right - 1``; infinite where the modes are defective."""
-        return max(block.defect for block in self.blocks)
+        return max(float(block.defect) for block in self.blocks)
 
     @functools.cached_property
     def alone(self) -> Bools:
@@ -132,7 +136,7 @@ class ModeShares:
 
         ``C x(t) = sum_i amplitudes[:, i] exp(poles[i] t)`` where every mode is alone.
         """
-        return self._ordered(part.seen * part.dual for part in self.parts)
+        return self._ordered(part.values for part in self.parts)
 
     @property
     def heights(self) -> Floats:
@@ -147,7 +151,7 @@ class ModeShares:
     @property
     def errors(self) -> tuple[Floats, Floats]:
         """Bounds on the error of each mode's part of a row, (K, n); see `BlockShares.errors`."""
-        lag, vague = map(self._ordered, zip(*(part.errors() for part in self.parts), strict=True))
+        lag, vague = map(self._ordered, zip(*(part.errors for part in self.parts), strict=True))
         return lag, vague
 
     def joined(self) -> Iterator[tuple[complex, Joined, Complexes, Complexes]]:
@@ -158,8 +162,79 @@ class ModeShares:
         for part in self.parts:
             for each in part.block.joined:
                 at, twice = each.members, 1.0 + (each.members[0] >= part.block.real)
-                centre = complex(part.block.kept[at[0]])
-                yield centre, each, twice * part.seen[:, at], part.dual[at]
+                yield part.block.centre(each), each, twice * part.seen[:, at], part.dual[at]
+
+
+class Parts(NamedTuple):
+    """A matrix to decompose, (n, n), 1/s; or the even and the odd part of one with `halves`.
+
+    `sizes` are those of `Block`, by default of the elements themselves.
+    """
+
+    matrices: Sequence[Floats]
+    halves: Halves | None = None
+    sizes: Sequence[Floats] | None = None
+
+    @property
+    def rounded(self) -> list[Floats]:
+        """The sizes to which the rounding of the elements of each part is relative, (2, n, n)."""
+        if self.sizes is None:
+            sizes = [np.stack([np.abs(A), 0.0 * A]) for A in self.matrices]
+        else:
+            sizes = list(self.sizes)
+        if self.halves is not None:  # elements of both are a sum or difference of the same two
+            even, odd = sizes
+            even = even.copy()
+            paired = even[:, : self.halves.pairs, : self.halves.pairs]
+            np.maximum(paired, odd, out=paired)
+            sizes = [even, paired]
+        return sizes
+
+
+def decompose_together(wanted: Sequence[Parts]) -> list[Modes]:
+    """Decompose matrices, one dense eigenproblem (about 25 n³ flops) each.
+
+    With halves, two eigenproblems of half the size cost a quarter. Matrices of one size are
+    decomposed as a stack; each has the same digits beside others as alone.
+
+    Raises
+    ------
+    LinAlgError
+        A matrix is not finite.
+
+    Examples
+    --------
+    >>> one, other = decompose_together([Parts([np.diag([-2.0, -1.0])]), Parts([-3.0 * np.eye(1)])])
+    >>> one.poles.real.tolist(), other.poles.real.tolist()
+    ([-1.0, -2.0], [-3.0])
+    """
+    stacks: dict[int, list[tuple[int, int]]] = {}
+    sizes = [each.rounded for each in wanted]
+    for place, each in enumerate(wanted):
+        for part, matrix in enumerate(each.matrices):
+            stacks.setdefault(len(matrix), []).append((place, part))
+    found: dict[tuple[int, int], Block] = {}
+    for same in stacks.values():
+        A, size = (
+            of[0][None] if len(same) == 1 else np.stack(of)
+            for of in (
+                [wanted[place].matrices[part] for place, part in same],
+                [sizes[place][part] for place, part in same],
+            )
+        )
+        found.update(zip(same, decompose_blocks(A, size), strict=True))
+    modes = list[Modes]()
+    for place, each in enumerate(wanted):
+        blocks = tuple(found[place, part] for part in range(len(each.matrices)))
+        poles = np.concatenate([block.poles for block in blocks])
+        order = np.lexsort((-poles.imag, -poles.real))
+        modes.append(Modes(blocks, each.halves, poles[order], order))
+    return modes
+
+
+def find_pole_errors(several: Sequence[Modes]) -> None:
+    """Compute the errors of the poles of several matrices, those of one size as a stack."""
+    compute_together([block for modes in several for block in modes.blocks], ["pole_errors"])
 
 
 def decompose(
@@ -167,20 +242,6 @@ def decompose(
     halves: Halves | None = None,
     sizes: Sequence[Floats] | None = None,
 ) -> Modes:
-    """Decompose a matrix, shape (n, n), by one dense eigenproblem (about 25 n³ flops).
-
-    With `halves`, `matrices` are its even and odd part, and two eigenproblems of half the size cost
-    a quarter. `sizes` are those of `Block`, by default of the elements themselves. Never raises for
-    finite matrices.
-    """
-    sizes = [np.stack([np.abs(A), 0.0 * A]) for A in matrices] if sizes is None else list(sizes)
-    if halves is not None:  # elements of both are a sum or difference of the same two
-        even, odd = sizes
-        even = even.copy()
-        paired = even[:, : halves.pairs, : halves.pairs]
-        np.maximum(paired, odd, out=paired)
-        sizes = [even, paired]
-    decomposed = tuple(map(decompose_block, matrices, sizes))
-    poles = np.concatenate([block.poles for block in decomposed])
-    order = np.lexsort((-poles.imag, -poles.real))
-    return Modes(decomposed, halves, poles[order], order)
+    """Decompose one matrix, shape (n, n), or its `halves`; see `decompose_together`."""
+    (modes,) = decompose_together([Parts(matrices, halves, sizes)])
+    return modes

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +30,13 @@ from taction.verification.engines.statespace.linearised.elimination import (
     eliminate,
 )
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.engines.statespace.linearised.modes import Modes, decompose
+from taction.verification.engines.statespace.linearised.modes import (
+    Modes,
+    Parts,
+    decompose,
+    decompose_together,
+    find_pole_errors,
+)
 from taction.verification.engines.statespace.linearised.pencil_check import pole_residuals
 
 UNBOUNDED = 1e30  # factor on the rounding of a matrix of whose poles nothing is known
@@ -73,8 +80,12 @@ class StateSpace:
     @functools.cached_property
     def modes(self) -> Modes:
         """Eigenvalues of A with their vectors."""
+        return decompose(*self._parts)
+
+    @property
+    def _parts(self) -> Parts:
         matrices, sizes = ([part.A for part in self.blocks], [part.size for part in self.blocks])
-        return decompose(matrices, self.halves and self.halves[1], sizes)
+        return Parts(matrices, self.halves and self.halves[1], sizes)
 
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it
@@ -173,6 +184,20 @@ def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseM
     devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
     K[devices.output, devices.input] += evened(point.slopes, devices.output, descriptor.mirror)
     return descriptor.dense.with_stiffness(K)
+
+
+def find_modes(spaces: Sequence[StateSpace]) -> None:
+    """Compute the modes of state spaces that lack them, with the errors of their poles, together.
+
+    Every state space has the digits that it has alone. Where a matrix is not finite, all stay as
+    they are, and the one says why where it is asked.
+    """
+    new = [space for space in spaces if "modes" not in vars(space)]
+    with suppress(np.linalg.LinAlgError):
+        found = decompose_together([space._parts for space in new])
+        find_pole_errors(found)
+        for space, modes in zip(new, found, strict=True):
+            vars(space)["modes"] = modes
 
 
 def driven(descriptor: Descriptor, point: Equilibrium | None, inputs: Floats) -> StateSpace:

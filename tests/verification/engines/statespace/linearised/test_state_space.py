@@ -310,6 +310,9 @@ def test_a_board_of_a_stack_has_the_digits_that_it_has_alone() -> None:
         for one, two in zip(found.blocks, expected.blocks, strict=True):
             for part in ("A", "B", "C", "D", "charge", "offset", "size"):
                 assert getattr(one, part).tobytes() == getattr(two, part).tobytes(), (name, part)
+        for part in ("poles", "pole_errors", "right", "left", "rates"):
+            one, two = (getattr(modes, part) for modes in (vars(found)["modes"], expected.modes))
+            assert one.tobytes() == two.tobytes(), (name, part)
 
 
 def test_boards_of_one_structure_are_eliminated_together(monkeypatch: pytest.MonkeyPatch) -> None:
