@@ -79,7 +79,7 @@ def demonstrate(progress: Callable[[str], None] = lambda stage: None) -> Demonst
     # The limits of the rise time are what the paper measured on the first board alone.
     free = scene.checks.model_copy(update={"rise_time": None})
     loose = scene.model_copy(update={"checks": free})
-    first = _verified(scene, {}, "1 of 3: the board of the paper", progress)
+    first = _verified(scene, {}, "1 of 3: the paper's board", progress)
     second = _verified(
         loose, {"design.capacitance": SMALL}, "2 of 3: a smaller capacitor", progress
     )
@@ -102,7 +102,7 @@ def _verified(
     scene: Scene, changes: dict[str, Value], stage: str, progress: Callable[[str], None]
 ) -> Verdict:
     progress(stage)
-    return verify(with_values(scene, changes))
+    return verify(with_values(scene, changes), lambda part: progress(f"{stage}, {part}"))
 
 
 def _text(value: float, unit: str) -> str:

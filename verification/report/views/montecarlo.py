@@ -346,21 +346,18 @@ def _culprits(result: YieldReport) -> Block:
 def causes(result: YieldReport) -> Table:
     """Return the parts behind the spread."""
     columns = {
-        "quantity": lambda each: (
-            spaced(each.quantity) + ("" if each.channel is None else f", channel {each.channel}")
-        ),
-        "lost yield": lambda each: Cell(percent(each.lost, 4), each.lost),
+        "quantity": lambda each: spaced(each.quantity),
+        "channel": lambda each: "" if each.channel is None else each.channel,
+        "lost": lambda each: Cell(percent(each.lost, 4), each.lost),
         "part": lambda each: each.parameter,
-        "kind": lambda each: spaced(each.kind),
         "correlation": lambda each: Cell(
             f"{each.correlation:+.2f} ± {each.standard_error:.2f}", each.correlation
         ),
-        "of the variance": lambda each: Cell(
-            f"{100 * each.correlation**2:.0f} %", each.correlation**2
-        ),
+        "variance": lambda each: Cell(f"{100 * each.correlation**2:.0f} %", each.correlation**2),
     }
     few = {TERMINAL: SHOWN, NOTEBOOK: SHOWN}
-    return Table.of("Causes, by lost yield", result.sensitivities, columns, most=few)
+    note = "lost: of the yield; variance: the share that the part explains."
+    return Table.of("Causes, by lost yield", result.sensitivities, columns, note, most=few)
 
 
 def remedy_text(remedy: Remedy) -> str:

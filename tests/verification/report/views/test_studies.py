@@ -17,6 +17,7 @@ from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, R
 from taction.verification.report.charts import Cells, Chart, Columns, Limit, Text, thinned
 from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
+from taction.verification.report.renderers.terminal import shown
 from taction.verification.report.texts import figure
 from taction.verification.report.views import montecarlo
 from taction.verification.report.views.montecarlo import _edges, sheet
@@ -30,6 +31,7 @@ from taction.verification.studies.tolerance.yield_report import (
     YieldReport,
 )
 from tests.support.making import make_scene
+from tests.support.printed import shown_at
 from tests.support.report_pages import STATESPACE, STUDIES, VERDICTS, page
 from tests.support.sweeping import grid_plan, make_sample
 
@@ -183,6 +185,18 @@ REPORT = YieldReport(
     sensitivities=(Sensitivity("Cc_1", "capacitor", "settling_time", -0.9, 0.15),),
     remedy=Remedy({"Cc_1": 0.01}, {}, 0.99, 1.0),
 )
+
+
+def test_the_table_of_causes_fits_a_terminal() -> None:
+    longest = Sensitivity(
+        "v_118.offset_voltage", "input_error", "settling_time", -0.91, 0.15, 118, 0.3125
+    )
+    table = montecarlo.causes(replace(REPORT, sensitivities=(longest,)))
+    lines = shown_at(80, [shown(table)], terminal=True).splitlines()
+    assert max(map(len, lines)) <= 80
+    (row,) = [line for line in lines if "offset_voltage" in line]
+    words = "settling time 118 31.25 % v_118.offset_voltage -0.91 ± 0.15 83 %"
+    assert " ".join(row.split()) == words
 
 
 def charts(report: YieldReport) -> list[Any]:
