@@ -99,7 +99,7 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     name : str
         A preset.
     progress : callable, optional
-        Receives a line if ngspice is missing.
+        Receives what measures, and a line if ngspice is missing.
 
     Returns
     -------
@@ -118,12 +118,11 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     'ua741'
     """
     from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
-    from taction.system.progress import Notice
 
     refuse_unknown(name, "parts show")
     from taction.verification.characterise.characterise import opamp_figures
 
-    return opamp_figures(OPAMPS[name], lambda text: progress(Notice(text)))
+    return opamp_figures(OPAMPS[name], progress)
 
 
 def import_model(

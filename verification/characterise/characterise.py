@@ -6,7 +6,7 @@ Of a vendor's netlist the same benches give the figures and a linear model, all 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -28,6 +28,7 @@ from taction.spice_models.presets import Origin, figure_origins
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import Complaint, InputError, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.characterise.bench import Bench, VendorBench
 from taction.verification.characterise.rational_fit import fit_rational, fit_together, has_aaa
@@ -190,17 +191,20 @@ def characterise(opamp: OpAmp, witness: Witness) -> tuple[Measured, ...]:
     return tuple(Measured(name, UNITS[name], *found[name]) for name in UNITS if name in found)
 
 
-def opamp_figures(opamp: OpAmp, remark: Callable[[str], object]) -> OpAmpFigures:
+def opamp_figures(opamp: OpAmp, progress: Progress) -> OpAmpFigures:
     """Measure an op-amp by our own equations and, where it is installed, by ngspice.
 
-    `remark` receives a line if ngspice is missing.
+    `progress` receives the witness that measures, and a line if ngspice is missing.
     """
     witnesses: dict[str, Witness] = {"state space": Equations()}
     try:
         witnesses["ngspice"] = Simulation(find_simulator())
     except SimulationError as error:
-        remark(f"without ngspice: {error}")
-    results = {title: characterise(opamp, each) for title, each in witnesses.items()}
+        progress(Notice(f"without ngspice: {error}"))
+    results = {}
+    for number, (title, each) in enumerate(witnesses.items(), 1):
+        progress(f"test benches by {title}, {number} of {len(witnesses)}")
+        results[title] = characterise(opamp, each)
     return OpAmpFigures(opamp, figure_origins(opamp.name), witnesses, results)
 
 

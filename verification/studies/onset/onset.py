@@ -36,6 +36,7 @@ from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles
 from taction.verification.studies.onset.onset_axis import only_axis
 from taction.verification.studies.onset.transient_trial import TransientTest, confirm
+from taction.verification.studies.running.collecting import Pace
 
 NOT_ASKED = "transients were not requested"
 AROUND = 30.0  # the default range is from the scene's value / 30 to its value * 30
@@ -287,14 +288,15 @@ def confirmations(
         except (SimulatorNotFound, SimulatorTooOld) as error:
             reason = f"ngspice is needed to confirm a crossing: {error}"
             confirmation = TransientTest(None, reason)
-    findings = []
+    findings, pace, left = [], Pace(), ""
     for number, edge in enumerate(scanned.edges, start=1):
         stage = f"transients beside crossing {number} of {len(scanned.edges)}"
-        progress(stage)
+        progress(f"{stage}{left}")
         if simulator is not None and timeout is not None:
             with shares_to(StageShares(progress, stage)):
                 confirmation = confirm(
                     boards.board, edge, simulator, logarithmic=scanned.logarithmic, timeout=timeout
                 )
         findings.append(CheckedEdge(edge, confirmation, scanned.complete))
+        left = pace.ended(len(scanned.edges) - number)
     return tuple(findings)
