@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
-from taction.verification.verdict.verify import verify
+from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import make_scene
 
 NONLINEAR = [name for name in AMPLIFIERS if name != "linear"]
@@ -40,10 +42,15 @@ def scene(amplifier: str, bias: bool):
     return make_scene(problem=problem, design=BOARD | {"amplifier": amplifier, "bias": bias})
 
 
+@functools.cache
+def verdict_of(amplifier: str, bias: bool) -> Verdict:
+    return verify(scene(amplifier, bias))
+
+
 @pytest.mark.parametrize("bias", [False, True])
 @pytest.mark.parametrize("amplifier", NONLINEAR)
 def test_ngspice_the_state_space_and_the_reference_agree(ngspice: str, amplifier: str, bias: bool):
-    verdict = verify(scene(amplifier, bias))
+    verdict = verdict_of(amplifier, bias)
     assert verdict.waveforms.engine.startswith("ngspice")
     assert {c.name: c.outcome.value for c in verdict.checks} == {
         "steady_state": "pass",
@@ -57,7 +64,7 @@ def test_ngspice_the_state_space_and_the_reference_agree(ngspice: str, amplifier
 @pytest.mark.parametrize("amplifier", NONLINEAR)
 def test_the_final_outputs_balance_every_signal_node(ngspice: str, amplifier: str, bias: bool):
     """At rest v/R + I_b + sum_k T_kn G0 w_k = 0 with v = Ve g^-1(u/U0): eq (9), by hand."""
-    verdict = verify(scene(amplifier, bias))
+    verdict = verdict_of(amplifier, bias)
     T, eps = verdict.problem.matrix, verdict.problem.strain
     G0, U0, R, s, Ve = map(verdict.circuit.value, ("G0", "U0", "R", "gain", "Ve"))
     u = np.array([channel.final for channel in verdict.measurements.channels])
