@@ -34,7 +34,7 @@ the state-space engine with as many points. [Wires](wires.md) has the times, and
 | 64  | 7,960                                  | 22,000, extrapolated            |
 | 128 | 17,900, extrapolated (curves: 37,900)  | at least 3,800, extrapolated    |
 
-At 64 ngspice ran `inv` to its end (1,595 s) and 400 of the 10,730 planned steps of `pinv` (0.95 s
+At 64 ngspice ran `inv` to its end (1,595 s) and 460 of the 10,730 planned steps of `pinv` (0.95 s
 a step). At 128 ngspice was not run: its times follow from power laws, N^3.7 through 16, 32 and 64
 for `inv`, N^3.6 through 16 and 32 for `pinv`, whose step at 64 is slower than this law. The times
 of the state-space engine at 128 were measured, 1.16 s and 2.2 s; by its curves they were 0.55 s
