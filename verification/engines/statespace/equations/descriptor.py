@@ -267,6 +267,8 @@ def in_a_row(parts: Sequence[Floats]) -> Floats:
     boards = [len(part) for part in parts if part.ndim > 1]
     if len(boards) in (0, len(parts)):
         return np.concatenate(parts, axis=-1)
+    if boards[0] == 1:
+        return np.concatenate([part.reshape(-1) for part in parts])[None]
     found, begin = np.empty((boards[0], sum(part.shape[-1] for part in parts))), 0
     for part in parts:
         end = begin + part.shape[-1]
