@@ -72,7 +72,7 @@ SECTIONS = {
 }
 """The listed commands by their heading; the last ones have none."""
 FIRST_STEPS = """\
-taction demo                  the paper's story on three boards, with a report; no file is needed
+taction demo                  the paper's story on three boards; needs no file
 taction new board.toml        write a scene with comments
 taction verify board.toml     simulate the board and judge it
 taction explore board.toml    move C, gain and more and watch the board

@@ -219,6 +219,12 @@ def test_an_unknown_command_names_the_nearest() -> None:
     assert "Did you mean 'verify'?" in result.stderr
 
 
+def test_the_first_steps_fit_a_terminal() -> None:
+    lines = taction().stdout.splitlines()
+    assert [line.split()[1] for line in lines] == ["demo", "new", "verify", "explore", "--help"]
+    assert max(map(len, lines)) <= 80
+
+
 def test_help_loads_no_numpy() -> None:
     code = (
         "import sys; from taction.cli.main import main\n"
