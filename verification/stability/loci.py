@@ -26,7 +26,10 @@ import numpy as np
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.port_response import PortResponse
+from taction.verification.stability.port_response import (
+    PortResponse,
+    share_eliminations,
+)
 
 SPACING = 0.5  # of the first frequencies: times the distance to the nearest pole
 TINY = 1e-9  # relative distance of a pole from the axis below which steps get no shorter
@@ -107,6 +110,8 @@ def trace_together(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
         except EngineError as error:
             found[place] = error
     for group in grids.values():
+        if len(group) > 1:
+            share_eliminations(searches[place].ports for place in group)
         trace = _Trace([searches[place] for place in group])
         trace.run(list(group.values()))
         found |= zip(group, trace.results(), strict=True)

@@ -7,6 +7,7 @@ in the matrices as a product of a column and a row.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,8 +16,14 @@ import numpy as np
 from taction.netlist_gen.board.circuit import GROUND, Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.state_space import driven
+from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
+from taction.verification.engines.statespace.linearised.state_space import (
+    StateSpace,
+    driven,
+    driven_together,
+)
 
 WELL_CONDITIONED = 1e-8  # largest defect of the modes that are used for the response
 
@@ -275,6 +282,30 @@ def _driven_by(board: LinearBoard, rows: Floats) -> tuple[Floats, Floats, Floats
         The time derivative of an input would be needed: a capacitor at the output of a source. (Of
         the first two inputs it does not count, as these are steps; so two without effect go first.)
     """
+    return _without_steps(driven(*_inputs(board, rows)))
+
+
+def _inputs(board: LinearBoard, rows: Floats) -> tuple[Descriptor, Equilibrium | None, Floats]:
     steps = np.zeros((len(rows), 2))
-    space = driven(board.descriptor, board.operating_point, np.hstack([steps, rows]))
+    return board.descriptor, board.operating_point, np.hstack([steps, rows])
+
+
+def _without_steps(space: StateSpace) -> tuple[Floats, Floats, Floats]:
     return space.B[:, 2:], space.C, space.D[:, 2:]
+
+
+def share_eliminations(responses: Iterable[PortResponse]) -> None:
+    """Eliminate the unknowns without charge of several boards together.
+
+    A response of a large board, or of one that has none from its modes, stays as it is, and says
+    why where it is asked.
+    """
+    ready = dict[PortResponse, tuple[Descriptor, Equilibrium | None, Floats]]()
+    for each in responses:
+        with suppress(EngineError):
+            known = "_driven" in vars(each) or each.board.descriptor.is_large
+            if not known and each._modes_suffice:
+                ready[each] = _inputs(each.board, each._rows)
+    for each, space in zip(ready, driven_together(list(ready.values())), strict=True):
+        if not isinstance(space, EngineError):
+            vars(each)["_driven"] = _without_steps(space)

@@ -11,6 +11,7 @@ import pytest
 
 from taction.netlist_gen.board.circuit import Circuit, Resistor, Role
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
@@ -20,7 +21,7 @@ from taction.verification.stability import port_response as module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.loci import LociSearch, _Trace, trace_loci
 from taction.verification.stability.poles import count_unstable, poles
-from taction.verification.stability.port_response import PortResponse
+from taction.verification.stability.port_response import PortResponse, share_eliminations
 from tests.support.boards import lag_board, single_mode, window
 from tests.support.paths import SCENES
 
@@ -104,6 +105,22 @@ def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
         board = LinearBoard(circuit.turned("C", share * circuit.value("C")))
         assert poles(board).unstable_count == found.unstable_at(share)
     assert count_unstable(board) == found.unstable_at(share)
+
+
+def test_responses_of_several_boards_have_the_digits_that_each_has_alone() -> None:
+    made = [load_scene(SCENES / f"{name}.toml") for name in ("tuned-breadboard", "custom-matrix")]
+    scenes = [made[0], with_values(made[0], {"design.capacitance": 3e-11}), made[1], made[1]]
+
+    def responses() -> list[PortResponse]:
+        circuits = map(synthesise, scenes)
+        role = Role.SIGNAL_CAPACITOR
+        return [PortResponse(LinearBoard(each), each.capacitors_of(role)) for each in circuits]
+
+    together, omega = responses(), np.geomspace(1e2, 1e8, 7)
+    share_eliminations(together)
+    for one, alone in zip(together, responses(), strict=True):
+        assert "_driven" in vars(one)
+        assert one.at(omega).tobytes() == alone.at(omega).tobytes()
 
 
 def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> None:
