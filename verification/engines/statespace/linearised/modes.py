@@ -165,7 +165,7 @@ class ModeShares:
                 yield part.block.centre(each), each, twice * part.seen[:, at], part.dual[at]
 
 
-class Parts(NamedTuple):
+class Decomposable(NamedTuple):
     """A matrix to decompose, (n, n), 1/s; or the even and the odd part of one with `halves`.
 
     `sizes` are those of `Block`, by default of the elements themselves.
@@ -191,7 +191,7 @@ class Parts(NamedTuple):
         return sizes
 
 
-def decompose_together(wanted: Sequence[Parts]) -> list[Modes]:
+def decompose_together(wanted: Sequence[Decomposable]) -> list[Modes]:
     """Decompose matrices, one dense eigenproblem (about 25 n³ flops) each.
 
     With halves, two eigenproblems of half the size cost a quarter. Matrices of one size are
@@ -204,7 +204,8 @@ def decompose_together(wanted: Sequence[Parts]) -> list[Modes]:
 
     Examples
     --------
-    >>> one, other = decompose_together([Parts([np.diag([-2.0, -1.0])]), Parts([-3.0 * np.eye(1)])])
+    >>> matrices = np.diag([-2.0, -1.0]), -3.0 * np.eye(1)
+    >>> one, other = decompose_together([Decomposable([each]) for each in matrices])
     >>> one.poles.real.tolist(), other.poles.real.tolist()
     ([-1.0, -2.0], [-3.0])
     """
@@ -243,5 +244,5 @@ def decompose(
     sizes: Sequence[Floats] | None = None,
 ) -> Modes:
     """Decompose one matrix, shape (n, n), or its `halves`; see `decompose_together`."""
-    (modes,) = decompose_together([Parts(matrices, halves, sizes)])
+    (modes,) = decompose_together([Decomposable(matrices, halves, sizes)])
     return modes

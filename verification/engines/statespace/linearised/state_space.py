@@ -31,8 +31,8 @@ from taction.verification.engines.statespace.linearised.elimination import (
 )
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.modes import (
+    Decomposable,
     Modes,
-    Parts,
     decompose,
     decompose_together,
     find_pole_errors,
@@ -83,9 +83,9 @@ class StateSpace:
         return decompose(*self._parts)
 
     @property
-    def _parts(self) -> Parts:
+    def _parts(self) -> Decomposable:
         matrices, sizes = ([part.A for part in self.blocks], [part.size for part in self.blocks])
-        return Parts(matrices, self.halves and self.halves[1], sizes)
+        return Decomposable(matrices, self.halves and self.halves[1], sizes)
 
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it

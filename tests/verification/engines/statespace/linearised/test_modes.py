@@ -12,8 +12,8 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Complexes, Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import (
+    Decomposable,
     Modes,
-    Parts,
     decompose,
     decompose_together,
     find_pole_errors,
@@ -189,7 +189,7 @@ def numbers(modes: Modes) -> list[Floats | Complexes]:
 @pytest.mark.parametrize("first", [0, 9, 17])
 def test_a_matrix_has_the_same_digits_beside_others_as_alone(order: int, first: int) -> None:
     matrices = mixed()[first:][::order]
-    together = decompose_together([Parts([A]) for A in matrices])
+    together = decompose_together([Decomposable([A]) for A in matrices])
     find_pole_errors(together)
     reals = {modes.blocks[0].real for modes in together}
     assert len(reals) > 1
@@ -203,11 +203,13 @@ def test_matrices_of_a_stack_have_their_own_poles() -> None:
     matrices = [
         stiff(decades, seed, n) for decades in (3.0, 12.0) for seed in (1, 2) for n in (3, 4)
     ]
-    for A, modes in zip(matrices, decompose_together([Parts([A]) for A in matrices]), strict=True):
+    for A, modes in zip(
+        matrices, decompose_together([Decomposable([A]) for A in matrices]), strict=True
+    ):
         off = np.abs(modes.poles[:, None] - true_poles(A)).min(axis=1)
         assert np.all(off <= 1e-10 * np.abs(modes.poles))
 
 
 def test_a_stack_with_a_matrix_that_is_not_finite_is_refused() -> None:
     with pytest.raises(np.linalg.LinAlgError):
-        decompose_together([Parts([-np.eye(2)]), Parts([np.full((2, 2), np.nan)])])
+        decompose_together([Decomposable([-np.eye(2)]), Decomposable([np.full((2, 2), np.nan)])])
