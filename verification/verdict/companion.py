@@ -318,7 +318,8 @@ def measure_with_bounds(
     companion : Companion or None
         A second solution beside a record of ngspice.
     known : Measurements or None
-        Those of `exact_response`, if it has been measured.
+        Those of `exact_response`, of a record with steps those of `beside_steps`, if they have been
+        measured.
     finest : bool
         Whether excursions of an exact solution have no error but that of rounding.
 
@@ -327,7 +328,7 @@ def measure_with_bounds(
     Measurements, bool
         And whether they are those of the exact solution, which has no end.
     """
-    solution = None if companion else known
+    solution = known
     if solution is None and (companion or own):
         solution = _on_the_solution(design, ideal, finest=finest or companion is not None)
     if companion is not None:
@@ -379,6 +380,11 @@ def exact_response(design: PlannedBoard, ideal: IdealAnswer) -> ExactResponse | 
     )
 
 
+def beside_steps(response: ExactResponse) -> ExactResponse:
+    """Return the response whose readings show the error of the steps of a record."""
+    return replace(response, level=0.0)
+
+
 def _on_the_solution(
     design: PlannedBoard, ideal: IdealAnswer, *, finest: bool
 ) -> Measurements | None:
@@ -387,7 +393,7 @@ def _on_the_solution(
     try:
         if response is None:
             return None
-        return measure_responses([replace(response, level=0.0) if finest else response])[0]
+        return measure_responses([beside_steps(response) if finest else response])[0]
     except EngineError:
         return None
 

@@ -322,11 +322,13 @@ def record_transient(
 def record_and_measure(
     design: PlannedBoard,
     ideal: IdealAnswer,
-    pending: Pending,
+    pending: Pending | None,
     clock: Clock,
     known: Measurements | None = None,
 ) -> Recording:
-    """Wait for a simulation and measure the record; repeat a run that does not suffice.
+    """Wait for a simulation, which begins here unless it runs, and measure the record.
+
+    A run that does not suffice is repeated.
 
     A run that missed the wanted error is repeated with smaller steps, a record that is too short
     for a reading is repeated with a longer stop time. `known` are the measurements of

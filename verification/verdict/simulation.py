@@ -164,7 +164,9 @@ class Engine:
         Name for people; by default that of the entry.
     together : callable or None
         Takes planned boards and returns for each what `begin` returns, simulated in one go; None
-        for a board that needs a call of its own. None where the engine gains nothing from it.
+        for a board that needs a call of its own. None where each simulation is a process of its
+        own; boards with exact solutions are planned, and their witness is read, together all the
+        same.
     """
 
     begin: Callable[[PlannedBoard], Callable[[], Waveforms]]

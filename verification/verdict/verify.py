@@ -50,7 +50,12 @@ from taction.verification.verdict.checked_laws import (
     with_estimates,
 )
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.companion import Agreement, StepError, exact_response
+from taction.verification.verdict.companion import (
+    Agreement,
+    StepError,
+    beside_steps,
+    exact_response,
+)
 from taction.verification.verdict.constraint_stage import ConstraintPlane, constraint_plane
 from taction.verification.verdict.design import (
     UnplannedBoard,
@@ -304,6 +309,7 @@ class Request:
     effort: Effort = FULL
 
 
+BRIEF = 1.0  # s: a longer run of ngspice gains nothing, and is not repeated if it fails
 TOGETHER = 600_000  # squared numbers of parts of the boards that are computed together
 
 
@@ -313,8 +319,8 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
     Yields
     ------
     int, Verdict
-        Place of a request, and its verdict. A request is left out where its engine gains nothing
-        from other ones, and where `verify` raises.
+        Place of a request, and its verdict. A request is left out where it gains nothing from
+        other ones, and where `verify` raises. Simulations in processes run one after the other.
 
     Examples
     --------
@@ -332,7 +338,7 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
             unplanned = synthesised_board(
                 request.scene, clock, problem=request.problem, circuit=request.circuit
             )
-            if ENGINES[choose_engine(unplanned.scene)].together is None:
+            if not _gains(unplanned):
                 continue
             clock.pause()
             made[place] = request, unplanned, clock
@@ -341,6 +347,12 @@ def verify_together(requests: Sequence[Request]) -> Iterator[tuple[int, Verdict]
             yield from _verified_together(_planned(made))
             made, size = {}, 0
     yield from _verified_together(_planned(made))
+
+
+def _gains(unplanned: UnplannedBoard) -> bool:
+    """Whether a board is simulated, or read on its exact solution, together with others."""
+    together = ENGINES[choose_engine(unplanned.scene)].together
+    return together is not None or unplanned.board.circuit.is_linear
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -353,12 +365,12 @@ class _Planned:
 
     def verdict(
         self,
-        pending: Pending,
+        pending: Pending | None,
         ideal: IdealAnswer,
         known: Measurements | None = None,
         margin: Margin | None = None,
     ) -> Verdict:
-        """Return the verdict of a simulation that runs, or of what is known already."""
+        """Return the verdict of a simulation that runs, or begins here, and of what is known."""
         clock, effort = self.clock, self.request.effort
         found = _evidence(self.design, ideal, pending, clock, effort, known, margin)
         return _judged(*found, ideal, clock, effort)
@@ -372,7 +384,9 @@ def _planned(made: Mapping[int, tuple[Request, UnplannedBoard, Clock]]) -> dict[
         with suppress(Exception):
             if unplanned.board.descriptor.is_large:
                 continue
-            planned[place] = _Planned(request, small_signal_board(unplanned, clock), clock)
+            design = small_signal_board(unplanned, clock)
+            if design.plan.seconds < BRIEF or ENGINES[design.engine].together is not None:
+                planned[place] = _Planned(request, design, clock)
             clock.pause()
     return planned
 
@@ -393,18 +407,18 @@ def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, V
     for engine in {one.design.engine for one in others.values()}:
         same = {place: one for place, one in others.items() if one.design.engine == engine}
         simulations = begin_together([one.design for one in same.values()])
+        alone = ENGINES[engine].together is None
         for (place, one), pending in zip(same.items(), simulations, strict=True):
-            if pending is not None:
+            if pending is not None or alone:
                 with suppress(Exception):
                     known = _begin(one.design, one.clock, pending, one.request.ideal)
                     yield place, one.verdict(*known)
-    begun: dict[int, tuple[Pending, IdealAnswer]] = {}
+    begun: dict[int, tuple[Pending | None, IdealAnswer]] = {}
     responses: dict[int, ExactResponse] = {}
     searches: dict[int, MarginSearch] = {}
     for place, one in exact.items():
         with suppress(Exception):
-            pending, ideal = _begin(one.design, one.clock, ideal=one.request.ideal)
-            response = exact_response(one.design, ideal)
+            pending, ideal, response = _response(one)
             if response is None or not response.is_stable:
                 yield place, one.verdict(pending, ideal)
                 continue
@@ -420,6 +434,20 @@ def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, V
         if not isinstance(margin, TactionError):
             with suppress(Exception):
                 yield place, exact[place].verdict(*begun[place], readings, margin)
+
+
+def _response(one: _Planned) -> tuple[Pending | None, IdealAnswer, ExactResponse | None]:
+    """Return what is measured of a board with an exact solution, and its simulation.
+
+    A simulation that takes a process begins when its record is needed, one after the other.
+    """
+    design, ideal = one.design, one.request.ideal
+    if ENGINES[design.engine].together is not None:
+        pending, ideal = _begin(design, one.clock, ideal=ideal)
+        return pending, ideal, exact_response(design, ideal)
+    ideal = ideal or ideal_answer(design.network, design.scene)
+    response = exact_response(design, ideal)
+    return None, ideal, response if response is None else beside_steps(response)
 
 
 def _begin(
@@ -438,7 +466,7 @@ def _begin(
 def _evidence(
     design: PlannedBoard,
     ideal: IdealAnswer,
-    pending: Pending,
+    pending: Pending | None,
     clock: Clock,
     effort: Effort,
     known: Measurements | None = None,

@@ -25,6 +25,7 @@ from taction.verification.studies.running.versions import digest, own_code, own_
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.forecast import (
+    TINY,
     CostForecast,
     RemainingTime,
     announcement,
@@ -35,6 +36,8 @@ from taction.verification.studies.sweep.hybrid import confirmed_points
 from taction.verification.studies.sweep.plan import GridPoint, Plan, Requests, simulator_of
 from taction.verification.studies.sweep.point import PointJob, compute, failure
 from taction.verification.verdict.record import ERROR
+
+LOST = 4.0  # s: estimated time of a call of ngspice points, which a stop loses
 
 
 @dataclass(slots=True)
@@ -145,7 +148,8 @@ class _Sweep:
             return
         self._forecast(missing)
         requests = Requests(self.plan, tuple(missing))
-        self._run(point for point in requests if missing[point.engine][point.place])
+        points = (point for point in requests if missing[point.engine][point.place])
+        self._run(points, self._size(missing))
 
     def confirm(self) -> None:
         """Compute the points of a hybrid sweep that ngspice confirms, the dearest first."""
@@ -158,7 +162,7 @@ class _Sweep:
         costs = self._forecast(missing).seconds["ngspice"]
         requests = Requests(self.plan, ("ngspice",))
         points = [point for point in requests if missing["ngspice"][point.place]]
-        self._run(sorted(points, key=lambda point: -costs[point.place]))
+        self._run(sorted(points, key=lambda point: -costs[point.place]), self._size(missing))
 
     def _forecast(self, missing: dict[str, Bools]) -> CostForecast:
         """Estimate the time for the `missing` points; announce it before the first of them."""
@@ -175,19 +179,21 @@ class _Sweep:
         self.announce(announcement(self.plan, costs, left, self.count.done, self.workers))
         return costs
 
-    def _run(self, points: Iterable[GridPoint]) -> None:
+    def _run(self, points: Iterable[GridPoint], size: int) -> None:
         jobs = (call for point in points for call in self._calls(point))
-        for key, result in collected_together(self.workers, compute, jobs, self._size()):
+        for key, result in collected_together(self.workers, compute, jobs, size):
             if isinstance(result, BaseException):
                 text = f"the worker was killed several times (out of memory?): {result}"
                 result = failure(result, text, "")
             self._store(key, self._points.pop(key), result)
 
-    def _size(self) -> int:
-        """Return how many points one call computes."""
-        if "ngspice" in self.plan.engines and not self.plan.hybrid:
-            return 1
-        return together(self.count.total - self.count.done, self.workers)
+    def _size(self, missing: dict[str, Bools]) -> int:
+        """Return how many points one call computes: a stop loses a few seconds of ngspice."""
+        size = together(self.count.total - self.count.done, self.workers)
+        if self._costs is not None and (places := missing.get("ngspice")) is not None:
+            seconds = float(self._costs.seconds["ngspice"][places].sum())
+            size = min(size, int(LOST * int(places.sum()) / max(seconds, TINY)))
+        return max(size, 1)
 
     def _calls(self, point: GridPoint) -> Iterator[tuple[bytes, PointJob]]:
         """Yield key and job of a point unless the store or a running job has its result."""
