@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.netlist_gen.analysis import Transient
@@ -16,6 +17,7 @@ from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
 from taction.system.errors import TactionError
+from taction.system.own_folders import remove_own_folder
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
@@ -410,14 +412,14 @@ def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, V
         alone = ENGINES[engine].together is None
         for (place, one), pending in zip(same.items(), simulations, strict=True):
             if pending is not None or alone:
-                with suppress(Exception):
+                with _left_out():
                     known = _begin(one.design, one.clock, pending, one.request.ideal)
                     yield place, one.verdict(*known)
     begun: dict[int, tuple[Pending | None, IdealAnswer]] = {}
     responses: dict[int, ExactResponse] = {}
     searches: dict[int, MarginSearch] = {}
     for place, one in exact.items():
-        with suppress(Exception):
+        with _left_out():
             pending, ideal, response = _response(one)
             if response is None or not response.is_stable:
                 yield place, one.verdict(pending, ideal)
@@ -432,8 +434,19 @@ def _verified_together(planned: Mapping[int, _Planned]) -> Iterator[tuple[int, V
     for place, readings in zip(responses, measured, strict=True):
         margin = margins.get(place)
         if not isinstance(margin, TactionError):
-            with suppress(Exception):
+            with _left_out():
                 yield place, exact[place].verdict(*begun[place], readings, margin)
+
+
+@contextmanager
+def _left_out() -> Iterator[None]:
+    """Leave out a board that fails: alone it says why, with a run folder of its own."""
+    try:
+        yield
+    except Exception as error:
+        folder = getattr(error, "folder", None)
+        if isinstance(folder, Path):
+            remove_own_folder(folder)
 
 
 def _response(one: _Planned) -> tuple[Pending | None, IdealAnswer, ExactResponse | None]:
