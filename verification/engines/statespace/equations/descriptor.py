@@ -347,13 +347,13 @@ class Stamper:
             raise EngineError(message)
         self.fixed.add(self.places[node])
 
-    def matrix(self, matrices: Sequence[ResistorMatrix]) -> None:
+    def matrix(self, stack: Sequence[ResistorMatrix]) -> None:
         """Stamp a resistor matrix of each board: arrays off the diagonal, sums on the diagonal."""
-        matrix = matrices[0]
+        matrix = stack[0]
         if matrix.is_mesh:
-            self._mesh(matrices)
+            self._mesh(stack)
             return
-        G, negative = np.divide(1.0, np.stack([m.ohms for m in matrices])), matrix.negative
+        G, negative = np.divide(1.0, np.stack([m.ohms for m in stack])), matrix.negative
         if not matrix.by_column:
             G, negative = G.transpose(0, 2, 1), negative.T
         live = np.flatnonzero(agreed(G.any(axis=2)))  # the node of an empty row may not exist
@@ -369,10 +369,10 @@ class Stamper:
         driven = drivers != GROUND
         self.couplings.append((sinks, drivers[driven], [each[:, driven] for each in G], False))
 
-    def _mesh(self, matrices: Sequence[ResistorMatrix]) -> None:
+    def _mesh(self, stack: Sequence[ResistorMatrix]) -> None:
         """Stamp resistors among the nodes of one kind, whose voltages sources may determine."""
-        upper = np.divide(1.0, np.stack([matrix.ohms for matrix in matrices]))
-        G, sinks = upper + upper.transpose(0, 2, 1), matrices[0].sinks
+        upper = np.divide(1.0, np.stack([matrix.ohms for matrix in stack]))
+        G, sinks = upper + upper.transpose(0, 2, 1), stack[0].sinks
         live = np.flatnonzero(agreed(G.any(axis=2)))
         nodes = self.nodes(sinks[k] for k in live.tolist())
         G = G.take(live, axis=1).take(live, axis=2)
