@@ -19,7 +19,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import TactionError
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import Family
-from taction.verification.stability.poles import Poles, poles
+from taction.verification.stability.poles import Poles, coarse_poles
 from taction.verification.stability.scan import scan
 from taction.verification.studies.sweep.plan import Plan
 
@@ -72,8 +72,9 @@ def solve_boundary(plan: Plan, *, seconds: float = SECONDS) -> Boundary:
     across, down = (group[0] for group in plan.groups)
     lines = _GridLines(plan)
     try:
+        lines.poles_at(0, 0)  # loads modules
         began = clock.process_time()
-        lines.poles_at(0, 0)
+        lines.poles_at(len(across) - 1, len(down) - 1)
         needed = (clock.process_time() - began) * 2 * plan.points
     except TactionError:
         needed = 0.0
@@ -148,7 +149,7 @@ class _GridLines:
     def _poles(self, changes: Point) -> Poles:
         key = tuple(sorted(changes.items()))  # two lines share each point of the grid
         if key not in self.known:
-            self.known[key] = poles(self._board(changes))
+            self.known[key] = coarse_poles(self._board(changes))
         return self.known[key]
 
 

@@ -23,13 +23,14 @@ from taction.verification.verdict.transient_plan import plan_transient
 
 COARSE = 0.06  # of the points form the coarse grid
 FEWEST, MOST = 4, 42  # points of the coarse grid
+ENOUGH = 12  # of them where no steps of ngspice count
 DEAR = 20.0  # times the time of a plan: a longer run of ngspice is planned
 MOST_DEAR = 60  # further points that are planned
 START = 0.008  # s: a run of ngspice without its steps
-STATE_SPACE = {"small": 3.5, "large": 6.0, "nonlinear": 60.0}
-NGSPICE = {"small": 4.0, "large": 2.0, "nonlinear": 45.0}
+STATE_SPACE = {"small": 1.4, "large": 6.0, "nonlinear": 10.0}
+NGSPICE = {"small": 3.5, "large": 2.0, "nonlinear": 13.0}
 """Time of a point without the steps of ngspice, over the time to design its board, by the kind of
-the board (measured for N = 7 to 128)."""
+the board (measured for N = 7 to 128, with 16 points in a call)."""
 TINY = 1e-9  # s, 1/s: in the place of 0 in a logarithm or a quotient
 NO_PLAN = (TactionError, ArithmeticError, ValueError)  # errors of one point
 
@@ -66,7 +67,7 @@ def forecast_costs(plan: Plan) -> CostForecast:
     An engine of another package is taken for as slow as ngspice, until its first points have ended.
     """
     simulated = plan.engines != ("statespace",)
-    nodes = min(max(int(COARSE * plan.points), FEWEST), MOST) if simulated else FEWEST
+    nodes = min(max(int(COARSE * plan.points), FEWEST), MOST if simulated else ENOUGH)
     places, weights, cells = _coarse_grid(plan, nodes)
     _Planner(plan).add(int(places.flat[0]))  # loads modules
     planner = _Planner(plan)
