@@ -51,7 +51,7 @@ RESUME = "from benchmarks.sweeps import store; store(int(sys.argv[1]), sys.argv[
 def measure(extent: Extent) -> Result:
     """Sweep by each engine and by others; then store and resume without any simulation."""
     rows, columns, stored = SIZES[extent]
-    over = (f"C=1pF:1nF:{rows}", f"gain=1M:20M:{columns}")
+    over = (f"C=10pF:10nF:{rows}", f"gain=20k:400k:{columns}")  # those of the README
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         scene = folder / "board.toml"
