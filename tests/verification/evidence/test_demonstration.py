@@ -65,7 +65,7 @@ def test_without_the_packages_of_reports_the_story_is_told_all_the_same(
 ) -> None:
     module = "taction.verification.evidence.demonstration.demonstrate"
     monkeypatch.setattr(module, lambda progress: told)
-    page = "taction.verification.report.renderers.page.PACKAGES"
+    page = "taction.verification.report.output_checks.PACKAGES"
     monkeypatch.setattr(page, ("no_such_package",))
     said: list[str] = []
     assert taction.demo(tmp_path / "story.html", progress=said.append).file is None
