@@ -10,7 +10,7 @@ from functools import cache
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps
 from taction.system.errors import EngineError, InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
+from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.readings.readings import Reading
 from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.families import Family
@@ -83,7 +83,7 @@ def sweep_board(
         family = Family.over(_over(build, swept.name, values))
     family = replace(family, board=cache(family.board))  # a scan and the readings share boards
     boards = [_board(family, value) for value in values]
-    prepare([board for board in boards if isinstance(board, LinearBoard)])
+    solve_together([board for board in boards if isinstance(board, LinearBoard)])
     if family.ports is not None and swept.logarithmic:
         edges = family.edges(min(values), max(values))
     else:

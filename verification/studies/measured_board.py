@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, InputError
 from taction.system.reading_definitions import READINGS
-from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
+from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
@@ -214,7 +214,7 @@ def measure_boards(
     array operations.
     """
     boards = list(boards)
-    prepare([board for board in boards if isinstance(board, LinearBoard)])
+    solve_together([board for board in boards if isinstance(board, LinearBoard)])
     results: list[MeasuredBoard | Exception] = []
     begun, places = list[tuple[MeasuredBoard, _Response]](), list[int]()
     for k, board in enumerate(boards):

@@ -11,7 +11,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
 from taction.system.progress import Clock
-from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
+from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network
@@ -95,7 +95,7 @@ def at_their_levels(designs: Sequence[PlannedBoard]) -> list[PlannedBoard | Tact
     leveled = [
         _leveled(design, loads.get(place, NOT_LIMITED)) for place, design in enumerate(designs)
     ]
-    prepare([each.board for each in leveled if isinstance(each, UnplannedBoard)])
+    solve_together([each.board for each in leveled if isinstance(each, UnplannedBoard)])
     found = list[PlannedBoard | TactionError]()
     for place, (design, each) in enumerate(zip(designs, leveled, strict=True)):
         if isinstance(each, TactionError):

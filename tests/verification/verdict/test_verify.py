@@ -30,12 +30,14 @@ from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict import view
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict import design
+from taction.verification.verdict import verify_together as module_of_batches
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.recording import record_transient
-from taction.verification.verdict.verify import Request, Verdict, verify, verify_together
+from taction.verification.verdict.verify import Verdict, verify
+from taction.verification.verdict.verify_together import Request, verify_together
 from tests.support.making import make_scene
 from tests.support.paths import SCENES
 
@@ -350,3 +352,17 @@ def test_scenes_together_have_the_verdict_of_each_alone() -> None:
         assert [c.value for c in record.checks] == [c.value for c in alone.checks]  # all digits
         assert record.figures == alone.figures
     assert found[2].outcome is Outcome.FAIL
+
+
+def test_a_failure_of_the_equations_of_a_batch_costs_no_verdict(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fails(boards: object) -> None:
+        raise FloatingPointError("one board of the batch")
+
+    monkeypatch.setattr(module_of_batches, "solve_together", fails)
+    scene = shipped("custom-matrix", analysis={"engine": "statespace"})
+    found = dict(verify_together([Request(scene), Request(scene)]))
+    assert {place: each.outcome for place, each in found.items()} == {
+        0: Outcome.PASS, 1: Outcome.PASS,
+    }  # fmt: skip

@@ -16,7 +16,8 @@ from taction.verification.studies.running.collecting import attempted
 from taction.verification.studies.running.versions import Versions
 from taction.verification.studies.store import StoredResult
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.verify import Effort, Request, Verdict, verify, verify_together
+from taction.verification.verdict.verify import Effort, Verdict, verify
+from taction.verification.verdict.verify_together import Request, verify_together
 
 POINT_EFFORT = Effort(details=False)
 

@@ -27,7 +27,8 @@ from taction.verification.studies.running.versions import Versions, own_versions
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
 from taction.verification.verdict.record import Record, signed_errors
 from taction.verification.verdict.simulation import choose_engine
-from taction.verification.verdict.verify import Effort, Request, Verdict, verify, verify_together
+from taction.verification.verdict.verify import Effort, Verdict, verify
+from taction.verification.verdict.verify_together import Request, verify_together
 
 SAMPLE_EFFORT = Effort(details=False, full_margin=False)
 

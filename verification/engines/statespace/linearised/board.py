@@ -207,7 +207,7 @@ def parts_of(board: LinearBoard) -> int:
     return len(circuit.opamps) + len(circuit.resistors) + len(circuit.capacitors)
 
 
-def prepare(boards: Sequence[LinearBoard]) -> None:
+def solve_together(boards: Sequence[LinearBoard]) -> None:
     """Compute equations, state spaces and modes of boards, of one structure together.
 
     Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
@@ -220,7 +220,7 @@ def prepare(boards: Sequence[LinearBoard]) -> None:
     >>> from taction.netlist_gen.board.synthesis import synthesise
     >>> circuit = synthesise(taction.load_scene("scenes/custom-matrix.toml"))
     >>> one, other = LinearBoard(circuit), LinearBoard(circuit)
-    >>> prepare([one, other])
+    >>> solve_together([one, other])
     >>> one.state_space.states is other.state_space.states
     True
     """

@@ -182,28 +182,43 @@ def eliminate(
         sizes = np.maximum(sizes, cancelling if exact else cancelling / SPARE)
     if has_branches:
         decided = decided & (not split.singular) & within.decide(d, a, mass, inner_factor)
-    inner = np.zeros((count, len(f), n + inputs))
-    inner[:, d, np.arange(n)] = 1.0
-    inner[:, a] = -passive
-    outer = inner if basis is None else basis @ inner
+    outer = _recovery(passive, basis, d, a)
     if o.size:
         inner, outer = outer, np.zeros((count, size, n + inputs))
         outer[:, f], outer[:, o] = inner, sources[:, :, : len(f)] @ inner
         outer[:, o, n:] += sources[:, :, len(f) :]
-    rates_of_states = np.ascontiguousarray(rates[:, :, :n])
+    places = f[d] if basis is None else None
+    return _boards(rates, outer, sizes, decided, places)
+
+
+def _recovery(passive: Floats, basis: Floats | None, d: Ints, a: Ints) -> Floats:
+    """Return what the unknowns are, (B, unknowns, n + inputs), for states, and for inputs."""
+    count, n = len(passive), len(d)
+    inner = np.zeros((count, n + len(a), passive.shape[2]))
+    inner[:, d, np.arange(n)] = 1.0
+    inner[:, a] = -passive
+    return inner if basis is None else np.asarray(basis @ inner)
+
+
+def _boards(
+    rates: Floats, outer: Floats, sizes: Floats, decided: Bools, places: Ints | None
+) -> list[ReducedEquations]:
+    """Return the equations of each board: rows of its states' rates, and of its unknowns."""
+    n, columns = rates.shape[1], outer.shape[2]
+    A = np.ascontiguousarray(rates[:, :, :n])
     return [
         ReducedEquations(
-            A=rates_of_states[k],
-            B=rates[k, :, n : n + inputs],
+            A=A[k],
+            B=rates[k, :, n:columns],
             C=outer[k, :, :n],
             D=outer[k, :, n:],
-            charge=rates[k, :, n + inputs : -1],
+            charge=rates[k, :, columns:-1],
             offset=rates[k, :, -1],
-            places=f[d] if basis is None else None,
+            places=places,
             size=sizes[k],
             decided=bool(decided[k]),
         )
-        for k in range(count)
+        for k in range(len(rates))
     ]
 
 

@@ -28,7 +28,7 @@ from taction.verification.engines.statespace.equations import stamps as stamps_m
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised import board as board_module
 from taction.verification.engines.statespace.linearised import state_space as state_space_module
-from taction.verification.engines.statespace.linearised.board import LinearBoard, prepare
+from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.verdict import transient_plan
 from taction.verification.verdict.verify import verify
 from tests.support.boards import bare, kernel, paper_board, single_mode, strain
@@ -290,7 +290,7 @@ def test_a_board_of_a_stack_has_the_digits_that_it_has_alone() -> None:
         made = load_scene(SCENES / f"{scene}.toml")
         for each in (made, with_values(made, changed), with_values(made, changed)):
             stack[f"{scene} {len(stack)}"] = LinearBoard(synthesise(each))
-    prepare(list(stack.values()))
+    solve_together(list(stack.values()))
     for name, board in stack.items():
         alone = LinearBoard(board.circuit)
         for matrix in ("mass", "stiffness"):
@@ -318,7 +318,7 @@ def test_a_board_of_a_stack_has_the_digits_that_it_has_alone() -> None:
 def test_boards_of_one_structure_are_eliminated_together(monkeypatch: pytest.MonkeyPatch) -> None:
     stamped = recorded(monkeypatch, stamps_module, "_stamp")
     eliminated = recorded(monkeypatch, state_space_module, "eliminate")
-    prepare([LinearBoard(circuit) for circuit in boards_of_a_stack().values()])
+    solve_together([LinearBoard(circuit) for circuit in boards_of_a_stack().values()])
     sizes = [len(M) for M, *_ in eliminated]
     assert 3 in sizes  # plain, other values, plain again
     assert sizes[0] == 6  # all boards, which do not agree
@@ -332,7 +332,7 @@ def test_boards_that_differ_in_capacitances_alone_come_to_rest_once(
     changes = [{"design.capacitance": 1e-11 * k} for k in (1, 2, 3)] + [{"design.gain": 2e5}]
     boards = [LinearBoard(synthesise(with_values(scene, each))) for each in changes]
     solved = recorded(monkeypatch, board_module, "solve_equilibrium")
-    prepare(boards)
+    solve_together(boards)
     assert len(solved) == 3  # with strain and without it, and that of the other gain
     for board in boards:
         alone = LinearBoard(board.circuit)
