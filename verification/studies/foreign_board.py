@@ -409,7 +409,7 @@ def _imported(deck: ForeignDeck, name: str, order: int, low: float, high: float)
     The order + - V+ V- out is that of nearly all vendors; the sign of the measured gain tells
     whether the inputs are exchanged.
     """
-    from taction.verification.characterise.characterise import import_opamp
+    from taction.verification.characterise.vendor_model import import_opamp
 
     roles = ORDERS[order]
     half, middle = 0.5 * (high - low), 0.5 * (high + low)

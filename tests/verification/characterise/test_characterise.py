@@ -21,9 +21,9 @@ from taction.verification.characterise.characterise import (
     UNITS,
     bode,
     characterise,
-    import_opamp,
     step_response,
 )
+from taction.verification.characterise.vendor_model import import_opamp
 from taction.verification.characterise.witnesses import Equations, Simulation
 from taction.verification.engines.ngspice.process import find_simulator
 from tests.support.vendor_bench import gain_bandwidth_margin

@@ -20,7 +20,7 @@ from taction.netlist_gen.scene.imported_opamps import from_document, to_document
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import InputError
-from taction.verification.characterise.characterise import import_opamp
+from taction.verification.characterise.vendor_model import import_opamp
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.onset.onset import onset, parse_onset_axis

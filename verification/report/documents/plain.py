@@ -19,10 +19,10 @@ from taction.system.documents import (
     taken,
 )
 from taction.verification.characterise.characterise import (
-    ImportedModel,
     OpAmpFigures,
     supply_of,
 )
+from taction.verification.characterise.vendor_model import ImportedModel
 from taction.verification.report.views.opamp import TITLES, stated_figures
 
 

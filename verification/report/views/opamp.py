@@ -17,7 +17,6 @@ from taction.system.quantities import show
 from taction.verification.characterise.characterise import (
     STEP,
     Bode,
-    ImportedModel,
     Measured,
     OpAmpFigures,
     bode,
@@ -25,6 +24,7 @@ from taction.verification.characterise.characterise import (
     step_response,
     supply_of,
 )
+from taction.verification.characterise.vendor_model import ImportedModel
 from taction.verification.characterise.witnesses import Witness
 from taction.verification.report.blocks import (
     EVERYWHERE,

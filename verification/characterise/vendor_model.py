@@ -1,0 +1,293 @@
+"""Characterise a vendor's netlist: what is measured of it on the test benches, all by ngspice.
+
+The figures of a data sheet, and a linear model that the state-space engine uses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from taction.spice_models.foreign_devices import RefusedError
+from taction.spice_models.foreign_netlist import read_subcircuit
+from taction.spice_models.imported import (
+    COMPENSATION,
+    Figures,
+    ImportedOpAmp,
+    LinearModel,
+    Rational,
+    check_pins,
+)
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import Complaint, InputError, SimulationError
+from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from taction.system.results import Result
+from taction.verification.characterise.bench import VendorBench
+from taction.verification.characterise.characterise import RAMP, UNITS, Bode, slope
+from taction.verification.characterise.rational_fit import fit_rational, fit_together, has_aaa
+from taction.verification.characterise.witnesses import Responses, Simulation
+from taction.verification.engines.ngspice.executable import find_simulator
+
+GOOD = 1e-3  # largest relative error of a linear model that serves as a witness
+REACH = 30.0  # the highest fitted frequency, in unity-gain bandwidths
+LARGEST = 4 * MEGABYTE
+LEAST_OHMS = 1e-3  # of an output: less is taken for this
+# What a pin and its trace add anyway: an input admittance is compared with itself and these.
+PIN_FARADS, PIN_SIEMENS = 1e-12, 1e-9
+JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
+CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
+AT_REST = 0.1  # V: output of a follower at 0 V
+COMMON_MODE = 1e-7  # relative difference of both gains: less is rounding
+DRIVE = 2.0  # V, at most half of the supply: input of an open loop that is driven to its ends
+PERIODS, LONGER, ATTEMPTS = 300.0, 8.0, 4  # of the unity-gain bandwidth, in such a record
+MIDDLE = 0.4  # of the smaller end: between these levels of both signs the slope is measured
+BEYOND = 1.01  # of the supply: an output above it has no limit
+ENDED = 0.01  # of the supply: an output that changes by less in a tenth of the record has ended
+SLEWS = 0.8  # of `DRIVE`: with a larger range of its input stage an op-amp does not slew
+USUAL = {
+    "dc_gain": (1e3, 1e10),
+    "unity_gain_bandwidth": (1e3, 1e10),
+    "phase_margin": (5.0, 100.0),
+    "offset_voltage": (0.0, 0.02),
+    "bias_current": (0.0, 1e-4),
+    "supply_current": (0.0, 0.1),
+}
+"""Figures of op-amps that are sold; others may be right, and are said."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedModel(Result):
+    """The results of `taction.import_model`: the file, and what it holds."""
+
+    VIEW = "taction.verification.report.views.opamp:imported_view"
+    DOCUMENT = "taction.verification.report.documents.plain:ImportDocument.of"
+
+    file: str
+    model: Mapping[str, Any] = field(repr=False)
+
+
+def import_opamp(
+    file: str,
+    subcircuit: str,
+    pins: tuple[str, ...],
+    supply: float,
+    compensation: float = 0.0,
+    middle: float = 0.0,
+) -> ImportedOpAmp:
+    """Read, check and characterise the subcircuit of a netlist.
+
+    Parameters
+    ----------
+    file : str
+        The vendor's netlist.
+    subcircuit : str
+        Its name in the file.
+    pins : tuple of str
+        The role of each port, see `taction.spice_models.imported.ROLES`.
+    supply : float
+        Of each supply voltage, V; `middle` + and - `supply`.
+    compensation : float
+        Capacitor between the two ports with the role ``comp``, F.
+    middle : float
+        Of the supplies, V: where inputs and output are measured.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, a card is not accepted (with its line), the pins do not fit, or
+        what is measured is no op-amp.
+    SimulationError
+        ngspice is missing, or does not simulate the model.
+    """
+    try:
+        checked = read_subcircuit(read_bounded(file, LARGEST), subcircuit, "m")
+    except (UnusableFileError, RefusedError) as error:
+        raise InputError(file, Complaint("netlist", "", str(error))) from None
+    try:
+        check_pins(pins, checked.ports)
+    except ValueError as error:
+        raise InputError(file, Complaint("--pins", ",".join(pins), str(error))) from None
+    if (COMPENSATION in pins) != (compensation > 0.0):
+        text = f"a capacitor and two ports {COMPENSATION!r} belong together"
+        raise InputError(file, Complaint("--compensation", f"{compensation:g} F", text))
+    simulation = Simulation(find_simulator())
+    measured = simulation.responses(VendorBench(checked, pins, supply, compensation, middle=middle))
+    if reason := _no_opamp(measured):
+        raise InputError(file, Complaint("--pins", "", reason))
+    figures, doubts = _figures(measured, simulation)
+    linear, missing = _linear_model(measured, figures)
+    return ImportedOpAmp(
+        checked,
+        pins,
+        supply,
+        figures,
+        linear,
+        missing,
+        compensation,
+        (*doubts, *_doubts(figures)),
+        middle,
+    )
+
+
+def _no_opamp(measured: Responses) -> str:
+    """Return why the responses cannot be those of an op-amp; empty if they can."""
+    f, gain, size = measured.frequencies, measured.gain, np.abs(measured.gain)
+    least, ratio = CURRENT_FEEDBACK
+    one, other = abs(measured.admittance[0]), abs(measured.other_admittance[0])
+    if not (np.isfinite(gain).all() and np.isfinite(measured.impedance).all()):
+        return "the response is not finite: are the pins right?"
+    if one > max(least, ratio * other):
+        return (
+            f"this is a current-feedback amplifier: its inverting input has {1.0 / one:.3g} ohm,"
+            f" the other one {1.0 / max(other, 1e-15):.3g} ohm. A board needs an op-amp"
+        )
+    if gain[0].real < 0.0:
+        return "the gain is negative: exchange the roles inp and inn"
+    below = np.flatnonzero(size < 1.0)
+    if size[0] <= 1.0 or not below.size:
+        return (
+            f"the gain is {size[0]:.4g} at {f[0]:g} Hz and never crosses 1 up to {f[-1]:.2g} Hz:"
+            " are the pins right, or does it need a compensation capacitor?"
+        )
+    if abs(measured.output) > AT_REST:
+        place = f"{measured.bench.middle:g} V"
+        output = measured.bench.middle + measured.output
+        return f"as a follower at {place} its output rests at {output:.3g} V"
+    steps = np.abs(np.diff(np.log(size[: below[0] + 1])))
+    if steps.max() > math.log(JUMP):
+        k = int(np.argmax(steps))
+        return (
+            f"the gain jumps from {size[k]:.3g} to {size[k + 1]:.3g} between {f[k]:.4g} and"
+            f" {f[k + 1]:.4g} Hz"
+        )
+    return ""
+
+
+def _figures(measured: Responses, simulation: Simulation) -> tuple[Figures, list[str]]:
+    """Return the figures of a data sheet, and why one of them is missing."""
+    size, opened = np.abs(measured.gain), Bode(measured.frequencies, measured.gain)
+    unity, margin = opened.crossing()
+    common = abs(measured.other_gain[0] / measured.gain[0] - 1.0)
+    doubts: list[str] = []
+    try:
+        slew_rate, swing = _ends(measured, simulation, unity)
+    except SimulationError as error:
+        slew_rate = swing = None
+        doubts.append(f"slew rate and swing are not known: {str(error).splitlines()[0]}")
+    return Figures(
+        dc_gain=float(size[0]),
+        unity_gain_bandwidth=unity,
+        phase_margin=margin,
+        output_resistance=float(np.abs(measured.impedance[np.flatnonzero(size < 1.0)[0]])),
+        supply_current=max(measured.supply_current, 0.0),
+        offset_voltage=measured.inverting,
+        bias_current=0.5 * (measured.into_inverting + measured.into_other),
+        offset_current=measured.into_other - measured.into_inverting,
+        common_mode_rejection=-20.0 * math.log10(common) if common > COMMON_MODE else None,
+        slew_rate=slew_rate,
+        swing=swing,
+    ), doubts
+
+
+def _ends(
+    measured: Responses, simulation: Simulation, unity: float
+) -> tuple[float | None, float | None]:
+    """Return slew rate, V/s, and swing, V, of an open loop that is driven to both ends.
+
+    None: the netlist has no such limit.
+    """
+    supply = measured.bench.supply
+    volts, period = min(DRIVE, 0.5 * supply), PERIODS / unity
+    most = SLEWS * volts * 2.0 * math.pi * unity
+    for _ in range(ATTEMPTS):
+        time, output = simulation.switched(measured.bench, volts, period)
+        if np.abs(output).max() > BEYOND * supply:  # the netlist does not know its supplies
+            rate = slope(time, output, RAMP[0] * supply, RAMP[1] * supply)
+            return (rate if rate < most else None), None
+        places = np.searchsorted(time, np.array([[0.9, 1.0], [1.9, 2.0], [2.9, 3.0]]) * period) - 1
+        before, ends = output[places].T
+        if np.abs(ends - before).max() < ENDED * supply:
+            break
+        period *= LONGER
+    swing = float(min(ends[0], -ends[1]))
+    if not swing > 0.0:
+        raise SimulationError("the output does not change its sign")
+    level = MIDDLE * swing
+    parts = [(time >= k * period) & (time <= (k + 1.0) * period) for k in (1.0, 2.0)]
+    fall, rise = (
+        slope(time[part], sign * output[part], -level, level)
+        for part, sign in zip(parts, (-1.0, 1.0), strict=True)
+    )
+    return (min(fall, rise) if min(fall, rise) < most else None), swing
+
+
+def _doubts(figures: Figures) -> list[str]:
+    """Return a sentence for every figure that no op-amp has that is sold."""
+    found = []
+    for name, (low, high) in USUAL.items():
+        value, unit = getattr(figures, name), UNITS.get(name, "A")
+        if not low <= abs(value) <= high or (name == "phase_margin" and value < low):
+            title = name.replace("_", " ")
+            between = f"{low:g} to {high:g} {unit}".rstrip()
+            found.append(f"the {title} is {value:.4g} {unit}".rstrip() + f", usual is {between}")
+    return found
+
+
+def _linear_model(measured: Responses, figures: Figures) -> tuple[LinearModel | None, str]:
+    """Return the linear model, or None and the reason."""
+    if not has_aaa():
+        return None, "no linear model: this SciPy has no AAA; 1.15 or newer has it"
+    f = measured.frequencies
+    used = f <= REACH * figures.unity_gain_bandwidth
+    responses = measured.gain[used], measured.impedance[used]
+    try:
+        if np.abs(responses[1]).max() < LEAST_OHMS:
+            gain, gain_error = fit_rational(f[used], responses[0])
+            impedance, impedance_error = (
+                Rational(LEAST_OHMS, gain.poles, (0j,) * len(gain.poles)),
+                0.0,
+            )
+        else:
+            (gain, impedance), (gain_error, impedance_error) = fit_together(f[used], responses)
+    except np.linalg.LinAlgError:
+        return None, "no linear model: its fit failed"
+    loop = np.minimum(np.abs(responses[0]), 1.0)  # above unity gain no loop is left
+    conductance, capacitance, input_error = _input(f[used], measured.admittance[used], loop)
+    errors = {"gain": gain_error, "output impedance": impedance_error, "input": input_error}
+    worst = max(errors, key=errors.__getitem__)
+    if errors[worst] > GOOD:
+        return None, (
+            f"no stable linear model: its {worst} is {100.0 * errors[worst]:.2g} % from the"
+            f" simulated one, more than {100.0 * GOOD:g} %"
+        )
+    if not impedance.constant > 0.0:
+        return None, "no linear model: the output has no resistance at high frequencies"
+    return LinearModel(
+        gain=gain,
+        impedance=impedance,
+        conductance=conductance,
+        capacitance=capacitance,
+        offset=-measured.inverting,
+        rest=measured.output,
+        bias_current=measured.into_inverting,
+        error=errors[worst],
+        band=(float(f[0]), float(f[used][-1])),
+    ), ""
+
+
+def _input(f: Floats, admittance: Complexes, weight: Floats) -> tuple[float, float, float]:
+    """Return conductance, capacitance and the weighted relative error of the two."""
+    s = 2j * np.pi * f
+    size = (np.abs(admittance) + PIN_SIEMENS + np.abs(s) * PIN_FARADS) / weight
+    matrix = np.stack([np.ones_like(s), s], axis=1) / size[:, None]
+    wanted = admittance / size
+    scale = np.abs(matrix).max(axis=0)
+    stacked = np.concatenate([(matrix / scale).real, (matrix / scale).imag])
+    found = np.linalg.lstsq(stacked, np.concatenate([wanted.real, wanted.imag]), rcond=None)[0]
+    conductance, capacitance = np.maximum(found / scale, 0.0).tolist()
+    model = conductance + s * capacitance
+    return conductance, capacitance, float(np.max(np.abs(model - admittance) / size))
