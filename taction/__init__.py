@@ -25,20 +25,10 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.scene import Scene
     from taction.searches import choose, new, scale, tune
-    from taction.studies import (
-        accuracy,
-        corners,
-        montecarlo,
-        onset,
-        refine,
-        regress,
-        reproduce,
-        stress,
-        sweep,
-        verify_sample,
-    )
+    from taction.studies import accuracy, onset, refine, regress, reproduce, stress, sweep
     from taction.system.errors import InputError, Interrupted, NoVerdictError, TactionError
     from taction.system.waveforms import Waveforms
+    from taction.tolerances import corners, montecarlo, verify_sample
     from taction.tools import doctor, import_model, mcp, models, opamp, scene_schema
     from taction.transients import diff, explore, simulate, verify, verify_files, what_to_change
     from taction.verification.verdict.verify import Verdict
@@ -91,7 +81,16 @@ __all__ = [
 ]
 
 # The quickest to load first.
-_MODULES = ("designs", "transients", "decks", "studies", "searches", "tools", "values")
+_MODULES = (
+    "designs",
+    "transients",
+    "decks",
+    "studies",
+    "tolerances",
+    "searches",
+    "tools",
+    "values",
+)
 
 
 def __getattr__(name: str) -> Any:

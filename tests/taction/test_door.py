@@ -18,7 +18,7 @@ from tests.support.running import taction as command
 from tests.support.studying import scene_file
 
 HEAVY = ("numpy", "scipy", "pydantic", "click", "rich", "PySpice")
-JOBS = ("taction.designs", "taction.transients", "taction.studies")
+JOBS = ("taction.designs", "taction.transients", "taction.studies", "taction.tolerances")
 
 
 def loaded_by(script: str) -> set[str]:
