@@ -50,12 +50,18 @@ class Modes:
             parts = [self.halves.join(even * self.halves.share[:, None], 0.5 * odd)]
         return parts[0].T[self.order]
 
-    def checked(self, between: Floats) -> Modes:
-        """Return the modes of one block with bounds between each two of them, (n, n), 1/s."""
+    def corrected(self, shifts: Complexes, between: Floats) -> Modes:
+        """Return the modes of one block with poles moved by `shifts` (n,), 1/s.
+
+        Then `between` (n, n), 1/s, are bounds on what is left between each two of them.
+        """
         (block,) = self.blocks
-        measured = np.empty_like(between)
+        measured, moved = np.empty_like(between), np.empty_like(shifts)
         measured[np.ix_(self.order, self.order)] = between
-        return replace(self, blocks=(replace(block, measured=measured),))
+        moved[self.order] = shifts
+        moved = moved[: len(block.kept)]
+        moved[: block.real].imag = 0.0
+        return _ordered((replace(block, kept=block.kept + moved, measured=measured),), None)
 
     @property
     def defect(self) -> float:
@@ -227,10 +233,14 @@ def decompose_together(wanted: Sequence[Decomposable]) -> list[Modes]:
     modes = list[Modes]()
     for place, each in enumerate(wanted):
         blocks = tuple(found[place, part] for part in range(len(each.matrices)))
-        poles = np.concatenate([block.poles for block in blocks])
-        order = np.lexsort((-poles.imag, -poles.real))
-        modes.append(Modes(blocks, each.halves, poles[order], order))
+        modes.append(_ordered(blocks, each.halves))
     return modes
+
+
+def _ordered(blocks: tuple[Block, ...], halves: Halves | None) -> Modes:
+    poles = np.concatenate([block.poles for block in blocks])
+    order = np.lexsort((-poles.imag, -poles.real))
+    return Modes(blocks, halves, poles[order], order)
 
 
 def find_pole_errors(several: Sequence[Modes]) -> None:

@@ -6,33 +6,53 @@ in the whole equations, with more digits, sees the sum of it all.
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any, NamedTuple
 
-from taction.system.array_types import EPS, Floats
+import numpy as np
+from numpy.typing import NDArray
+
+from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.linearised.modes import Modes
 
 UNITS = 4.0  # times rounding: error of a stamped value
 ASIDE = 1e-4  # of a pole: distance of the point at which its left vector is found
+MIXED = 0.5  # spectral radius of what modes share in M: with a larger one nothing is said of pairs
 WORK = 2e9  # products of the solves; of a larger board the rightmost poles are checked
+
+
+class PoleResiduals(NamedTuple):
+    """What the equations say of poles, rightmost first.
+
+    Attributes
+    ----------
+    bounds : ndarray (k,)
+        On the errors of the poles as they are, 1/s; 0 where modes are joined.
+    corrected : tuple of two ndarrays, or None
+        Where all modes are alone, and all are checked: what corrects each pole, 1/s, (n,), and the
+        bound on what the equations then have beside the poles in the coordinates of the modes, 1/s,
+        (n, n).
+    """
+
+    bounds: Floats
+    corrected: tuple[Complexes, Floats] | None = None
 
 
 def pole_residuals(
     descriptor: Descriptor, slopes: Floats, modes: Modes, seen: Floats, charge: Floats
-) -> tuple[Floats, Floats | None]:
-    """Return bounds on the errors of the poles, (k,), rightmost first; 0 where modes are joined.
+) -> PoleResiduals:
+    """Return bounds on the errors of poles, and what corrects them.
 
     `slopes` (m,) are the amplifiers', ``seen`` (size, n) the unknowns of the states, and `charge`
-    (n, size) the states of the unknowns. The error of a pole s with the vectors w and v is, to
-    first order, ``w (s M - K) v / w M v``. Where all modes are alone, and all are checked, the
-    second is the bound between each two modes i and j, ``w_i (s_j M - K) v_j / w_i M v_i``, (n, n):
-    what the equations have beside ``diag(s)`` in the coordinates of the modes.
+    (n, size) the states of the unknowns. With the poles S, the residuals R of all pairs of modes,
+    ``w_i (s_j M - K) v_j / w_i M v_i``, and ``1 + F``, ``w_i M v_j / w_i M v_i``, the poles of the
+    equations are the eigenvalues of ``S - (1 + F)^-1 R``: to first order those of ``S - R``.
     """
     size, n = seen.shape
     count = min(n, max(1, int(WORK / size**3)))
-    unknown = np.full(count, np.inf)
+    unknown = PoleResiduals(np.full(count, np.inf))
     if not modes.defect < 1.0:
-        return unknown, None
+        return unknown
     M, K = descriptor.summed(lambda values: values.astype(np.longdouble), slopes)
     mass, pull = M.astype(np.float64), K.astype(np.float64)
     poles = modes.poles[:count]
@@ -47,22 +67,34 @@ def pole_residuals(
     try:
         turned = np.linalg.solve((pencils / scale).swapaxes(1, 2), rows[:, :, None])[:, :, 0]
     except np.linalg.LinAlgError:
-        return unknown, None
+        return unknown
     left = turned / scale[:, :, 0]
     v, w, s = (part.astype(np.clongdouble) for part in (right, left, poles))
     charged = M @ v
     missing = s * charged - K @ v
     sizes = np.abs(mass) @ np.abs(right) * np.abs(poles) + np.abs(pull) @ np.abs(right)
-    norm = np.abs((w * charged.T).sum(axis=1))
+    norm = (w * charged.T).sum(axis=1)
 
-    def bounded(residual: Floats, size: Floats) -> Floats:
+    def relative(terms: NDArray[Any]) -> Complexes:
+        """Return what belongs to each mode, (k, ...), over its norm, in double precision."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = (2.0 * residual + UNITS * EPS * size).T / norm
-        bound: Floats = np.nan_to_num(np.asarray(found.T, dtype=np.float64), nan=np.inf)
-        return bound
+            return np.asarray((terms.T / norm).T, dtype=np.complex128)
 
-    own = bounded(np.abs((w * missing.T).sum(axis=1)), (np.abs(left) * sizes.T).sum(axis=1))
-    bounds = np.where(modes.alone[:count], own, 0.0)
+    own = relative((w * missing.T).sum(axis=1))
+    rounding = UNITS * EPS * np.abs(relative((np.abs(left) * sizes.T).sum(axis=1)))
+    bounds = np.where(modes.alone[:count], _known(2.0 * np.abs(own) + rounding), 0.0)
     if count < n or not modes.alone.all():
-        return bounds, None
-    return bounds, bounded(np.abs(w @ missing), np.abs(left) @ sizes)
+        return PoleResiduals(bounds)
+    unsure = UNITS * EPS * np.abs(relative(np.abs(left) @ sizes))
+    mixed = np.abs(relative(w @ charged) - np.eye(n))
+    mixed += UNITS * EPS * np.abs(relative(np.abs(left) @ (np.abs(mass) @ np.abs(right))))
+    if not np.abs(np.linalg.eigvals(_known(mixed))).max(initial=0.0) < MIXED:
+        return PoleResiduals(bounds)
+    residuals = np.abs(relative(w @ missing)) + unsure
+    between = mixed @ np.linalg.solve(np.eye(n) - mixed, residuals)
+    np.fill_diagonal(residuals, np.diag(unsure))
+    return PoleResiduals(bounds, (-own, _known(residuals + between)))
+
+
+def _known(bound: Floats) -> Floats:
+    return np.nan_to_num(bound, nan=np.inf)

@@ -300,12 +300,13 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
         )
     (block,) = found.blocks
     modes = found.modes
-    errors, between = pole_residuals(descriptor, slopes, modes, block.C, block.charge)
-    if between is not None and np.all(np.isfinite(between)):
-        found.__dict__["modes"] = modes.checked(between)
+    residuals = pole_residuals(descriptor, slopes, modes, block.C, block.charge)
+    if residuals.corrected is not None and np.all(np.isfinite(residuals.corrected[1])):
+        found.__dict__["modes"] = modes.corrected(*residuals.corrected)
         if np.any(found.modes.pole_errors > np.abs(modes.poles).max(initial=0.0)):
             raise EngineError(LOST)
         return found
+    errors = residuals.bounds
     stated = found.modes.pole_errors[: len(errors)]
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = np.nanmax(np.where(errors > stated, errors / stated, 1.0), initial=1.0)
