@@ -38,6 +38,9 @@ class Transient:
     charge : float or None
         Charge below which that error counts absolutely, C; None for a charge far below every
         capacitor's.
+    current : float
+        What the rounding of charges makes of currents over the shortest step, A: Newton's iteration
+        does not converge to less.
     first_step : float or None
         s; None for a thousandth of `max_step`.
     initial : str
@@ -54,6 +57,7 @@ class Transient:
     max_step: float
     truncation: float = 1e-4
     charge: float | None = field(default=None, repr=False)
+    current: float = field(default=0.0, repr=False)
     first_step: float | None = field(default=None, repr=False)
     initial: Literal["zero", "rest"] = "zero"
     method: Literal["trapezoidal", "gear"] = "trapezoidal"

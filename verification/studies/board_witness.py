@@ -15,6 +15,7 @@ from taction.system.errors import EngineError, SimulationError, StepTooSmall
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
+from taction.verification.studies.foreign_board import RELATIVE
 from taction.verification.studies.measured_board import WANTED, MeasuredBoard
 from taction.verification.verdict.companion import (
     Agreement,
@@ -78,17 +79,19 @@ def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
     """
     stable, cut = found.poles.known_stable, ""
     model = StepModel.of(found.board, stop, found.initial, stable=stable)
+    model = model.above_rounding(RELATIVE)
     forecast = model.cheapest(WANTED)
     if forecast.steps > MOST_STEPS:
         stop = model.reached(forecast, MOST_STEPS)
         cut = f"ngspice's transient was compared up to {stop:.4g} s only"
         model = StepModel.of(found.board, stop, found.initial, stable=stable)
-        forecast = model.cheapest(WANTED)
+        forecast = model.above_rounding(RELATIVE).cheapest(WANTED)
     plan = Transient(
         stop=stop,
         max_step=forecast.max_step,
         truncation=forecast.truncation,
         charge=forecast.charge,
+        current=RELATIVE * model.current,
         first_step=forecast.first_step,
         initial=found.initial,
     )

@@ -102,7 +102,7 @@ class ForeignBoard:
         ]
         nodes = tuple(out.node for out in self.circuit.outputs)
         models = [model.text(name) for name, model in self.opamps.items()]
-        amps = 1e-3 * RELATIVE * 1e-3 if not self.opamps else 1e-12
+        amps = max(1e-12, transient.current)
         charge = transient.charge or 1e-18
         closing = [
             f".options {solver} reltol={RELATIVE!r} abstol={amps!r} vntol={1e-3 * RELATIVE!r}",

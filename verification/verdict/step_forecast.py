@@ -3,7 +3,7 @@
 ngspice (``CKTterr``) chooses every step h of the trapezoidal rule such that the local error of each
 capacitor's charge q stays below a tolerance,
 
-    h² |q'''| / 72 <= truncation · max(|q'|, max(|q|, charge) / h),
+    h² |q'''| / 72 <= truncation · max(|q'| + current, max(|q|, charge) / h),
 
 and never above a maximum step. The modes of a board give q at any time, so they give the step at
 any time and the number of steps. They also give the error of the outputs: a step multiplies each
@@ -19,14 +19,14 @@ Functions of modes over time, none of which overflows: steps, integrals, exponen
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
 from taction.spice_models.subcircuits import STAGE_CAPACITANCE
-from taction.system.array_types import Complexes, Floats
+from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.engines.statespace.linearised.board import (
     Initial,
     LinearBoard,
@@ -80,6 +80,7 @@ def real_magnitude(growth: Complexes, shares: Complexes) -> Floats:
 CKTTERR = 72.0  # 12 of the trapezoidal rule's local error times 3! of the divided difference
 INSTANTS = 240  # number of instants of the forecast, in geometric progression
 EARLIEST = 0.01  # of the fastest time constant: the first instant after 0
+ROUNDINGS = 200.0  # times rounding: a charge's error over the first steps, a hundredth of it
 UNSEEN = 1e-9  # of the step amplitude: smaller modes are ignored at the outputs
 FEWEST_STEPS = (50.0, 100.0, 200.0, 500.0, 1500.0)
 """Candidates for the least number of steps of a record. With the trapezoidal rule an unresolved
@@ -147,6 +148,8 @@ class StepModel:
         Charge below which the truncation error is absolute, C.
     amplitude : float
         Step amplitude, V.
+    current : float
+        Current up to which the truncation error is absolute, A.
     """
 
     time: Floats
@@ -157,6 +160,7 @@ class StepModel:
     rest: Floats
     charge: float
     amplitude: float
+    current: float = 0.0
 
     @classmethod
     def of(
@@ -204,6 +208,17 @@ class StepModel:
             amplitude=amplitude,
         )
 
+    def above_rounding(self, relative: float) -> StepModel:
+        """Return the model with an absolute error of currents above the rounding of the charges.
+
+        Newton's iteration ends at a `relative` change of a current, or at this error, which is
+        `relative` times `current`. A large charge at rest, such as that of a coupling capacitor,
+        rounds its current by more than a small current may change.
+        """
+        shortest = float(self.time[1]) if len(self.time) > 1 else math.inf
+        charge = float(np.abs(self.rest).max(initial=0.0))
+        return replace(self, current=ROUNDINGS * EPS * charge / shortest / relative)
+
     @cached_property
     def exponents(self) -> Complexes:
         """``p t`` of the modes that show, shape (T, n)."""
@@ -226,7 +241,7 @@ class StepModel:
         third = np.maximum(third, TINY)
         size = np.maximum(np.abs(real_part(growth, self.charges) + self.rest), self.charge)
         by_charge = np.cbrt(CKTTERR * (size / third).min(axis=1, initial=self.charge / TINY))
-        current = real_magnitude(growth, self.all_poles[:, None] * self.charges)
+        current = real_magnitude(growth, self.all_poles[:, None] * self.charges) + self.current
         by_current = np.sqrt(CKTTERR * (current / third).min(axis=1, initial=math.inf))
         return by_charge, by_current
 
