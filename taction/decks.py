@@ -117,7 +117,7 @@ def check(
     from taction.verification.studies.swept_values import SweptValue
 
     progress("deck")
-    board = read_board(deck, _listed(outputs), linearise=linearise)
+    board = read_board(deck, _listed(outputs), linearise=linearise, wait=ngspice)
     notes = board.notes
     asked.refuse_unknown(board.flat.nodes)
     swept = [
@@ -141,6 +141,7 @@ def check(
         asked,
         initial=board.initial,
         witness=board.witness if ngspice else None,
+        waiting=board.run,
         over=swept,
         deck=board,
         tolerances=spread,

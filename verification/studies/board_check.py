@@ -16,6 +16,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps, Volts
 from taction.system.results import Result
+from taction.verification.engines.ngspice.process import Run
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import Measurements
 from taction.verification.stability.poles import Poles
@@ -188,6 +189,7 @@ def check_board(
     *,
     initial: Start = "rest",
     witness: Witness | None = None,
+    waiting: Run | None = None,
     over: Iterable[SweptValue] = (),
     deck: Parametric | None = None,
     tolerances: DeckTolerances | None = None,
@@ -207,6 +209,8 @@ def check_board(
         Whether the step begins at rest, or with no charge.
     witness : callable, optional
         Returns ngspice's deck of a transient for a solver; without it there is one witness.
+    waiting : Run, optional
+        ngspice, which waits for this deck.
     over : iterable of SweptValue
         Values to sweep, one after the other.
     deck : Parametric, optional
@@ -237,7 +241,7 @@ def check_board(
     progress("ngspice")
     agreement, why = None, "without ngspice"
     if witness is not None:
-        agreement, why = witnessed(found, witness, asked.limits.engines_agree.tolerance)
+        agreement, why = witnessed(found, witness, asked.limits.engines_agree.tolerance, waiting)
     checks = list(found.checks(asked, noise, margin, agreement))
     if agreement is None and "engines_agree" in asked.names:
         checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))

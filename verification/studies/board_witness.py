@@ -14,7 +14,7 @@ from taction.netlist_gen.scene.checks import AGREE
 from taction.system.errors import EngineError, SimulationError, StepTooSmall
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import simulate
+from taction.verification.engines.ngspice.process import Run, simulate
 from taction.verification.studies.foreign_board import RELATIVE
 from taction.verification.studies.measured_board import WANTED, MeasuredBoard
 from taction.verification.verdict.companion import (
@@ -32,7 +32,7 @@ Witness = Callable[[Transient, str], Deck]
 
 
 def witnessed(
-    found: MeasuredBoard, witness: Witness, limit: float | None
+    found: MeasuredBoard, witness: Witness, limit: float | None, waiting: Run | None = None
 ) -> tuple[Agreement | None, str]:
     """Compare ngspice's own transient with the exact one.
 
@@ -42,6 +42,8 @@ def witnessed(
         Returns ngspice's deck of a transient for a matrix solver.
     limit : float or None
         Accepted difference, in step amplitudes; None for `AGREE`.
+    waiting : Run, optional
+        ngspice, which waits for this deck.
 
     Returns
     -------
@@ -60,7 +62,7 @@ def witnessed(
     try:
         plan, error, cut = planned(found, stop)
         bound = PHYSICAL_BOUND * max(1.0, amplitude)
-        record = _after(_simulated(witness, plan, bound), plan.begin)
+        record = _after(_simulated(witness, plan, bound, waiting), plan.begin)
         companion = state_space_companion(found.board, plan, record, WANTED)
     except (EngineError, SimulationError) as problem:
         return None, f"ngspice's transient was not compared: {str(problem).splitlines()[0]}"
@@ -101,11 +103,13 @@ def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
     return plan, forecast.error, cut
 
 
-def _simulated(witness: Witness, plan: Transient, bound: float) -> Waveforms:
+def _simulated(witness: Witness, plan: Transient, bound: float, waiting: Run | None) -> Waveforms:
     """Run ngspice, again with its other matrix solver where the first one does not converge."""
     simulator = find_simulator()
     try:
         deck = witness(plan, simulator.solver_option)
+        if waiting is not None:
+            return waiting.go_on(deck, timeout=TIMEOUT, bound=bound)
         return simulate(deck, simulator, timeout=TIMEOUT, bound=bound)
     except StepTooSmall:
         return simulate(witness(plan, SPARSE), simulator, timeout=TIMEOUT, bound=bound)

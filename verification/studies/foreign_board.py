@@ -48,7 +48,8 @@ from taction.spice_models.imported import ROLES, ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import Complaint, DidNotLoad, InputError
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.listing import expand
+from taction.verification.engines.ngspice.listing import expand, expand_and_wait
+from taction.verification.engines.ngspice.process import Run
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
 RELATIVE = 1e-6  # reltol of the witness
@@ -80,6 +81,8 @@ class ForeignBoard:
         What was done with the deck: the step, op-amps that were replaced, what was left out.
     opamps : mapping of str to ImportedOpAmp
         The macromodels that linear models replace.
+    run : Run or None
+        ngspice, which waits for the deck of its transient.
     """
 
     deck: ForeignDeck
@@ -91,6 +94,7 @@ class ForeignBoard:
     lines: tuple[str, ...] = ()  # as ngspice expands them: the cards, with stubs for op-amps
     linearise: bool = False
     supplied: Mapping[Supplied, str] = field(default_factory=dict)  # names of the models
+    run: Run | None = None
 
     def witness(self, transient: Transient, solver: str) -> Deck:
         """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
@@ -189,7 +193,11 @@ class ForeignBoard:
 
 
 def read_board(
-    file: str | Path, outputs: Sequence[str] = (), *, linearise: bool = False
+    file: str | Path,
+    outputs: Sequence[str] = (),
+    *,
+    linearise: bool = False,
+    wait: bool = False,
 ) -> ForeignBoard:
     """Read a deck as a board.
 
@@ -199,6 +207,8 @@ def read_board(
         Nodes of interest; by default those that the deck shows, else the usual names of outputs.
     linearise : bool
         Take diodes and transistors for linear at ngspice's operating point.
+    wait : bool
+        Whether ngspice, which expands the deck, waits for the deck of its transient.
 
     Raises
     ------
@@ -209,8 +219,12 @@ def read_board(
     """
     deck = read_deck(file)
     vendors = vendors_of(deck, linearise)
+    stubbed, run = tuple(with_stubs(deck, vendors)), None
     try:
-        (cards,) = expand(tuple(with_stubs(deck, vendors)), find_simulator())
+        if wait:
+            cards, run = expand_and_wait(stubbed, find_simulator())
+        else:
+            (cards,) = expand(stubbed, find_simulator())
     except DidNotLoad as error:
         refused = unbraced_expression(deck) if "unknown parameter" in str(error) else None
         said = Complaint("deck", "", str(error).splitlines()[0])
@@ -246,6 +260,7 @@ def read_board(
         tuple(cards),
         linearise,
         supplied,
+        run,
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from taction.netlist_gen.analysis import Analysis, OperatingPoint
 from taction.system.errors import DidNotLoad
@@ -16,8 +17,16 @@ from taction.system.foreign_files import UnusableFileError, read_bounded
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end, longest
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import Run, command_line, make_folder
+from taction.verification.engines.ngspice.process import (
+    STREAMS,
+    Run,
+    command_line,
+    make_folder,
+)
 
+LISTED = "listed.txt"
+LIST = f"listing expand >> {LISTED}"
+LAST = ".end\n"  # of a listing
 SECONDS = 20.0  # of an expansion, which takes some milliseconds
 _CARD = re.compile(r"^ *\d+ : (\S.*)$")
 _HEAD = re.compile(r"^\t\S", re.M)  # of a listing: the title
@@ -60,25 +69,53 @@ def expand(
     for changed in values:
         commands += [f"alterparam {name}={value!r}" for name, value in changed.items()]
         commands += ["reset"] if changed else []
-        commands.append("listing expand")
-    text = "\n".join(["* deck", *lines, ".control", *commands, ".endc", ".end", ""])
-    deck = _Listing(text)
-    place = make_folder(deck, command_line(simulator), None)
-    with Run(deck, simulator, place, timeout=SECONDS, keep=False, bound=PHYSICAL_BOUND) as run:
+        commands.append(LIST)
+    with _listing(lines, commands, simulator) as run:
         found = run.accept(_listings)
     if len(found) != len(values):
         raise DidNotLoad(f"ngspice listed {len(found)} of {len(values)} decks")
     return found
 
 
+def expand_and_wait(
+    lines: Iterable[str], simulator: Simulator
+) -> tuple[tuple[str, ...], Run | None]:
+    """Return the flat cards of a deck, and the run of ngspice, which waits for another deck.
+
+    The start of ngspice takes longer than a short transient; see `Run.go_on`. Where ngspice has
+    something to say, its run does not wait. Errors are those of `expand`.
+    """
+    text = tuple(lines)
+    run = _listing(text, (LIST, "source /dev/stdin"), simulator, waits=True)
+    said = run.folder / STREAMS[1]
+    if run.reaches(lambda: _read(run.folder).endswith(LAST)) and not said.stat().st_size:
+        return _cards(_read(run.folder)), run
+    run.cancel()
+    (cards,) = expand(text, simulator)
+    return cards, None
+
+
+def _listing(
+    lines: Iterable[str], commands: Iterable[str], simulator: Simulator, *, waits: bool = False
+) -> Run:
+    """Start ngspice with a deck and commands."""
+    deck = _Listing("\n".join(["* deck", *lines, ".control", *commands, ".endc", ".end", ""]))
+    place, bound = make_folder(deck, command_line(simulator), None), PHYSICAL_BOUND
+    return Run(deck, simulator, place, timeout=SECONDS, keep=False, bound=bound, waits=waits)
+
+
+def _read(folder: Path) -> str:
+    """Return what is listed up to now."""
+    try:
+        return read_bounded(folder / LISTED, longest(LISTED)).decode("latin-1")
+    except UnusableFileError:
+        return ""
+
+
 def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...]:
     """Return the cards of every listing; the exit status says only that nothing was simulated."""
     check_end(ending)
-    try:
-        out = read_bounded(ending.folder / "stdout.txt", longest("stdout.txt")).decode("latin-1")
-    except UnusableFileError as error:
-        raise DidNotLoad(f"the listing cannot be read: {error}") from None
-    found = [_cards(part) for part in _HEAD.split(out)[1:]]
+    found = [_cards(part) for part in _HEAD.split(_read(ending.folder))[1:]]
     text = re.split(r"incomplete or empty netlist", ending.errors)[0]
     wrong = [": ".join(each) for each in _REFUSED.findall(text)] or _WRONG.findall(
         re.sub(r"Error: $", "", text.strip())

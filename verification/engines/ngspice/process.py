@@ -19,7 +19,7 @@ import subprocess
 import threading
 import time
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -74,8 +74,11 @@ def _quoted(executable: str, variables: tuple[tuple[str, str], ...]) -> str:
     return f"{shlex.join(['env', '-i', *words])} {homes} {shlex.join([executable, *_ARGUMENTS])}\n"
 
 
-def launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
-    """Start ngspice in `folder`, with its streams in files there."""
+def launch(simulator: Simulator, folder: Path, *, waits: bool = False) -> subprocess.Popen[bytes]:
+    """Start ngspice in `folder`, with its streams in files there.
+
+    With `waits` its standard input is a pipe.
+    """
     with (
         open(f"{folder}/{STREAMS[0]}", "wb", buffering=0) as out,  # noqa: PTH123 - quicker
         open(f"{folder}/{STREAMS[1]}", "wb", buffering=0) as err,  # noqa: PTH123
@@ -84,7 +87,7 @@ def launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
             [*guard_of_process(), simulator.executable, *_ARGUMENTS],
             cwd=folder,
             env=environment(folder),
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE if waits else subprocess.DEVNULL,
             stdout=out,
             stderr=err,
             start_new_session=True,  # a new process group, which a timeout ends as a whole
@@ -115,13 +118,17 @@ def make_folder(deck: ScreenedDeck, command: str, folder: Path | None) -> Path:
     except OSError as error:
         raise OutOfDisk(f"the run folder cannot be made: {error}") from error
     try:
-        for name, text in texts.items():
-            with open(f"{place}/{name}", "xb") as file:  # noqa: PTH123 - half of Path.open's time
-                file.write(text.encode())
+        _write(place, texts, "xb")
     except OSError as error:
         remove_own_folder(place)
         raise OutOfDisk(f"the run folder cannot be written: {error}") from error
     return place
+
+
+def _write(place: Path, texts: Mapping[str, str], mode: str) -> None:
+    for name, text in texts.items():
+        with open(f"{place}/{name}", mode) as file:  # noqa: PTH123 - half of Path.open's time
+            file.write(text.encode())
 
 
 def _empty(folder: Path) -> Path:
@@ -140,6 +147,7 @@ LONGEST_LOG = MEGABYTE
 """Bytes of an error stream that are read; of a longer stream only the beginning and the end."""
 
 LOOK_INTERVAL = 0.5  # s between two looks at the length of the files
+BETWEEN_LOOKS = 1e-3  # s between two looks for a stage
 
 
 class _Process:
@@ -148,10 +156,10 @@ class _Process:
     A thread that blocks in waitid(2) wakes with the process; ``Popen.wait(timeout)`` would poll.
     """
 
-    def __init__(self, simulator: Simulator, folder: Path) -> None:
+    def __init__(self, simulator: Simulator, folder: Path, waits: bool) -> None:
         self.folder = folder
         self.started = self.ended = time.perf_counter()
-        self._popen = launch(simulator, folder)
+        self._popen = launch(simulator, folder, waits=waits)
         self._over = threading.Event()
         _thread.start_new_thread(self._watch, ())  # `Thread` would wait until it runs
 
@@ -164,11 +172,20 @@ class _Process:
         """Wait no longer than `seconds`; return whether the process has ended."""
         return self._over.wait(max(seconds, 0.0))
 
+    def read(self, text: str) -> None:
+        """Let a process that waits read a text; its time begins now."""
+        self.started = time.perf_counter()
+        pipe = self._popen.stdin
+        with contextlib.suppress(BrokenPipeError), pipe:  # type: ignore[union-attr]  # it waits
+            pipe.write(text.encode())  # type: ignore[union-attr]
+
     def kill(self) -> None:
         """End the process group, and wait for its end."""
         if not self._over.is_set():
             self._kill_group()
             self._over.wait()
+        if self._popen.stdin is not None:
+            self._popen.stdin.close()
 
     def _kill_group(self) -> None:
         with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
@@ -176,10 +193,8 @@ class _Process:
 
     def flooded_file(self) -> str:
         """Return the name of a file of the run folder that is too long, or nothing."""
-        for name in (*STREAMS, "out.raw"):
-            with contextlib.suppress(OSError):  # no such file
-                if os.stat(f"{self.folder}/{name}").st_size > longest(name):  # noqa: PTH116
-                    return name
+        with contextlib.suppress(OSError), os.scandir(self.folder) as files:
+            return next((f.name for f in files if f.stat().st_size > longest(f.name)), "")
         return ""
 
     def discard(self, keep: bool) -> None:
@@ -219,12 +234,12 @@ class Run:
         timeout: float,
         keep: bool,
         bound: float,
+        waits: bool = False,
     ) -> None:
         self.folder = folder
-        self._deck = deck
-        self._engine, self._solver = simulator.engine, simulator.solver_of(deck.text)
+        self._deck, self._simulator = deck, simulator
         self._timeout, self._keep, self._bound = timeout, keep, bound
-        self._process = _Process(simulator, folder)
+        self._process = _Process(simulator, folder, waits)
         self._discard = weakref.finalize(self, self._process.discard, keep)
 
     def __enter__(self) -> Run:
@@ -232,6 +247,28 @@ class Run:
 
     def __exit__(self, *error: object) -> None:
         self.cancel()
+
+    def reaches(self, stage: Callable[[], bool]) -> bool:
+        """Wait for a stage of the run; return whether it is reached before the end."""
+        end = self._process.started + self._timeout
+        while not (there := stage()) and time.perf_counter() < end:
+            if self._process.wait(BETWEEN_LOOKS):
+                return stage()
+        return there
+
+    def go_on(self, deck: ScreenedDeck, *, timeout: float, bound: float) -> Waveforms:
+        """Let a process that waits for a deck run it, and return its waveforms; see `simulate`.
+
+        The run folder is that of this deck from now on.
+        """
+        screen(deck)
+        self._deck, self._timeout, self._bound = deck, timeout, bound
+        try:
+            _write(self.folder, {"deck.cir": deck.text}, "wb")
+        except OSError as error:
+            raise OutOfDisk(f"the run folder cannot be written: {error}") from error
+        self._process.read(deck.text)
+        return self.result()
 
     def result(self) -> Waveforms:
         """Wait for the end and return the waveforms; call it once.
@@ -241,8 +278,9 @@ class Run:
         SimulationError
             One of its kinds; the run folder is kept and named in the message.
         """
+        engine, solver = self._simulator.engine, self._simulator.solver_of(self._deck.text)
         accepted = functools.partial(
-            accepted_waveforms, engine=self._engine, solver=self._solver, bound=self._bound
+            accepted_waveforms, engine=engine, solver=solver, bound=self._bound
         )
         return self.accept(accepted)
 

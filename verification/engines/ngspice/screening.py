@@ -52,7 +52,9 @@ _OPTIONS = """
 CARDS = frozenset(_CARDS.split())
 OPTIONS = frozenset(_OPTIONS.split())
 FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-RUN_FILES = frozenset(("deck.cir", "out.raw", "spinit", "command.txt", "stdout.txt", "stderr.txt"))
+RUN_FILES = frozenset(
+    ("deck.cir", "out.raw", "spinit", "command.txt", "stdout.txt", "stderr.txt", "listed.txt")
+)
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?[a-z]*")
 _CONTROL = "".join(map(chr, (*range(9), *range(11, 32), 127)))
 _CONTINUATION = re.compile(r"\n[ \t]*\+")
