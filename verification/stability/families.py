@@ -7,8 +7,9 @@ every edge from one board (`loci`). Otherwise poles at samples of the number fin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch, trace_loci, trace_together
 from taction.verification.stability.poles import Poles, count_unstable, poles
@@ -54,19 +56,27 @@ class Family:
     @classmethod
     def of(cls, board: LinearBoard, knob: Knob) -> Family:
         """Return the boards that differ from `board` in one of its knobs."""
-        circuit, parts = board.circuit, board.circuit.parts_of(knob)
-        reactive = bool(parts) and isinstance(parts[0], Capacitor)
-        point = board.operating_point if reactive else None  # no capacitor moves the equilibrium
+        (family,) = cls.of_each(board, [knob])
+        return family
 
-        def moved(value: float) -> LinearBoard:
-            return LinearBoard(circuit.turned(knob.name, value), point=point)
-
-        ports: PortResponse | None = None
-        if reactive or (parts and not circuit.has_nonlinear_amplifiers):
-            ports = PortResponse(board, parts)
-        elif not parts and circuit.is_linear and not circuit.scales_arrays(knob):
-            ports = LawResponse.of(board, knob.name)
-        return cls(moved, circuit.value(knob.name), ports, knob.power)
+    @classmethod
+    def of_each(cls, board: LinearBoard, knobs: Iterable[Knob]) -> list[Family]:
+        """Return the boards that differ from `board` in a knob, for each of some knobs."""
+        circuit, found, laws = board.circuit, list[Family](), dict[str, int]()
+        for knob in knobs:
+            parts = circuit.parts_of(knob)
+            reactive = bool(parts) and isinstance(parts[0], Capacitor)
+            point = board.operating_point if reactive else None  # it moves no equilibrium
+            ports: PortResponse | None = None
+            if reactive or (parts and not circuit.has_nonlinear_amplifiers):
+                ports = PortResponse(board, parts)
+            elif not parts and circuit.is_linear and not circuit.scales_arrays(knob):
+                laws[knob.name] = len(found)
+            moved = partial(_moved, circuit, knob.name, point)
+            found.append(cls(moved, circuit.value(knob.name), ports, knob.power))
+        for place, law in zip(laws.values(), LawResponse.of(board, list(laws)), strict=True):
+            found[place] = replace(found[place], ports=law)
+        return found
 
     @classmethod
     def over(
@@ -226,6 +236,10 @@ class Family:
         places = [*(edge.value for edge in found.edges), *found.near]
         sides = (1.0 - BESIDE, 1.0, 1.0 + BESIDE)
         return [v for each in places for side in sides if low < (v := each * side) < high]
+
+
+def _moved(circuit: Circuit, name: str, point: Equilibrium | None, value: float) -> LinearBoard:
+    return LinearBoard(circuit.turned(name, value), point=point)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ in the matrices as a product of a column and a row.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +17,7 @@ from taction.netlist_gen.board.circuit import GROUND, Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.stamps import stamp_together
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.state_space import (
@@ -156,17 +157,30 @@ class PortResponse:
 class LawResponse(PortResponse):
     """The same for one part that stands in the matrices as ``value u v^T``: a gain, or a coil.
 
-    `knob` is its name; `parts` is empty.
+    `knob` is its name, and `doubled` are the equations with twice its value; `parts` is empty.
     """
 
     knob: str = ""
+    doubled: Descriptor | None = None
 
     @classmethod
-    def of(cls, board: LinearBoard, knob: str) -> LawResponse | None:
-        """Return the response of a knob; None if its change of the matrices has not the rank 1."""
-        response = cls(board, (), knob)
-        u = response._change[1]
-        return response if len(u) else None
+    def of(cls, board: LinearBoard, knobs: Sequence[str]) -> list[LawResponse | None]:
+        """Return the response of each knob; None if its change of the matrices has not the rank 1.
+
+        Raises
+        ------
+        EngineError
+            A board has no equations.
+        """
+        circuit = board.circuit
+        moved = [circuit.turned(knob, 2.0 * circuit.value(knob)) for knob in knobs]
+        found = list[LawResponse | None]()
+        for knob, there in zip(knobs, stamp_together(moved), strict=True):
+            if isinstance(there, EngineError):
+                raise there
+            response = cls(board, (), knob, there)
+            found.append(response if len(response._change[1]) else None)
+        return found
 
     @property
     def count(self) -> int:
@@ -185,9 +199,8 @@ class LawResponse(PortResponse):
 
     @cached_property
     def _change(self) -> tuple[bool, Floats, Floats]:
-        circuit, own = self.board.circuit, self.board.descriptor.dense
-        moved = LinearBoard(circuit.turned(self.knob, 2.0 * circuit.value(self.knob)))
-        there = moved.descriptor.dense
+        assert self.doubled is not None  # noqa: S101 - see `of`
+        own, there = self.board.descriptor.dense, self.doubled.dense
         in_mass = not np.array_equal(there.mass, own.mass)
         change = there.mass - own.mass if in_mass else own.stiffness - there.stiffness
         i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)

@@ -121,7 +121,8 @@ def influences(
     `MOST_MARGINS` parts that move the rightmost pole most.
     """
     c = board.circuit
-    families = {knob.name: Family.of(board, knob) for knob in c.knobs if knob.role}
+    knobs = [knob for knob in c.knobs if knob.role]
+    families = dict(zip([k.name for k in knobs], Family.of_each(board, knobs), strict=True))
     share_modes(each.ports for each in families.values() if each.ports is not None)
     rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))

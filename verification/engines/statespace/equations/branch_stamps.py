@@ -9,9 +9,7 @@ source determines. A coil has its current as state.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
-from itertools import chain
 
 import numpy as np
 
@@ -23,12 +21,15 @@ from taction.netlist_gen.board.branches import (
     CurrentBetween,
     CurrentByCurrent,
     CurrentByVoltage,
+    Source,
     VoltageBetween,
     VoltageByCurrent,
     VoltageByVoltage,
 )
 from taction.netlist_gen.board.circuit import Branch
+from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.descriptor import GROUND, Stamper
 
 VOLTAGES = (VoltageBetween, VoltageByVoltage, VoltageByCurrent)
@@ -40,7 +41,7 @@ def current_of(card: str) -> str:
 
 
 def stamp_branches(stamper: Stamper) -> None:
-    """Stamp every branch of the circuit; call it after all other parts.
+    """Stamp every branch of the circuits; call it after all other parts.
 
     Raises
     ------
@@ -51,11 +52,15 @@ def stamp_branches(stamper: Stamper) -> None:
 
 
 class _Branches:
-    """Stamps of all branches; `rows` is the row that takes the current into each place."""
+    """Stamps of all branches; `rows` is the row that takes the current into each place.
+
+    `values` has those of a card in each circuit, (B,).
+    """
 
     def __init__(self, stamper: Stamper, parts: tuple[Branch, ...]) -> None:
         self.stamper, self.parts = stamper, parts
-        self.cards = {part.card: part for part in parts}
+        self.cards = {part.card: k for k, part in enumerate(parts)}
+        self.values = stamper.values(lambda c: [part.value for part in c.branches])
         self.sensed = dict.fromkeys(part.control for part in parts if isinstance(part, ByCurrent))
         for part in parts:
             if isinstance(part, ByCurrent) and part.control not in self.cards:
@@ -142,27 +147,39 @@ class _Branches:
         self._state(child, child, -1.0)
         self._state(child, other, 1.0)
         if isinstance(part, VoltageBetween):
-            row = np.array([child])
-            stamper.constant_laws.append((row, np.array([sign * part.before])))
-            stamper.switched.append((row, np.array([sign * part.step])))
+            row, (before, step) = np.array([child]), self._steps(part)
+            stamper.constant_laws.append((row, sign * before))
+            stamper.switched.append((row, sign * step))
         elif isinstance(part, VoltageByVoltage):
             for place, gain in self._controls(part):
                 self._state(child, place, sign * gain)
         elif isinstance(part, VoltageByCurrent):
-            self._state(child, self._current(part.control), sign * part.value)
+            self._state(child, self._current(part.control), sign * self._value(part.card))
 
-    def _controls(self, part: ByVoltage) -> Iterator[tuple[int, float]]:
-        for node, gain in zip(part.control, (part.value, -part.value), strict=True):
+    def _value(self, card: str) -> Floats:
+        return self.values[:, self.cards[card]]
+
+    def _steps(self, part: Branch) -> tuple[Floats, Floats]:
+        """Return what a source has before t = 0, and what is switched on then, (B, 1) each."""
+        k = self.cards[part.card]
+        sources = [c.branches[k] for c in self.stamper.circuits]
+        found = [(each.before, each.step) for each in sources if isinstance(each, Source)]
+        before, step = np.array(found).T[:, :, None]
+        return before, step
+
+    def _controls(self, part: ByVoltage) -> Iterator[tuple[int, Floats]]:
+        value = self._value(part.card)
+        for node, gain in zip(part.control, (value, -value), strict=True):
             yield self._place(node), gain
 
-    def _state(self, row: int, column: int, value: float) -> None:
+    def _state(self, row: int, column: int, value: float | Floats) -> None:
         self.stamper.laws.add_one(row, column, value)
 
-    def _add(self, row: int, column: int, value: float) -> None:
+    def _add(self, row: int, column: int, value: float | Floats) -> None:
         """Add a current into the node `row`, or to the balance of a current `row`."""
         self.stamper.currents.add_one(row, column, value)
 
-    def _through(self, part: Branch, column: int, value: float) -> None:
+    def _through(self, part: Branch, column: int, value: float | Floats) -> None:
         """Add a current from `part.a` through the part to `part.b`."""
         a, b = self._ends(part)
         self._add(a, column, -value)
@@ -170,61 +187,65 @@ class _Branches:
 
     def _coil(self, part: Branch) -> None:
         current, (a, b) = self._current(part.card), self._ends(part)
-        self.stamper.mass.add_one(current, current, part.value)
+        self.stamper.mass.add_one(current, current, self._value(part.card))
         self._state(current, a, 1.0)
         self._state(current, b, -1.0)
         self._through(part, current, 1.0)
 
     def _coupling(self, part: Branch) -> None:
-        henries = part.value * math.sqrt(self.cards[part.a].value * self.cards[part.b].value)
+        henries = self._value(part.card) * np.sqrt(self._value(part.a) * self._value(part.b))
         one, other = (self._current(card) for card in (part.a, part.b))
         self.stamper.mass.add_one(one, other, henries)
         self.stamper.mass.add_one(other, one, henries)
 
     def _source(self, part: CurrentBetween) -> None:
         rows = [*self.rows, GROUND]  # which take the currents into places; ground stays ground
-        a, b = self._ends(part)
+        (a, b), (before, step) = self._ends(part), self._steps(part)
         for place, sign in ((a, -1.0), (b, 1.0)):
             row, taken = np.array([place]), np.array([rows[place]])
-            self.stamper.constant_currents.append((row, np.array([sign * part.before])))
-            self.stamper.switched.append((taken, np.array([sign * part.step])))
+            self.stamper.constant_currents.append((row, sign * before))
+            self.stamper.switched.append((taken, sign * step))
 
     def _by_voltage(self, part: CurrentByVoltage) -> None:
         for place, gain in self._controls(part):
             self._through(part, place, gain)
 
     def _by_current(self, part: CurrentByCurrent) -> None:
-        self._through(part, self._current(part.control), part.value)
+        self._through(part, self._current(part.control), self._value(part.card))
 
     def _move(self) -> None:
         stamper = self.stamper
         stamper.moved = {k: row for k, row in enumerate(self.rows) if row != k}
-        for entries in (stamper.currents, stamper.mass):
-            lists = ([part.ravel().tolist() for part in each] for each in entries.parts)
-            arrays = (zip(*each, strict=True) for each in lists)
-            entries.single = self._joined([*chain(*arrays), *entries.single])
-            entries.parts = []
         rows = np.array([*self.rows, GROUND], dtype=np.int64)
+        for entries in (stamper.currents, stamper.mass):
+            row, column, values = entries.joined(len(stamper.circuits))
+            row = rows[row]
+            live = np.flatnonzero((row != GROUND) & (column != GROUND))
+            entries.replace(*_kept(row[live], column[live], values.take(live, axis=1)))
         stamper.constant_currents[:] = [
             (rows[i], values) for i, values in stamper.constant_currents
         ]
 
-    def _joined(self, entries: list[tuple[int, int, float]]) -> list[tuple[int, int, float]]:
-        """Return entries in the rows that take them, without those that cancel.
 
-        A part between two nodes that have one row adds exactly nothing to it. The others stay as
-        they are, so that their exact sums are known (`pole_count`).
-        """
-        rows, counts = [*self.rows, GROUND], dict[tuple[int, int, float], int]()
-        for row, column, value in entries:
-            if (taken := rows[row]) != GROUND != column:
-                entry = taken, column, value
-                counts[entry] = counts.get(entry, 0) + 1
-        return [
-            entry
-            for entry, count in counts.items()
-            for _ in range(count - counts.get((*entry[:2], -entry[2]), 0))
-        ]
+def _kept(rows: Ints, columns: Ints, values: Floats) -> tuple[Ints, Ints, Floats]:
+    """Return entries (n,), with values (B, n), without those that cancel.
+
+    A part between two nodes that have one row adds exactly nothing to it. The others stay as they
+    are, so that their exact sums are known (`pole_count`).
+    """
+    places: dict[tuple[int, int], list[int]] = {}
+    for k, place in enumerate(zip(rows.tolist(), columns.tolist(), strict=True)):
+        places.setdefault(place, []).append(k)
+    kept = np.ones(values.shape, dtype=np.bool_)
+    for same in places.values():
+        if len(same) > 1:
+            each = values[:, same]
+            if (each > 0.0).any() and (each < 0.0).any():
+                equal = each[:, :, None] == each[:, None, :]
+                opposite = (each[:, :, None] == -each[:, None, :]).sum(axis=2)
+                kept[:, same] = np.tril(equal, -1).sum(axis=2) >= opposite
+    left = np.flatnonzero(agreed(kept))
+    return rows[left], columns[left], values.take(left, axis=1)
 
 
 _OTHERS: dict[type[Branch], Callable[..., None]] = {

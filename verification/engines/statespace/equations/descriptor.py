@@ -285,10 +285,10 @@ class Entries:
 
     def __init__(self) -> None:
         self.parts: list[tuple[Ints, Ints, Floats]] = []
-        self.single: list[tuple[int, int, float]] = []
+        self.single: list[tuple[int, int, float | Floats]] = []
 
-    def add_one(self, row: int, column: int, value: float) -> None:
-        """Stamp one entry."""
+    def add_one(self, row: int, column: int, value: float | Floats) -> None:
+        """Stamp one entry, of all boards or (B,) of each."""
         self.single.append((row, column, value))
 
     def add(self, rows: Ints, columns: Ints, values: Floats) -> None:
@@ -301,15 +301,22 @@ class Entries:
             self.add(p, p, values)
             self.add(p, q, -values)
 
+    def joined(self, boards: int) -> tuple[Ints, Ints, Floats]:
+        """Return all rows and columns, (n,) each, and values, (B, n)."""
+        values = np.empty((boards, len(self.single)))
+        for k, (_, _, value) in enumerate(self.single):
+            values[:, k] = value
+        ones = [np.array([each[k] for each in self.single], dtype=np.int64) for k in (0, 1)]
+        rows, columns, stack = zip(*self.parts, (*ones, values), strict=True)
+        return np.concatenate(rows), np.concatenate(columns), in_a_row(stack)
+
+    def replace(self, rows: Ints, columns: Ints, values: Floats) -> None:
+        """Put entries in the place of all others."""
+        self.parts, self.single = [(rows, columns, values)], []
+
     def triplets(self, rows: Bools, boards: int) -> list[Triplets]:
         """Return each board's entries of the chosen `rows` (size + 1, the last for ground)."""
-        nothing = np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros((boards, 0))
-        single = list(zip(*self.single, strict=True)) or [(), (), ()]
-        types = (np.int64, np.int64, np.float64)
-        ones = tuple(np.array(part, dtype=kind) for part, kind in zip(single, types, strict=True))
-        parts = zip(nothing, *self.parts, ones, strict=True)
-        all_rows, all_columns, stack = parts
-        i, j, values = np.concatenate(all_rows), np.concatenate(all_columns), in_a_row(stack)
+        i, j, values = self.joined(boards)
         live = np.flatnonzero(rows[i] & (j != GROUND) & agreed(values != 0.0))
         places = i[live], j[live]
         return [Triplets(*places, each) for each in values.take(live, axis=1)]

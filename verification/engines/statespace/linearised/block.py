@@ -274,6 +274,8 @@ class Block:
 
 KNOWN = ("left_sizes", "moving", "rest", "rounding", "error", "couplings", "missing", "pole_errors")
 """Cached parts of a block that a stack computes for all its matrices."""
+SHARING = ("left_sizes", "couplings", "missing")
+"""Those that the errors of shares need."""
 
 
 def _part(value: Any, places: int | Ints) -> Any:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
 from taction.verification.engines.statespace.linearised.block import (
+    SHARING,
     Block,
     BlockShares,
     compute_together,
@@ -246,6 +247,11 @@ def _ordered(blocks: tuple[Block, ...], halves: Halves | None) -> Modes:
 def find_pole_errors(several: Sequence[Modes]) -> None:
     """Compute the errors of the poles of several matrices, those of one size as a stack."""
     compute_together([block for modes in several for block in modes.blocks], ["pole_errors"])
+
+
+def find_share_errors(several: Sequence[Modes]) -> None:
+    """Compute what the errors of their shares need, of matrices of one size as a stack."""
+    compute_together([block for modes in several for block in modes.blocks], SHARING)
 
 
 def decompose(
