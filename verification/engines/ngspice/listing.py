@@ -87,9 +87,10 @@ def expand_and_wait(
     """
     text = tuple(lines)
     run = _listing(text, (LIST, "source /dev/stdin"), simulator, waits=True)
-    said = run.folder / STREAMS[1]
-    if run.reaches(lambda: _read(run.folder).endswith(LAST)) and not said.stat().st_size:
-        return _cards(_read(run.folder)), run
+    listed = run.reaches(lambda: _read(run.folder).endswith(LAST))
+    cards, said = _cards(_read(run.folder)), (run.folder / STREAMS[1]).stat().st_size
+    if listed and cards and not said:
+        return cards, run
     run.cancel()
     (cards,) = expand(text, simulator)
     return cards, None

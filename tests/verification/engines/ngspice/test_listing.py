@@ -99,16 +99,19 @@ def test_a_simulator_that_ends_before_it_gets_its_deck_is_told_of(
         run.go_on(transient(), timeout=30.0, bound=1e6)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [((*LINES, "r2 out 0 {nothing}"), "nothing"), ((".subckt s a", *LINES, ".ends"), "no card")],
+)
 def test_a_deck_of_which_ngspice_complains_is_refused_as_without_waiting(
-    simulator: Simulator,
+    wrong: tuple[str, ...], says: str, simulator: Simulator
 ) -> None:
-    wrong = (*LINES, "r2 out 0 {nothing}")
     with pytest.raises(DidNotLoad) as alone:
         expand(wrong, simulator)
     with pytest.raises(DidNotLoad) as waiting:
         expand_and_wait(wrong, simulator)
     assert str(waiting.value).splitlines()[0] == str(alone.value).splitlines()[0]
-    assert "nothing" in str(waiting.value)
+    assert says in str(waiting.value)
 
 
 def test_a_run_whose_listing_has_a_warning_does_not_wait(

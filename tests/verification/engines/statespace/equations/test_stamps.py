@@ -14,7 +14,7 @@ from taction.verification.engines.statespace.equations.stamps import stamp, stam
 
 CARDS = [
     "v1 in 0 dc 1", "i1 0 a dc 1m", "r1 in a 1k", "r2 a out 2k", "r3 a out 3k", "c1 a 0 1n",
-    "c2 b out 2n", "l1 out c 1u", "l2 c 0 4u", "k1 l1 l2 0.9", "e1 b 0 a out 5", "g1 a 0 out b 1.3m",
+    "c2 b out 2n", "l1 out c 1u", "l2 c 0 4u", "k1 l1 l2 0.9", "e1 b 0 a out 5", "g1 a 0 out b 3m",
     "v2 d 0 0", "r4 out d 1k", "f1 a 0 v2 0.1", "h1 e 0 v2 100", "r5 e a 10k", "v3 f b 0",
     "r6 f b 50", "r7 f a 70", "r8 b a 70",
 ]  # fmt: skip
