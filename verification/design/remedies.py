@@ -169,7 +169,7 @@ def find_remedies(
 
     Notes
     -----
-    Costs up to about 240 designs (seven channels: 5 ms each), of which some ten need a verdict by
+    Costs up to about 240 designs (seven channels: 3 ms each), of which some ten need a verdict by
     the state-space engine (20 ms each).
     """
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)

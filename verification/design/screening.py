@@ -9,15 +9,23 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Complexes, Floats
+from taction.system.errors import EngineError
 from taction.system.reading_definitions import READINGS, RISE_LEVELS
-from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
+from taction.verification.engines.statespace.linearised.board import (
+    Initial,
+    LinearBoard,
+    initial_unknowns,
+    linearise_boards,
+)
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.stability.poles import Poles, summarise
@@ -46,40 +54,6 @@ class Outline:
     poles: Complexes
     share: Complexes  # (n, N)
     final: Floats  # (N,)
-
-    @classmethod
-    def of(cls, board: LinearBoard, scene: Scene) -> Outline | None:
-        """Return the outline of a board; None where its modes do not show it."""
-        if not is_exact(board):
-            return None
-        space, outputs = board.state_space, board.circuit.outputs
-        signs = np.array([out.sign for out in outputs])
-        C = signs[:, None] * space.rows([out.node for out in outputs])[0]
-        rest = board.equilibrium
-        x = space.state_of(initial_unknowns(board, scene.analysis.initial))
-        x = x - space.state_of(rest.values)
-        halves = None if space.halves is None else space.halves[1]
-        rows, parts = (
-            ((C,), (x,))
-            if halves is None
-            else (
-                halves.split_rows(C),
-                halves.split_vectors(x),
-            )
-        )
-        poles, shares = [], []
-        for block, row, part in zip(space.blocks, rows, parts, strict=True):
-            values, vectors = np.linalg.eig(block.A)
-            try:
-                weights = np.linalg.solve(vectors, part.astype(np.complex128))
-            except np.linalg.LinAlgError:
-                return None
-            poles.append(values)
-            shares.append(weights[:, None] * (row @ vectors).T)
-        final = signs * [rest[out.node] for out in outputs]
-        found = cls(np.concatenate(poles), np.concatenate(shares), final)
-        largest, step = np.abs(found.share).max(initial=0.0), np.abs(C @ x).max(initial=0.0)
-        return found if largest <= DEFECTIVE * step else None
 
     @property
     def resolution(self) -> float:
@@ -113,6 +87,113 @@ class Outline:
         size, angle = np.exp(np.outer(times, poles.real)), np.outer(times, poles.imag)
         turning = (size * np.cos(angle)) @ share.real - (size * np.sin(angle)) @ share.imag
         return np.asarray(self.final[channels] + np.exp(np.outer(times, rates)) @ still + turning)
+
+
+def outlines(boards: Sequence[LinearBoard], initial: Initial) -> list[Outline | None]:
+    """Return the outlines of boards, those of one structure found together.
+
+    None for a board whose modes do not show the response, or that has none. Every outline has the
+    digits that it has alone.
+
+    Examples
+    --------
+    >>> import taction
+    >>> from taction.netlist_gen.board.synthesis import synthesise
+    >>> board = LinearBoard(synthesise(taction.load_scene("scenes/custom-matrix.toml")))
+    >>> one, other = outlines([board, board], "zero")
+    >>> one.final.tolist() == other.final.tolist() == one.at([1.0])[0].tolist()
+    True
+    """
+    if len(boards) > 1:
+        linearise_boards(boards)
+    starts = [_BoardAtStart.of(board, initial) for board in boards]
+    blocks = [block for start in starts if start is not None for block in start.blocks]
+    modes = iter(_decomposed(blocks))
+    return [
+        None if start is None else start.outline([next(modes) for _ in start.blocks])
+        for start in starts
+    ]
+
+
+def _decomposed(blocks: Sequence[_PartAtStart]) -> list[tuple[Complexes, Complexes | None]]:
+    """Return eigenvalues and vectors of each block, of one that rests its eigenvalues alone."""
+    found: dict[int, tuple[Complexes, Complexes | None]] = {}
+    stacks: dict[tuple[int, bool], list[int]] = {}
+    for k, block in enumerate(blocks):
+        stacks.setdefault((len(block.A), block.rests), []).append(k)
+    for (_, rests), places in stacks.items():
+        A = np.stack([blocks[k].A for k in places])
+        if rests:
+            poles = np.linalg.eigvals(A).astype(np.complex128)
+            found |= {k: (values, None) for k, values in zip(places, poles, strict=True)}
+        else:
+            modes = (each.astype(np.complex128) for each in np.linalg.eig(A))
+            found |= zip(places, zip(*modes, strict=True), strict=True)
+    return [found[k] for k in range(len(blocks))]
+
+
+class _PartAtStart(NamedTuple):
+    """A part of a state space: its matrix, the rows of the outputs, and the state at the start."""
+
+    A: Floats
+    C: Floats
+    x: Floats  # less that at rest
+    rests: bool  # x is so small that its modes are faint
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _BoardAtStart:
+    """A board's deviation from its rest at the start, in the parts of its state space."""
+
+    blocks: Sequence[_PartAtStart]
+    final: Floats  # (N,), V
+    step: float  # largest deviation of an output, V
+
+    @classmethod
+    def of(cls, board: LinearBoard, initial: Initial) -> _BoardAtStart | None:
+        """Return the start of a board; None if its modes do not show the response."""
+        with suppress(EngineError):
+            if is_exact(board):
+                return cls._of(board, initial)
+        return None
+
+    @classmethod
+    def _of(cls, board: LinearBoard, initial: Initial) -> _BoardAtStart | None:
+        space, outputs, rest = board.state_space, board.circuit.outputs, board.equilibrium
+        signs = np.array([out.sign for out in outputs])
+        C = signs[:, None] * space.rows([out.node for out in outputs])[0]
+        x = space.state_of(initial_unknowns(board, initial)) - space.state_of(rest.values)
+        rows: Sequence[Floats] = (C,)
+        parts: Sequence[Floats] = (x,)
+        if space.halves is not None:
+            rows, parts = space.halves[1].split_rows(C), space.halves[1].split_vectors(x)
+        small = FAINT / DEFECTIVE * float(np.abs(x).max(initial=0.0))
+        blocks = [
+            _PartAtStart(block.A, row, part, bool(np.abs(part).max(initial=0.0) <= small))
+            for block, row, part in zip(space.blocks, rows, parts, strict=True)
+        ]
+        if not all(np.isfinite(block.A).all() for block in blocks):
+            return None
+        final = signs * [rest[out.node] for out in outputs]
+        return cls(blocks, final, float(np.abs(C @ x).max(initial=0.0)))
+
+    def outline(self, modes: Sequence[tuple[Complexes, Complexes | None]]) -> Outline | None:
+        """Return the outline, given eigenvalues and vectors of each block."""
+        shares = []
+        for (poles, vectors), block in zip(modes, self.blocks, strict=True):
+            if vectors is None:
+                shares.append(np.zeros((len(poles), len(self.final)), dtype=np.complex128))
+                continue
+            try:
+                weights = np.linalg.solve(vectors, block.x.astype(np.complex128))
+            except np.linalg.LinAlgError:
+                return None
+            shares.append(weights[:, None] * (block.C @ vectors).T)
+        found = Outline(
+            np.concatenate([poles for poles, _ in modes]), np.concatenate(shares), self.final
+        )
+        largest = np.abs(found.share).max(initial=0.0)
+        return found if largest <= DEFECTIVE * self.step else None
 
 
 def can_estimate(scene: Scene, failed: Iterable[str]) -> bool:

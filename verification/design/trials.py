@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -23,7 +24,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import EngineError, InputError, NoVerdictError
-from taction.verification.design.screening import Outline, estimated_checks
+from taction.verification.design.screening import Outline, estimated_checks, outlines
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
 from taction.verification.stability.poles import Poles, poles
@@ -32,6 +33,9 @@ from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Effort, verify
 
 BARE = Effort(details=False, full_margin=False)
+
+_Key = tuple[tuple[str, Value], ...]
+_Outlined = tuple[Scene, LinearBoard, Outline | None]
 
 
 class OutOfTimeError(Exception):
@@ -153,7 +157,8 @@ class Trials:
         self.accepted = accepted or accepted_parts(scene, self.problem)
         self.limit, self.screened = seconds, screened
         self.deadline = self.end = time.monotonic() + seconds
-        self._known: dict[tuple[tuple[str, Value], ...], Trial] = {}
+        self._known: dict[_Key, Trial] = {}
+        self._outlined: dict[_Key, _Outlined] = {}  # before their trials
         self._longest = 0.0  # s, of the trials so far
 
     @property
@@ -211,6 +216,29 @@ class Trials:
         fact = topology_of(scene).facts(scene).get("R")
         return None if fact is None else fact.value
 
+    def expect(self, several: Iterable[Mapping[str, Value]]) -> None:
+        """Outline the designs of changes together, for trials that a search asks for next.
+
+        Raises
+        ------
+        OutOfTimeError
+            The time is over.
+        """
+        known = self._known.keys() | self._outlined.keys()
+        new = {key: each for each in several if (key := _key(each)) not in known}
+        if not self.screened or not new:
+            return
+        self.check_time()
+        designs = dict[_Key, tuple[Scene, LinearBoard]]()
+        for key, changes in new.items():
+            with suppress(InputError, NoVerdictError):  # the trial itself says why
+                designs[key] = self._design(changes)
+        found = outlines([board for _, board in designs.values()], self.scene.analysis.initial)
+        self._outlined |= {
+            key: (*design, outline)
+            for (key, design), outline in zip(designs.items(), found, strict=True)
+        }
+
     def at(self, changes: Mapping[str, Value]) -> Trial:
         """Return the trial of a change.
 
@@ -219,10 +247,11 @@ class Trials:
         OutOfTimeError
             The time is over.
         """
-        key = tuple(sorted(changes.items()))
+        key = _key(changes)
         if key not in self._known:
             start = time.monotonic()
-            self._known[key] = self._try(dict(changes), estimate=self.screened)
+            self.expect([changes])
+            self._known[key] = self._try(dict(changes), self._outlined.pop(key, None))
             self._longest = max(self._longest, time.monotonic() - start)
         return self._known[key]
 
@@ -233,22 +262,24 @@ class Trials:
         """
         if not trial.estimated:
             return trial
-        key, self.deadline, self._longest = tuple(sorted(trial.values.items())), math.inf, 0.0
+        key, self.deadline, self._longest = _key(trial.values), math.inf, 0.0
         self.end = math.inf
         refused = self.accepted.refused(broken_at_rest(self.board_at(trial.values)))
         self._known[key] = (
-            replace(trial, refused=refused, estimated=False)
-            if refused
-            else self._try(trial.values, estimate=False)
+            replace(trial, refused=refused, estimated=False) if refused else self._try(trial.values)
         )
         return self._known[key]
 
-    def _try(self, changes: dict[str, Any], *, estimate: bool) -> Trial:
+    def _design(self, changes: Mapping[str, Value]) -> tuple[Scene, LinearBoard]:
+        """Return scene and board of a change; the op-amps are at the small-signal level."""
+        scene = self.scene_at(changes)
+        return at_small_signal(scene), LinearBoard(synthesise(scene, self.problem))
+
+    def _try(self, changes: dict[str, Any], outlined: _Outlined | None = None) -> Trial:
+        """Return the trial of a change, whose design may be outlined."""
         try:
             self.check_time()
-            scene = self.scene_at(changes)
-            board, scene = LinearBoard(synthesise(scene, self.problem)), at_small_signal(scene)
-            outline = Outline.of(board, scene) if estimate else None
+            scene, board, outline = outlined or (*self._design(changes), None)
             found = poles(board) if outline is None else outline.unstable()
             if found is not None and found.known_unstable:  # known without a transient
                 return Trial(changes, _unstable(found, scene))
@@ -263,6 +294,10 @@ class Trials:
             record = Record.without_verdict(failure, reason, "statespace")
             return Trial(changes, record, reason)
         return Trial(changes, Record.of(verdict, channels=False), refused)
+
+
+def _key(changes: Mapping[str, Value]) -> _Key:
+    return tuple(sorted(changes.items()))
 
 
 def accepted_parts(scene: Scene, problem: InverseProblem) -> AcceptedParts:

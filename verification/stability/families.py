@@ -22,7 +22,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch, trace_loci, trace_together
-from taction.verification.stability.poles import Poles, count_unstable, poles
+from taction.verification.stability.poles import Poles, coarse_poles, count_unstable, poles
 from taction.verification.stability.port_response import LawResponse, PortResponse
 from taction.verification.stability.scan import TOLERANCE, scan
 
@@ -137,12 +137,14 @@ class Family:
     ) -> Scan:
         """Find every edge among `values`, with the poles at samples; see `scan`.
 
-        With samples beside the edges of the loci no edge is too narrow to be found.
+        With samples beside the edges of the loci no edge is too narrow to be found. The poles of a
+        scan that is not `fine` are coarse where that leaves no side open.
         """
         located = self._located(min(values), max(values)) if logarithmic else []
         everything = [*values, *located]
         how = {"logarithmic": logarithmic, "fine": fine}
-        return scan(self.poles, everything, tolerance=tolerance, start=start, **how)
+        read = self.poles if fine else lambda value: coarse_poles(self.board(value))
+        return scan(read, everything, tolerance=tolerance, start=start, **how)
 
     def count(self, value: float, edges: Edges) -> int:
         """Count the unstable poles at a value by a winding number, without poles."""

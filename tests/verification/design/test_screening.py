@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.circuit import OpAmpCell, Output, VoltageSource
+from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.checks import ExcursionCheck
 from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.design.remedies import find_remedies
-from taction.verification.design.screening import Outline, can_estimate
-from taction.verification.design.trials import Trials
+from taction.verification.design.screening import can_estimate, outlines
+from taction.verification.design.trials import OutOfTimeError, Trials
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
@@ -31,7 +32,7 @@ def test_the_outline_is_the_step_response_in_closed_form() -> None:
         voltages=(VoltageSource("V", "in", 1.0),),
         outputs=(Output("out", 1.0),),
     )
-    outline = Outline.of(LinearBoard(follower), PAPER)
+    (outline,) = outlines([LinearBoard(follower)], "zero")
     times = np.linspace(0.0, 20.0 / omega, 50)
     damped = np.sqrt(1.0 - zeta**2)
     angle = damped * omega * times
@@ -103,13 +104,42 @@ def test_estimates_change_no_proposal(monkeypatch: pytest.MonkeyPatch) -> None:
         Trials,
         "_verdict_at",
         lambda self, changes: self._known.setdefault(
-            tuple(sorted(changes.items())), self._try(dict(changes), estimate=False)
+            tuple(sorted(changes.items())), self._try(dict(changes))
         ),
         raising=False,
     )
     slow = find_remedies(verdict, 1000.0)
     assert quick.changes == slow.changes
     assert quick.without == slow.without
+
+
+def test_designs_that_are_expected_have_the_trials_that_they_have_alone() -> None:
+    several = [
+        {"design.capacitance": C, "design.gain": gain}
+        for C in (5e-12, 2.2e-11, 1e-9)
+        for gain in (1e6, 2e7)
+    ]
+    together = Trials(PAPER, screened=True)
+    together.expect([*several, {"design.capacitance": -1.0}])
+    assert together.tried == ()
+    for changes in several:
+        assert together.at(changes).record == Trials(PAPER, screened=True).at(changes).record
+    assert "capacitance" in together.at({"design.capacitance": -1.0}).refused
+
+
+def test_nothing_is_expected_after_the_time() -> None:
+    with pytest.raises(OutOfTimeError):
+        Trials(PAPER, 0.0, screened=True).expect([{"design.gain": 1e6}])
+    Trials(PAPER, 0.0).expect([{"design.gain": 1e6}])  # nothing is computed
+
+
+def test_a_half_that_rests_is_seen_by_its_poles() -> None:
+    """The load is even, so the odd half of the board rests, but it can be unstable."""
+    (outline,) = outlines([LinearBoard(synthesise(PAPER))], "zero")
+    even = LinearBoard(synthesise(PAPER)).state_space.blocks[0].A.shape[0]
+    assert not outline.share[even:].any()
+    expected = np.linalg.eigvals(LinearBoard(synthesise(PAPER)).state_space.A)
+    assert np.sort(outline.poles.real) == pytest.approx(np.sort(expected.real), rel=1e-6)
 
 
 def test_a_check_without_estimate_needs_verdicts() -> None:

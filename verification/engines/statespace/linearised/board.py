@@ -208,11 +208,7 @@ def parts_of(board: LinearBoard) -> int:
 
 
 def solve_together(boards: Sequence[LinearBoard]) -> None:
-    """Compute equations, state spaces and modes of boards, of one structure together.
-
-    Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
-    the digits that it has alone. A board that has no state space, and a large one, stays as it is,
-    and says why where it is asked.
+    """Compute equations, state spaces and modes of boards; see `linearise_boards`.
 
     Examples
     --------
@@ -224,8 +220,19 @@ def solve_together(boards: Sequence[LinearBoard]) -> None:
     >>> one.state_space.states is other.state_space.states
     True
     """
-    if len(boards) < 2:
-        return
+    if len(boards) > 1:
+        linearise_boards(boards)
+        known = [vars(board).get("state_space") for board in boards]
+        find_modes([space for space in known if space is not None])
+
+
+def linearise_boards(boards: Sequence[LinearBoard]) -> None:
+    """Compute equations, equilibria and state spaces of boards, of one structure together.
+
+    Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
+    the digits that it has alone. A board that has no state space, and a large one, stays as it is,
+    and says why where it is asked.
+    """
     small = [board for board in boards if parts_of(board) <= LARGE and board.equations is None]
     unstamped = [board for board in small if "descriptor" not in vars(board)]
     stamped = stamp_together([board.circuit for board in unstamped])
@@ -242,8 +249,6 @@ def solve_together(boards: Sequence[LinearBoard]) -> None:
     for board, space in zip(ready, linearise_together(list(ready.values())), strict=True):
         if not isinstance(space, EngineError):
             vars(board)["state_space"] = space
-    known = [vars(board).get("state_space") for board in boards]
-    find_modes([space for space in known if space is not None])
 
 
 def _share_rests(boards: Sequence[LinearBoard]) -> None:
