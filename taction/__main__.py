@@ -1,5 +1,6 @@
 """The command ``taction``, and ``python -m taction``."""
 
+import atexit
 import gc
 import signal
 from contextlib import suppress
@@ -10,7 +11,10 @@ if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
 
 from taction.cli.main import main
 
-gc.set_threshold(100_000)  # by default 10 % of a short command: what imports make is no garbage
+# What imports make is no garbage. To look for some costs 10 % of a short command, and a fifth at
+# its end, where Python looks at all that is left.
+gc.set_threshold(100_000)
+atexit.register(gc.freeze)
 
 if __name__ == "__main__":
     main(prog_name="taction")

@@ -246,3 +246,12 @@ def test_no_more_open_files_is_no_verdict_and_no_bug(files: int, tmp_path: Path)
     assert done.returncode == 3
     assert "Too many open files" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_end_of_a_command_looks_for_no_garbage() -> None:
+    """What is registered first runs last: the objects are frozen by then."""
+    seen = "print(gc.get_freeze_count() > 10_000)"
+    code = f"import atexit, gc; atexit.register(lambda: {seen}); import taction.__main__"
+    found = python("-c", code)
+    assert found.returncode == 0, found.stderr
+    assert found.stdout == "True\n"
