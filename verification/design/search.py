@@ -190,7 +190,7 @@ def _window(
     trial = trials.at(at(outer))
     if trial.good:
         return outer
-    causes, others = set(trials.at(at(inner)).left), set(trial.left)
+    causes, others = _causes(trials, trials.at(at(inner))), _causes(trials, trial)
     for _ in range(HALVINGS):
         if not causes or not others or causes & others:
             return None
@@ -198,12 +198,26 @@ def _window(
         trial = trials.at(at(middle))
         if trial.good:
             return middle
-        left = set(trial.left)
+        left = _causes(trials, trial)
         if left & causes:
             inner, causes = middle, left
         else:
             outer, others = middle, left
     return None
+
+
+def _causes(trials: Trials, trial: Trial) -> set[tuple[str, bool]]:
+    """Return the checks that do not pass, and whether a time is below its `min`.
+
+    Between a design that is too fast and one that is too slow another one may pass.
+    """
+
+    def is_below(name: str) -> bool:
+        least = getattr(getattr(trials.scene.checks, name, None), "min", None)
+        value = trial.reading(name)
+        return None not in (least, value) and value < least
+
+    return {(name, is_below(name)) for name in trial.left}
 
 
 def _nearer(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import cast
 
 import pytest
@@ -72,6 +72,37 @@ def test_a_window_between_two_failures_of_different_checks() -> None:
 
     found = search_range(trials(fails), C)
     assert 5.0 <= float(found.found.values[C]) / 1e-11 <= 5.1
+
+
+def test_a_value_between_one_that_rises_too_fast_and_one_that_rises_too_slowly() -> None:
+    """The rise time is 1 us times C / 10 pF, and may lie between 3.3 us and 3.4 us."""
+    found = search_range(cast("Trials", Rising(lambda c, _: _rise_fails(c))), C)
+    assert found.found.values == {C: 3.3e-11}
+    never = Rising(lambda c, _: [*_rise_fails(c), "fast"])
+    assert search_range(cast("Trials", never), C).found is None
+    assert never.count < 100
+
+
+class Rising(MadeUp):
+    """Trials with a rise time of 1 us times C / 10 pF, of which the scene limits both sides."""
+
+    @property
+    def scene(self) -> Scene:
+        limits = {"rise_time": {"min": "3.3us", "max": "3.4us"}}
+        return make_scene(design={"capacitance": 1e-11, "gain": 1e6}, checks=limits)
+
+    def at(self, changes: Mapping[str, Value]) -> Trial:
+        trial = super().at(changes)
+        rise = 1e-6 * float(changes.get(C, 1e-11)) / 1e-11
+        checks = [
+            replace(check, value=rise) if check.name == "rise_time" else check
+            for check in trial.record.checks
+        ]
+        return replace(trial, record=replace(trial.record, checks=tuple(checks)))
+
+
+def _rise_fails(c: float) -> list[str]:
+    return [] if 3.2999 < c < 3.4001 else ["rise_time"]
 
 
 def test_the_walk_from_an_edge_goes_away_from_the_scene() -> None:
