@@ -215,7 +215,7 @@ def _causes(trials: Trials, trial: Trial) -> set[tuple[str, bool]]:
     def is_below(name: str) -> bool:
         least = getattr(getattr(trials.scene.checks, name, None), "min", None)
         value = trial.reading(name)
-        return None not in (least, value) and value < least
+        return least is not None and value is not None and value < least
 
     return {(name, is_below(name)) for name in trial.left}
 
