@@ -15,7 +15,7 @@ operation over all boards, channels and levels.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.verification.readings.course import FINENESS, Course, Courses
 from taction.verification.readings.crossings import Crossings
+from taction.verification.readings.cubics import STEEP, cubic_ranges, cubic_root, upper_bounds
 
 PIECES = 64  # largest number of pieces of a refined interval
 FEW = 4  # most pieces where a bound alone may exclude them: it falls by the fourth power
 MOST = 2_000_000  # points times channels of a board: no refinement above it
-SLACK = 0.1  # of the height of the tangents above the ends; a cubic's top errs by 0.0013 of it
-BISECTIONS, ITERATIONS = 9, 60  # of a first root, by a cubic, and of a root
+ITERATIONS = 60  # of a root
 CONVERGED = 1e-8  # of an interval: last step of a root
 
 
@@ -58,12 +58,18 @@ class ExactGrid:
         Errors at the end of time, V.
     """
 
-    def __init__(self, courses: Sequence[Course]) -> None:
+    def __init__(
+        self, courses: Sequence[Course], sieve: Callable[[ExactGrid], Bools] | None = None
+    ) -> None:
+        """`sieve` tells which channels are wanted (boards, N) before all that follows."""
         self.courses = Courses(courses)
         self.chosen, self.ends = np.arange(self.courses.channels), self.courses.ends.ravel()
         self.time, self.board = self.courses.first_grids()
         self.resolved: Bools = np.zeros(len(self.time), dtype=np.bool_)
         self._place(self._evaluate(self.time, self.board))
+        if sieve is not None:
+            self.narrow(sieve(self))
+        self._bound_errors(self._columns, self.time, self.board)
         self._bound(np.arange(len(self.time)))
 
     @property
@@ -71,11 +77,19 @@ class ExactGrid:
         """Number of channels of each board."""
         return len(self.chosen)
 
-    def narrow(self, channels: Ints) -> None:
-        """Keep some channels of each board; they have the digits that they have beside others."""
-        self.chosen = self.chosen[channels]
+    def narrow(self, wanted: Bools) -> Ints:
+        """Keep the channels that are `wanted` (boards, N) of any board, and return their places.
+
+        Those of a board that are not wanted of this board have no meaning any more.
+        """
+        kept = np.flatnonzero(wanted.any(axis=0))
+        every = np.zeros((self.courses.count, self.courses.channels), dtype=np.bool_)
+        every[:, self.chosen] = wanted
+        self.courses.narrow(every)
+        self.chosen = self.chosen[kept]
         self.ends = self.courses.ends[:, self.chosen].ravel()
-        self._place(self._columns[:, :, channels])
+        self._place(self._columns[:, :, kept])
+        return kept
 
     def _place(self, columns: Floats) -> None:
         """Set the values of all points and intervals, (P, 8, N); find where each board is."""
@@ -86,11 +100,36 @@ class ExactGrid:
         self.tail = np.append(self.board[1:] != self.board[:-1], True)
 
     def _evaluate(self, times: Floats, board: Ints) -> Floats:
-        """Return errors, slopes and bounds at `times` of rising boards, then room: (Q, 8, N)."""
+        """Return errors and slopes at `times` of rising boards, then room: (Q, 8, N)."""
         columns = np.empty((len(times), 8, self.channels))
         for column, values in enumerate(self.courses.evaluate(times, board)):
             columns[:, column] = values[:, self.chosen]
         return columns
+
+    def _bound_errors(self, columns: Floats, times: Floats, board: Ints) -> Floats:
+        """Add the bounds on the errors to what `_evaluate` returned, and return it."""
+        columns[:, 2] = self.courses.bounds(times, board)[:, self.chosen]
+        return columns
+
+    def largest(self, values: Floats) -> Floats:
+        """Return the largest values of each board, (boards, N), of points or intervals (P, N)."""
+        return np.asarray(np.maximum.reduceat(values, self.first))
+
+    def rough_tops(self) -> Floats:
+        """Return bounds that no cap of a board exceeds, V, (boards, N), at a part of the cost.
+
+        Before any channel is left out.
+        Between its ends a cubic is at most 4/27 of its slopes times the width above them.
+        """
+        inner, last = np.flatnonzero(~self.tail), np.flatnonzero(self.tail)
+        tops, width = np.empty_like(self.errors), self.time[inner + 1] - self.time[inner]
+        room, _ = self.courses.room(self.time[inner], width, self.board[inner])
+        sizes, speeds = np.abs(self.errors), STEEP * np.abs(self.slopes)
+        tops[inner] = np.maximum(sizes[inner], sizes[inner + 1]) + room
+        tops[inner] += width[:, None] * (speeds[inner] + speeds[inner + 1])
+        left = self.courses.remainder(self.time[last], self.board[last])
+        tops[last] = np.abs(self.courses.ends) + left
+        return self.largest(tops)
 
     def _bound(self, places: Ints) -> None:
         """Bound the intervals at `places`."""
@@ -106,24 +145,25 @@ class ExactGrid:
         width = self.time[places + 1] - self.time[places]
         rate = self.courses.rate(self.time[places], self.board[places])
         self.resolved[places] = rate * width <= FINENESS
-        here, after = self.errors[places], self.errors[places + 1]
-        rise, fall = self.slopes[places], self.slopes[places + 1]
+        fine, coarse = (places[self.resolved[places] == resolved] for resolved in (True, False))
+        ends, width = self._ends(fine), self.time[fine + 1] - self.time[fine]
         for side, sign in enumerate((1.0, -1.0)):
-            self.caps[places, side] = _tops(
-                sign * here, sign * after, sign * rise, sign * fall, width
-            )
-        coarse = np.flatnonzero(~self.resolved[places])
+            self.caps[fine, side] = upper_bounds(*(sign * end for end in ends), width)
         if not coarse.size:
             return
-        ends = here[coarse], after[coarse], rise[coarse], fall[coarse]
-        caps = np.stack(_cubic_ranges(*ends, width[coarse, None]), axis=1)
-        k = places[coarse]
-        begin, end, board = self.time[k], self.time[k + 1], self.board[k]
-        room, rings = self.courses.room(begin, width[coarse], board)
+        begin, end, board = self.time[coarse], self.time[coarse + 1], self.board[coarse]
+        width = end - begin
+        caps = np.stack(cubic_ranges(*self._ends(coarse), width[:, None]), axis=1)
+        room, rings = self.courses.room(begin, width, board)
         caps += room[:, None, self.chosen]
         bounds = self.courses.envelopes(begin[rings], end[rings], board[rings])
         caps[rings] = np.minimum(caps[rings], bounds[:, :, self.chosen])
-        self.caps[k] = caps
+        self.caps[coarse] = caps
+
+    def _ends(self, places: Ints) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return errors at both ends of intervals, then slopes, (Q, N) each."""
+        after = places + 1
+        return self.errors[places], self.errors[after], self.slopes[places], self.slopes[after]
 
     def refine(self, places: Ints, most: int = PIECES) -> Bools:
         """Divide the intervals at `places`; return which boards have new points.
@@ -178,7 +218,8 @@ class ExactGrid:
 
         self.time, self.board = with_new(self.time, new), with_new(self.board, owner)
         self.resolved = with_new(self.resolved, np.zeros(len(new), dtype=np.bool_))
-        self._place(with_new(self._columns, self._evaluate(new, owner)))
+        columns = self._bound_errors(self._evaluate(new, owner), new, owner)
+        self._place(with_new(self._columns, columns))
         before = np.searchsorted(into, places)  # points that stand before each of the places
         self._bound(np.sort(np.concatenate([places + before, into + 1 + np.arange(len(new))])))
 
@@ -205,7 +246,7 @@ class ExactGrid:
 
         value, slope = evaluate(np.concatenate([low, high]), np.tile(np.arange(count), 2))
         left, right = value.reshape(2, -1)
-        t = low + width * _cubic_root(left, right, *slope.reshape(2, -1) * width)
+        t = low + width * cubic_root(left, right, *slope.reshape(2, -1) * width)
         same = left * right >= 0.0
         t = np.where(same, np.where(np.abs(right) < np.abs(left), high, low), t)
         low, high, active = low.copy(), high.copy(), np.flatnonzero(~same)
@@ -227,68 +268,6 @@ class ExactGrid:
         return t
 
 
-def _cubic_root(here: Floats, after: Floats, first: Floats, last: Floats) -> Floats:
-    """Return where cubics through values and slopes at 0 and 1 are zero, 0 to 1; (Q,)."""
-    delta = after - here
-    square, cube = 3.0 * delta - 2.0 * first - last, first + last - 2.0 * delta
-    low, high = np.zeros(len(here)), np.ones(len(here))
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        value = here + middle * (first + middle * (square + middle * cube))
-        before = np.sign(value) == np.sign(here)
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-    return 0.5 * (low + high)
-
-
-def _cubic_ranges(
-    here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats
-) -> tuple[Floats, Floats]:
-    """Return the largest values (Q, N) of cubics and of their negatives.
-
-    The cubics have values and slopes at the ends of intervals of a `width` (Q, 1).
-    """
-    first, last, delta = rise * width, fall * width, after - here
-    square, cube = 3.0 * delta - 2.0 * first - last, first + last - 2.0 * delta
-    root = np.sqrt(np.maximum(square**2 - 3.0 * cube * first, 0.0))
-    tops = []
-    for sign in (1.0, -1.0):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = np.fmin(np.fmax(first / (sign * root - square), 0.0), 1.0)
-        peak = sign * (here + at * (first + at * (square + at * cube)))
-        tops.append(np.maximum(np.maximum(sign * here, sign * after), peak))
-    high, low = tops
-    return high, low
-
-
-def _summit(here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats) -> Floats:
-    """Return the values at the local maxima of cubics, or at an end where there is none."""
-    first, last, delta = rise * width, fall * width, after - here
-    square, cube = 3.0 * delta - 2.0 * first - last, first + last - 2.0 * delta
-    root = np.sqrt(np.maximum(square**2 - 3.0 * cube * first, 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = np.fmin(np.fmax(first / (root - square), 0.0), 1.0)
-    return np.asarray(here + at * (first + at * (square + at * cube)))
-
-
-def _tops(here: Floats, after: Floats, rise: Floats, fall: Floats, width: Floats) -> Floats:
-    """Return upper bounds (Q, N) of a signal in intervals, from values and slopes at their ends.
-
-    Between a rising and a falling end: the top of the cubic through both, and `SLACK` of the height
-    of the tangents' intersection above the ends.
-    """
-    top = np.maximum(here, after)
-    row, column = np.nonzero((rise > 0.0) & (fall < 0.0))
-    if row.size:
-        y, z, up, down = (end[row, column] for end in (here, after, rise, fall))
-        span = width[row]
-        first, last = up * span, down * span
-        meet = y + first * np.clip((z - y - last) / (first - last), 0.0, 1.0)
-        high = top[row, column]
-        peak = np.maximum(_summit(y, z, up, down, span), high)
-        top[row, column] = peak + SLACK * np.maximum(meet - high, 0.0)
-    return top
-
-
 ROUNDS = 200  # largest number of rounds of one search
 AHEAD = 4  # so many doublings of the intervals that one round of a search divides
 TOGETHER = 512  # peaks of a board whose intervals one round of a search divides
@@ -301,21 +280,19 @@ class ExactSignal:
     first board first.
     """
 
-    def __init__(self, *courses: Course) -> None:
-        self.grid = ExactGrid(courses)
+    def __init__(self, *courses: Course, sieve: Callable[[ExactGrid], Bools] | None = None) -> None:
+        self.grid = ExactGrid(courses, sieve)
         self.wanted = np.ones((len(courses), self.grid.channels), dtype=np.bool_)
         self.ends = self.grid.ends
         self.level = self.grid.courses.level
 
-    def narrow(self, wanted: Bools) -> Ints:
-        """Keep the channels that are `wanted` (boards, N) of any board, and return them.
+    def narrow(self, wanted: Bools) -> None:
+        """Keep the channels that are `wanted` (boards, N) of any board.
 
-        Maxima are searched of those that are wanted of a board; others keep what the grid shows.
+        Maxima are searched of those that are wanted of a board; others have no meaning any more.
         """
-        channels = np.flatnonzero(wanted.any(axis=0))
-        self.grid.narrow(channels)
-        self.ends, self.wanted = self.grid.ends, wanted[:, channels]
-        return channels
+        kept = self.grid.narrow(wanted)
+        self.ends, self.wanted = self.grid.ends, wanted[:, kept]
 
     @property
     def end_bounds(self) -> Floats:

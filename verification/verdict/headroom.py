@@ -196,23 +196,31 @@ def _exact(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
 
 
 def _peaks(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
-    """Return the loads of boards with equally many rows that no upper bound excludes."""
-    signal, found = ExactSignal(*(_course(*each) for each in boards)), list[tuple[Load, ...]]()
-    grid, ends = signal.grid, np.abs(signal.ends).reshape(len(boards), -1)
-    each = grid.courses.each
-    rows = signal.narrow(
-        np.array([_not_excluded(boards[k][0], grid, some, ends[k]) for k, some in each(grid.board)])
-    )
+    """Return the loads of boards with equally many rows that no upper bound excludes.
+
+    Rough bounds exclude most rows before the others are bounded closely.
+    """
+    kinds = np.array([[list(UNITS).index(row.quantity) for row in each.rows] for each, _ in boards])
+
+    def sieve(grid: ExactGrid) -> Bools:
+        tops = grid.rough_tops()
+        return _not_excluded(kinds, grid, tops, tops + grid.courses.most_bounds)
+
+    signal = ExactSignal(*(_course(*each) for each in boards), sieve=sieve)
+    grid, found = signal.grid, list[tuple[Load, ...]]()
+    tops, full = (grid.largest(x.max(axis=1)) for x in (grid.caps, grid.caps + grid.reach[:, None]))
+    signal.narrow(_not_excluded(kinds, grid, tops, full))
     (high, above), (low, below) = (
         [part.reshape(len(boards), -1) for part in signal.highest(sign)] for sign in (1.0, -1.0)
     )
     peaks, errors = np.maximum(high, low), np.where(high > low, above, below)
-    for k, some in each(grid.board):
+    ends = np.abs(grid.ends).reshape(len(boards), -1)
+    for k, some in grid.courses.each(grid.board):
         own = np.flatnonzero(signal.wanted[k])
         sizes, time = np.abs(grid.errors[some][:, own]), np.append(grid.time[some], math.inf)
-        at = time[np.append(sizes, ends[k : k + 1, rows[own]], axis=0).argmax(axis=0)]
+        at = time[np.append(sizes, ends[k : k + 1, own], axis=0).argmax(axis=0)]
         loads = boards[k][0]
-        part = _Loads.of(loads.board, tuple(loads.rows[row] for row in rows[own].tolist()))
+        part = _Loads.of(loads.board, tuple(loads.rows[row] for row in grid.chosen[own].tolist()))
         found.append(tuple(part.loads(peaks[k, own], at, errors[k, own])))
     return found
 
@@ -223,17 +231,17 @@ def _course(loads: _Loads, solution: Exact) -> Course:
     return Course(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL)
 
 
-def _not_excluded(loads: _Loads, grid: ExactGrid, some: slice, end: Floats) -> Bools:
-    """Return which rows of a board, at `some` places, no upper bound excludes (see `PartLoads`).
+def _not_excluded(kinds: Ints, grid: ExactGrid, tops: Floats, full: Floats) -> Bools:
+    """Return which rows no upper bound excludes, (boards, K); see `PartLoads`.
 
-    `end` (K,) are the sizes at rest.
+    `kinds` are the places of the rows' quantities in `UNITS`, before the grid was narrowed. `tops`
+    are upper bounds, and `full` also has the bounds of the errors.
     """
-    caps, reached = grid.caps[some], np.maximum(np.abs(grid.errors[some]).max(axis=0), end)
-    bound, full = (x.max(axis=(0, 1)) for x in (caps, caps + grid.reach[some][:, None]))
-    kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
-    worst = np.zeros(len(UNITS))
-    np.maximum.at(worst, kinds, reached)
-    return np.asarray((bound >= worst[kinds]) | (full > FULL))
+    kinds, every = kinds[:, grid.chosen], np.arange(len(kinds))[:, None]
+    ends = np.abs(grid.ends).reshape(kinds.shape)
+    worst = np.zeros((len(kinds), len(UNITS)))
+    np.maximum.at(worst, (every, kinds), np.maximum(grid.largest(np.abs(grid.errors)), ends))
+    return np.asarray((tops >= worst[every, kinds]) | (full > FULL))
 
 
 def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:

@@ -6,6 +6,7 @@ the time.
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 
@@ -133,7 +134,7 @@ class ModalFlow(Exponentials):
     """The modes of a board, for output rows C (K, n) and the deviation (n,) from the final state.
 
     Modes are left out whose shares are negligible or within their rounding, and at each instant
-    those that have decayed. `error` is the largest of the `bounds`.
+    those that have decayed. `errors` (K,) are the largest of the `bounds`, `error` that of all.
     """
 
     def __init__(self, modes: Modes, C: Floats, deviation: Floats) -> None:
@@ -176,7 +177,17 @@ class ModalFlow(Exponentials):
             peak = self._lag / (math.e * np.abs(self._bounded))[:, None]
         peak = np.where(self._lag == 0.0, 0.0, peak)
         most = (peak + self._vague).sum(axis=0) + self._omitted
-        self.error = float(np.nan_to_num(most, nan=math.inf).max(initial=0.0))
+        self.errors: Floats = np.nan_to_num(most, nan=math.inf)
+        self.error = float(self.errors.max(initial=0.0))
+
+    def columns(self, chosen: Ints) -> ModalFlow:
+        """Return the flow of some outputs."""
+        found = copy.copy(self)
+        for name in ("share", "_lag", "_vague"):
+            setattr(found, name, getattr(self, name)[:, chosen])
+        found._omitted, found.errors = self._omitted[chosen], self.errors[chosen]
+        found.__dict__.pop("_pairs", None)
+        return found
 
     @property
     def bound_terms(self) -> tuple[Floats, Floats, Floats, Floats]:
