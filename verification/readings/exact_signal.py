@@ -148,7 +148,8 @@ class ExactGrid:
         fine, coarse = (places[self.resolved[places] == resolved] for resolved in (True, False))
         ends, width = self._ends(fine), self.time[fine + 1] - self.time[fine]
         for side, sign in enumerate((1.0, -1.0)):
-            self.caps[fine, side] = upper_bounds(*(sign * end for end in ends), width)
+            here, after, rise, fall = (sign * end for end in ends)
+            self.caps[fine, side] = upper_bounds(here, after, rise, fall, width)
         if not coarse.size:
             return
         begin, end, board = self.time[coarse], self.time[coarse + 1], self.board[coarse]

@@ -20,6 +20,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -98,20 +99,19 @@ def trace_loci(ports: PortResponse, low: float, high: float = 1.0, unstable: int
 def trace_together(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
     """Return the edges of each search, or why there are none, as `trace_loci` finds them.
 
-    Boards with equally many loci are followed together: an operation on an array in the place of
-    one for each board, with the digits of each alone.
+    Boards with equally many loci of each part are followed together: an operation on an array in
+    the place of one for each board, with the digits of each alone.
     """
     found: dict[int, Edges | EngineError] = {}
-    grids: dict[int, dict[int, Floats]] = {}
+    grids: dict[tuple[int, ...], dict[int, Floats]] = {}
+    share_eliminations(one.ports for one in searches)
     for place, one in enumerate(searches):
         try:
             omega = _frequencies(one.ports.poles.tobytes(), one.low, one.high)
-            grids.setdefault(one.ports.count, {})[place] = omega
+            grids.setdefault(one.ports.sizes, {})[place] = omega
         except EngineError as error:
             found[place] = error
     for group in grids.values():
-        if len(group) > 1:
-            share_eliminations(searches[place].ports for place in group)
         trace = _Trace([searches[place] for place in group])
         trace.run(list(group.values()))
         found |= zip(group, trace.results(), strict=True)
@@ -138,11 +138,14 @@ def _frequencies(content: bytes, low: float, high: float) -> Floats:
 class _Trace:
     """The loci of boards over angular frequency: logarithms of the shares, so widths are relative.
 
+    Even and odd loci of a board that is its own mirror image are `parts` that do not meet.
     A board whose response has no value is in `failed`; its loci are then all alike.
     """
 
     def __init__(self, searches: Sequence[LociSearch]) -> None:
         self.searches = searches
+        ends = np.cumsum(searches[0].ports.sizes).tolist()
+        self.parts = [slice(begin, end) for begin, end in pairwise([0, *ends])]
         self.low = np.array([math.log(one.low) for one in searches])  # ends of the intervals
         self.high = np.array([math.log(one.high) for one in searches])
         self.crossings: list[list[Crossing]] = [[] for _ in searches]
@@ -161,18 +164,29 @@ class _Trace:
 
     def loci(self, omega: Floats, board: Ints) -> Complexes:
         """Return the logarithms of the shares at frequencies (P,) of boards (P,), shape (P, K)."""
-        count = self.searches[0].ports.count
-        response: Complexes = np.empty((len(omega), count, count), dtype=np.complex128)
+        w: Complexes = np.zeros((len(omega), self.parts[-1].stop), dtype=np.complex128)
+        places, found = list[Ints](), list[tuple[Complexes, ...]]()
         for k, some in _each(board):
             try:
-                response[some] = self.searches[k].ports.at(omega[some])
-                if not np.all(np.isfinite(response[some])):
-                    raise EngineError("a pole of the board is on the imaginary axis")
+                found.append(self._response(k, omega[some]))
+                places.append(some)
             except EngineError as error:
-                self.failed[k], response[some] = error, 0.0
-        w = np.linalg.eigvals(response)
+                self.failed[k] = error
+        for part, stacks in zip(self.parts, zip(*found, strict=True), strict=False):  # if any
+            w[np.concatenate(places), part] = np.linalg.eigvals(np.concatenate(stacks))
         shares = 1.0 - 1.0 / np.where(np.abs(w) < SMALLEST, SMALLEST, w)
         return np.log(np.where(np.abs(shares) < SMALLEST, SMALLEST, shares))
+
+    def _follow(self, z: Complexes, others: Complexes) -> Complexes:
+        """Sort the loci `others` (P, K) as `z`, those of each part by themselves."""
+        return np.concatenate([_follow(z[:, part], others[:, part]) for part in self.parts], axis=1)
+
+    def _response(self, k: int, omega: Floats) -> tuple[Complexes, ...]:
+        """Return the response of a board at frequencies; EngineError where it has no value."""
+        found = self.searches[k].ports.at(omega)
+        if not all(np.all(np.isfinite(matrices)) for matrices in found):
+            raise EngineError("a pole of the board is on the imaginary axis")
+        return found
 
     def run(self, grids: Sequence[Floats]) -> None:
         """Follow all loci of each board from the lowest to the highest of its frequencies."""
@@ -185,7 +199,7 @@ class _Trace:
                 self._poles_at_infinity(k, z[some[-1]], float(omega[some[-1]]))
         inside = np.flatnonzero(board[:-1] == board[1:])
         a, b, za, board = omega[inside], omega[inside + 1], z[inside], board[inside]
-        zb = _follow(za, z[inside + 1])
+        zb = self._follow(za, z[inside + 1])
         chord = np.abs(zb - za)
         kept = ~self._avoids(np.stack([za, zb]), chord, chord, board).all(axis=1)
         steps = a[kept], b[kept], za[kept], zb[kept], board[kept]
@@ -194,7 +208,7 @@ class _Trace:
             m = 0.5 * (a + b)
             taken += np.bincount(board, minlength=len(taken))
             zm = self.loci(m, board)
-            z = np.stack([_follow(zm, za), zm, _follow(zm, zb)])
+            z = np.stack([self._follow(zm, za), zm, self._follow(zm, zb)])
             states = self._judge(z, board)
             self._cross_all(a, b, z, board, states)
             again = states.undecided.any(axis=1)
@@ -269,9 +283,8 @@ class _Trace:
         for _ in range(ITERATIONS):
             t = ((m - start) / (end - start))[active, None]
             expected = z[0, active] + t * rise[active] - 2.0 * t * (1.0 - t) * bend[active]
-            here = _follow(expected, self.loci(m[active], board[active]))[
-                np.arange(len(active)), k[active]
-            ]
+            loci = self._follow(expected, self.loci(m[active], board[active]))
+            here = loci[np.arange(len(active)), k[active]]
             found[active] = here
             above, y = (here.imag > 0.0) == (high[active] > 0.0), here.imag
             up, down = active[above], active[~above]
@@ -305,13 +318,11 @@ class _Trace:
     def _shares(self, k: int, omega: float) -> list[float]:
         """Return the shares of the real loci at a frequency, where the response is real."""
         try:
-            response = self.searches[k].ports.at(np.full(1, omega))[0].real
-            if not np.all(np.isfinite(response)):
-                raise EngineError("a pole of the board is on the imaginary axis")
+            response = self._response(k, np.full(1, omega))
         except EngineError as error:
             self.failed[k] = error
             return []
-        w = np.linalg.eigvals(response)
+        w = np.concatenate([np.linalg.eigvals(matrices[0].real) for matrices in response])
         real = (w.imag == 0.0) & ((w.real > 1.0) | (w.real < -SMALLEST))
         found: list[float] = (1.0 - 1.0 / w[real].real).tolist()
         return found

@@ -1,7 +1,9 @@
 """Admittance of some parts times the impedance at their terminals, over frequency.
 
 It is the W(s) of the characteristic loci (`loci`): that of equal parts, or of one part that stands
-in the matrices as a product of a column and a row.
+in the matrices as a product of a column and a row. The parts of a board that is its own mirror
+image have one W for currents that are even under the exchange, and one for odd ones: an
+eigenproblem of half the size costs a fifth.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from taction.netlist_gen.board.circuit import GROUND, Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
 from taction.verification.engines.statespace.equations.stamps import stamp_together
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
@@ -27,6 +30,40 @@ from taction.verification.engines.statespace.linearised.state_space import (
 )
 
 WELL_CONDITIONED = 1e-8  # largest defect of the modes that are used for the response
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ModalSum:
+    """``sum_i right_i left_i / (s - p_i) + direct`` of K currents and voltages.
+
+    Attributes
+    ----------
+    poles : ndarray (m,)
+        One of each conjugate pair, 1/s.
+    shares : ndarray (2 m, K²)
+        Of the pairs, real and imaginary.
+    direct : ndarray (K, K)
+    """
+
+    poles: Complexes
+    shares: Floats
+    direct: Floats
+
+    @classmethod
+    def of(cls, poles: Complexes, right: Complexes, left: Complexes, direct: Floats) -> _ModalSum:
+        """Return the sum for ``right`` (K, m) and ``left`` (m, K)."""
+        products = right.T[:, :, None] * left[:, None, :]
+        shares = products.reshape(len(poles), len(right) * left.shape[1])  # also without poles
+        shares[poles.imag == 0.0] *= 0.5
+        return cls(poles, np.concatenate([shares.real, -shares.imag]), direct)
+
+    def at(self, omega: Floats) -> Complexes:
+        """Return the sums at angular frequencies (P,), 1/s; shape (P, K, K)."""
+        own, other = (1.0 / (1j * omega[:, None] - p) for p in (self.poles, self.poles.conj()))
+        # ``R / (s - p) + R* / (s - p*)`` of a pair in real matrices.
+        gain = np.concatenate([own + other, -1j * (own - other)], axis=1)
+        found = gain.real @ self.shares + 1j * (gain.imag @ self.shares)
+        return np.asarray(found.reshape(-1, *self.direct.shape) + self.direct)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +102,23 @@ class PortResponse:
         board = self.board.coarse if self.board.descriptor.is_large else self.board
         return board.state_space.modes.poles
 
-    def at(self, omega: Floats) -> Complexes:
-        """Return the matrices at angular frequencies (P,), 1/s; shape (P, K, K)."""
-        large = self.board.descriptor.is_large
-        modal = not large and self._modes_suffice
-        return self._weighted(self._from_modes(omega) if modal else self._from_solves(omega), omega)
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of loci of even and of odd currents; without an exchange of the parts of all."""
+        return tuple(len(each.direct) for each in self._modal) if self._is_modal else (self.count,)
+
+    @property
+    def _is_modal(self) -> bool:
+        return not self.board.descriptor.is_large and self._modes_suffice
+
+    def at(self, omega: Floats) -> tuple[Complexes, ...]:
+        """Return the matrices of each of `sizes` at angular frequencies (P,), 1/s; (P, k, k) each.
+
+        The eigenvalues of all of them are the loci.
+        """
+        if self._is_modal:
+            return tuple(self._weighted(each.at(omega), omega) for each in self._modal)
+        return (self._weighted(self._from_solves(omega), omega),)
 
     def at_zero(self) -> Floats:
         """Return the matrix at the frequency 0 by a solve of the whole equations, shape (K, K).
@@ -87,7 +136,11 @@ class PortResponse:
         return np.asarray(self._weighted(impedance, np.zeros(1))[0].real)
 
     def _weighted(self, impedance: Complexes, omega: Floats) -> Complexes:
-        weighted = self._roots[:, None] * impedance * self._roots
+        """Return W for an impedance of all parts, or of one part of each pair."""
+        count, exchange = impedance.shape[-1], self._exchange
+        whole = exchange is None or count == self.count
+        roots = self._roots if whole or exchange is None else self._roots[exchange.first[:count]]
+        weighted = roots[:, None] * impedance * roots
         return 1j * omega[:, None, None] * weighted if self.reactive else weighted
 
     @cached_property
@@ -126,26 +179,47 @@ class PortResponse:
         return complex((left @ self._rows * weights) @ (self._columns.T @ right))
 
     @cached_property
-    def _modal(self) -> tuple[Complexes, Floats, Floats]:
-        """Poles (m,), one of each pair; their shares, real and imaginary; and the direct part."""
-        B, C, D = self._driven
-        modes, columns = self.board.state_space.modes, self._columns.T
-        upper = np.flatnonzero(modes.poles.imag >= 0.0)
-        right, left = columns @ C @ modes.right[:, upper], modes.left[upper] @ B
-        return _shares(modes.poles[upper], right, left, columns @ D)
+    def _exchange(self) -> Halves | None:
+        """The exchange of the parts by that of the board; None without one."""
+        if self.board.descriptor.is_large or (halves := self.board.state_space.halves) is None:
+            return None
+        moved = self._columns[halves[0].mirror]
+        alike = (moved[:, :, None] == self._columns[:, None]).all(axis=0)
+        alike &= self._roots[:, None] == self._roots
+        image = alike.argmax(axis=1)
+        if not np.all(alike.sum(axis=1) == 1) or np.array_equal(image, np.arange(len(image))):
+            return None
+        return Halves.of(image)
 
     @cached_property
-    def _driven(self) -> tuple[Floats, Floats, Floats]:
-        """Currents into the states, all unknowns as combinations of these, and the direct part."""
-        return _driven_by(self.board, self._rows)
+    def _modal(self) -> tuple[_ModalSum, ...]:
+        """The impedance; with an exchange that for even, then for odd currents."""
+        space, modes, columns = self._driven, self.board.state_space.modes, self._columns.T
+        if (exchange := self._exchange) is None or space.halves is None:
+            B, C, D = _without_steps(space)
+            upper = np.flatnonzero(modes.poles.imag >= 0.0)
+            right, left = columns @ C @ modes.right[:, upper], modes.left[upper] @ B
+            return (_ModalSum.of(modes.poles[upper], right, left, columns @ D),)
+        sums, seen = [], space.halves[0].split_rows(columns[exchange.first], exchange.pairs)
+        for half, (block, part) in enumerate(zip(modes.blocks, space.blocks, strict=True)):
+            B, D = (exchange.split_rows(each[:, 2:])[half] for each in (part.B, part.D))
+            count = len(block.kept)
+            right = seen[half] @ part.C @ block.columns()[:, :count]
+            left = block.rows()[:count] @ B
+            sums.append(_ModalSum.of(block.kept, right, left, seen[half] @ D))
+        return tuple(sums)
 
-    def _from_modes(self, omega: Floats) -> Complexes:
-        poles, shares, direct = self._modal
-        own, other = (1.0 / (1j * omega[:, None] - p) for p in (poles, poles.conj()))
-        # ``R / (s - p) + R* / (s - p*)`` of a pair in real matrices.
-        gain = np.concatenate([own + other, -1j * (own - other)], axis=1)
-        found = gain.real @ shares + 1j * (gain.imag @ shares)
-        return np.asarray(found.reshape(-1, *direct.shape) + direct)
+    @cached_property
+    def _driven(self) -> StateSpace:
+        """The state space with two steps without effect, then the currents, as inputs.
+
+        Raises
+        ------
+        EngineError
+            The time derivative of an input would be needed: a capacitor at the output of a source.
+            (Of the first two inputs it does not count, as these are steps.)
+        """
+        return driven(*_inputs(self.board, self._rows))
 
     def _from_solves(self, omega: Floats) -> Complexes:
         structure, rows = self.board.structure, self._rows.astype(np.complex128)
@@ -220,7 +294,7 @@ class LawResponse(PortResponse):
     def _modes_suffice(self) -> bool:
         """Not so where a capacitor is at the output of the source: its current is a derivative."""
         try:
-            return bool(self._driven) and super()._modes_suffice
+            return self._driven is not None and super()._modes_suffice
         except EngineError:
             return False
 
@@ -249,16 +323,6 @@ class LawResponse(PortResponse):
         return np.asarray((v @ solved)[:, None, :])
 
 
-def _shares(
-    poles: Complexes, right: Complexes, left: Complexes, direct: Floats
-) -> tuple[Complexes, Floats, Floats]:
-    """Return poles (m,), the shares of the pairs, real and imaginary, and the direct part."""
-    products = right.T[:, :, None] * left[:, None, :]
-    shares = products.reshape(len(poles), len(right) * left.shape[1])  # also without poles
-    shares[poles.imag == 0.0] *= 0.5
-    return poles, np.concatenate([shares.real, -shares.imag]), direct
-
-
 def share_modes(responses: Iterable[PortResponse]) -> None:
     """Eliminate the unknowns without charge once for all parts of one linear board.
 
@@ -269,33 +333,27 @@ def share_modes(responses: Iterable[PortResponse]) -> None:
         return
     board = every[0].board
     try:
-        B, C, D = _driven_by(board, np.concatenate([each._rows for each in every], axis=1))
+        space = _driven_by(every)
     except EngineError:  # a law with a capacitor at its source
         every = [each for each in every if each.parts]
         if not every:
             return
-        B, C, D = _driven_by(board, np.concatenate([each._rows for each in every], axis=1))
-    modes = board.state_space.modes
+        space = _driven_by(every)
+    modes, (B, C, D) = board.state_space.modes, _without_steps(space)
     upper = np.flatnonzero(modes.poles.imag >= 0.0)
     poles, seen, left = modes.poles[upper], C @ modes.right[:, upper], modes.left[upper] @ B
     first = 0
     for each in every:
         taken = slice(first, first := first + each.count)
-        columns, direct = each._columns.T, D[:, taken]
-        each.__dict__["_driven"] = B[:, taken], C, direct
-        each.__dict__["_modal"] = _shares(poles, columns @ seen, left[:, taken], columns @ direct)
+        columns = each._columns.T
+        found = _ModalSum.of(poles, columns @ seen, left[:, taken], columns @ D[:, taken])
+        vars(each).update(_driven=space, _modal=(found,))
 
 
-def _driven_by(board: LinearBoard, rows: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return B, C and D for inputs into rows, (size, k).
-
-    Raises
-    ------
-    EngineError
-        The time derivative of an input would be needed: a capacitor at the output of a source. (Of
-        the first two inputs it does not count, as these are steps; so two without effect go first.)
-    """
-    return _without_steps(driven(*_inputs(board, rows)))
+def _driven_by(responses: Sequence[PortResponse]) -> StateSpace:
+    """Return the state space of a board with the inputs of all its responses."""
+    rows = np.concatenate([each._rows for each in responses], axis=1)
+    return driven(*_inputs(responses[0].board, rows))
 
 
 def _inputs(board: LinearBoard, rows: Floats) -> tuple[Descriptor, Equilibrium | None, Floats]:
@@ -321,4 +379,4 @@ def share_eliminations(responses: Iterable[PortResponse]) -> None:
                 ready[each] = _inputs(each.board, each._rows)
     for each, space in zip(ready, driven_together(list(ready.values())), strict=True):
         if not isinstance(space, EngineError):
-            vars(each)["_driven"] = _without_steps(space)
+            vars(each)["_driven"] = space

@@ -120,7 +120,32 @@ def test_responses_of_several_boards_have_the_digits_that_each_has_alone() -> No
     share_eliminations(together)
     for one, alone in zip(together, responses(), strict=True):
         assert "_driven" in vars(one)
-        assert one.at(omega).tobytes() == alone.at(omega).tobytes()
+        digits = [[part.tobytes() for part in ports.at(omega)] for ports in (one, alone)]
+        assert digits[0] == digits[1]
+
+
+@pytest.mark.parametrize("name", ["tuned-breadboard", "eleven-channel"])
+def test_even_and_odd_loci_are_those_of_the_whole_response(name: str) -> None:
+    """The whole response is that of solves of the equations."""
+    circuit = synthesise(load_scene(SCENES / f"{name}.toml"))
+    ports = PortResponse(LinearBoard(circuit), circuit.capacitors_of(Role.SIGNAL_CAPACITOR))
+    count, omega = len(circuit.outputs), np.geomspace(1e2, 1e9, 15)
+    assert ports.sizes == (count // 2 + 1, count // 2)
+    whole = np.linalg.eigvals(ports._weighted(ports._from_solves(omega), omega))
+    parts = np.concatenate([np.linalg.eigvals(part) for part in ports.at(omega)], axis=1)
+    apart = np.abs(whole[:, :, None] - parts[:, None])
+    for nearest in (apart.min(axis=1), apart.min(axis=2)):
+        assert np.all(nearest < 1e-9 * np.abs(whole).max(axis=1, keepdims=True))
+
+
+def test_parts_that_are_not_exchanged_have_one_response() -> None:
+    circuit = synthesise(load_scene(SCENES / "tuned-breadboard.toml"))
+    first, second, *_, last = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
+    board = LinearBoard(circuit)
+    assert board.state_space.halves is not None
+    assert PortResponse(board, (first, second)).sizes == (2,)
+    assert PortResponse(board, (first, last)).sizes == (1, 1)
+    assert PortResponse(board, (first, replace(last, farads=2.0 * last.farads))).sizes == (2,)
 
 
 def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,10 +156,11 @@ def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> 
         circuit.resistors_of(Role.CONSTRAINT_RESISTOR),
     ):
         ports = PortResponse(LinearBoard(circuit), parts)
-        modal = ports.at(omega)
+        (modal,) = ports.at(omega)
         with monkeypatch.context() as patch:
             patch.setattr(module, "WELL_CONDITIONED", 0.0)
-            assert modal == pytest.approx(ports.at(omega), rel=1e-8, abs=1e-8 * np.abs(modal).max())
+            (solved,) = ports.at(omega)
+            assert modal == pytest.approx(solved, rel=1e-8, abs=1e-8 * np.abs(modal).max())
 
 
 def test_a_large_board_has_the_crossings_of_the_dense_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,10 +202,10 @@ def test_a_share_of_zero_is_far_below_every_interval() -> None:
     """Where the parts alone carry the current, w is 1 and the share ``1 - 1/w`` is 0."""
 
     class AllCurrent:
-        count = 2
+        sizes = (2,)
 
-        def at(self, omega: np.ndarray) -> np.ndarray:
-            return np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2))
+        def at(self, omega: np.ndarray) -> tuple[np.ndarray]:
+            return (np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2)),)
 
     trace = _Trace([LociSearch(AllCurrent(), 1e-3)])  # type: ignore[arg-type]
     loci = trace.loci(np.array([1.0, 2.0]), np.zeros(2, dtype=np.int64))

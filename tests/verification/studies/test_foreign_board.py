@@ -439,7 +439,7 @@ def test_the_response_of_a_gain_is_that_of_the_equations(name: str, read: Read) 
             exact = ports._from_solves(omega)
             if ports.reactive:
                 exact = 1j * omega[:, None, None] * exact
-            assert np.allclose(ports.at(omega), exact, rtol=1e-6, atol=1e-9)
+            assert np.allclose(ports.at(omega)[0], exact, rtol=1e-6, atol=1e-9)
 
 
 def test_the_sensitivity_to_a_negative_capacitance(read: Read) -> None:
