@@ -41,7 +41,7 @@ def cubic_ranges(
     Examples
     --------
     >>> parabola = np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1)), -np.ones((1, 1))
-    >>> [values.tolist() for values in cubic_ranges(*parabola, np.ones((1, 1)))]
+    >>> [abs(values).tolist() for values in cubic_ranges(*parabola, np.ones((1, 1)))]
     [[[0.25]], [[0.0]]]
     """
     first, last, delta = rise * width, fall * width, after - here

@@ -184,7 +184,7 @@ class _Trace:
     def _response(self, k: int, omega: Floats) -> tuple[Complexes, ...]:
         """Return the response of a board at frequencies; EngineError where it has no value."""
         found = self.searches[k].ports.at(omega)
-        if not all(np.all(np.isfinite(matrices)) for matrices in found):
+        if not all(np.all(np.isfinite(each)) for each in found):
             raise EngineError("a pole of the board is on the imaginary axis")
         return found
 
@@ -322,7 +322,7 @@ class _Trace:
         except EngineError as error:
             self.failed[k] = error
             return []
-        w = np.concatenate([np.linalg.eigvals(matrices[0].real) for matrices in response])
+        w = np.concatenate([np.linalg.eigvals(each.real).ravel() for each in response])
         real = (w.imag == 0.0) & ((w.real > 1.0) | (w.real < -SMALLEST))
         found: list[float] = (1.0 - 1.0 / w[real].real).tolist()
         return found
