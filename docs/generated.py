@@ -5,11 +5,10 @@ Everything here comes from the code or from a real run, so it cannot become out 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 import click
 import messages
 import pictures
+from click.testing import CliRunner
 
 from scripts.rooms import drawing
 
@@ -235,6 +235,8 @@ def _field(about: dict[str, Any], kinds: dict[str, Any]) -> tuple[str, str]:
 
 
 def _gallery_page() -> Iterator[str]:
+    from taction.cli.main import main
+
     yield "# Gallery\n"
     yield "The build of this documentation draws these pictures, by the commands below them.\n"
     for title, name, words in PICTURES:
@@ -243,10 +245,11 @@ def _gallery_page() -> Iterator[str]:
         more: tuple[str, ...] = ()
         if words[0] == "sweep":
             more = ("-o", str(PLACE / f"{name}.sqlite"))
-        command = [sys.executable, "-m", "taction", *words, *more, "--plot", str(picture)]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        picture.unlink(missing_ok=True)
+        with contextlib.chdir(ROOT):  # in this process: a start is as long as a picture
+            done = CliRunner().invoke(main, [*words, *more, "--plot", str(picture)])
         if not picture.exists():
-            raise RuntimeError(f"{shown}: no picture: {done.stderr}")
+            raise RuntimeError(f"{shown}: no picture: {done.output}")
         yield f"## {title}\n\n![{title}]({picture.name})\n\n```sh\ntaction {shown} --plot {name}.png\n```\n"
 
 
