@@ -262,7 +262,7 @@ SECOND_WITNESS = (
         "a switch of a piecewise linear amplifier is 20 % late",
         "switches of the state space",
         planting.in_a_method(Piece, "ends", lambda instant: None if not instant else 1.2 * instant),
-        "lasso",
+        "box",
         NGSPICE,
         (AGREE,),
     ),
