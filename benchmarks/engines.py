@@ -50,7 +50,7 @@ WIDE: dict[str, Value] = {
 
 
 WIRED = {Extent.TINY: 3, Extent.FULL: 32}  # channels of boards with wires
-CLOSE = 1e-6  # error of their transients, of the step amplitude
+CLOSE = {Extent.TINY: ERROR, Extent.FULL: 1e-6}  # error of their transients, of the step amplitude
 FEEDBACK = {"inv": {}, "pinv": {"design.feedback_conductance": 1.04e-3}}  # 3 times the least one
 
 
@@ -113,10 +113,10 @@ def measure(extent: Extent) -> Result:
         if extent is Extent.FULL:
             figures.append(precision(name, board))
     for topology in FEEDBACK if extent in WIRED else ():
-        channels = WIRED[extent]
-        board = Board.of(wired(topology, channels), {"analysis.error": CLOSE})
+        channels, error = WIRED[extent], CLOSE[extent]
+        board = Board.of(wired(topology, channels), {"analysis.error": error})
         name = f"{topology} with wires, {channels} channels"
-        figures.append(beside_ngspice(name, board, 1, 500.0, CLOSE))
+        figures.append(beside_ngspice(name, board, 1, 500.0, error))
     grown = growth(SIZES[extent], rounds)
     if extent is Extent.FULL:
         figures.append(beside_ngspice("128 channels", Board.of(wide(128)), 3, 100.0))

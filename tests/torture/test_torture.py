@@ -32,14 +32,14 @@ def test_nothing_is_lost_and_nothing_stays(
 ) -> None:
     assert ngspice
     counts = {"kills": kills, "disasters": disasters, "commands": commands}
-    reports = list(session(tmp_path, **counts, points=5, seed=seed, jobs=2))
+    reports = list(session(tmp_path, **counts, points=3, seed=seed, jobs=2))
     assert len(reports) == kills + commands + disasters * len(possible())
     assert [summary(report) for report in reports if is_fault(report)] == []
     assert sum(report.hit for report in reports) >= 2 * len(reports) / 3
 
 
 def test_a_plan_takes_every_kind_of_kill_and_is_the_same_again() -> None:
-    studies = all_studies(5)
+    studies = all_studies(3)
     plan = plan_kills(studies, 200, 1)
     assert plan == plan_kills(studies, 200, 1) != plan_kills(studies, 200, 2)
     kinds = {(kill.study.name, kill.victim, kill.signals) for kill in plan}
