@@ -58,14 +58,14 @@ def test_random_boards_are_within_their_bound_of_another_transient(seed: int) ->
 @pytest.mark.parametrize(("name", "stop"), [("lasso", 4e-3), ("non-negative", 1e-4), ("box", 2e-3)])
 def test_the_shipped_scenes_are_within_their_bound(name: str, stop: float) -> None:
     board = LinearBoard(synthesise(load_scene(SCENES / f"{name}.toml")))
-    times = np.linspace(0.0, stop, 101)
-    record = simulate.simulate(board, Transient(stop, stop / 100), times=times)
+    times = np.linspace(0.0, stop, 51)
+    record = simulate.simulate(board, Transient(stop, stop / 50), times=times)
     assert record.method == piecewise.METHOD
     curve = record.curve
     assert isinstance(curve, PiecewiseCurve)
     assert len(curve.pieces) > 1
     truth, doubt, _ = kinked_transient(
-        board, Transient(stop, stop / 100), times, board.reported(None)
+        board, Transient(stop, stop / 50), times, board.reported(None)
     )
     assert np.all(np.abs(record.values - truth) <= curve.bounds(times) + doubt + 1e-9)
 
