@@ -179,7 +179,7 @@ def compare_with_record(
     linear = LinearBoard(replace(circuit, outputs=known))
     stop = float(wave.time[-1])
     transient = Transient(stop, 1e-3 * stop, initial=start)
-    tolerance = state_space_tolerance(agree, linear=circuit.is_linear)
+    tolerance = state_space_tolerance(agree)
     beside = state_space_companion(linear, transient, wave, tolerance)
     response, _ = step_response(linear, start, SETTLING_BAND)
     volts = agree * response.step.amplitude

@@ -104,11 +104,12 @@ def find_companion(design: PlannedBoard, record: Waveforms) -> Companion:
     SimulationError
         The state-space engine has no solution, and the second run of ngspice failed.
     """
-    board = design.board
-    tolerance = state_space_tolerance(design.plan.wanted, linear=board.circuit.is_linear)
+    board, tolerance = design.board, state_space_tolerance(design.plan.wanted)
     dense = None if is_exact(board) else design.plan.instants(board)
     try:
-        return state_space_companion(board, design.transient, record, tolerance, dense)
+        return state_space_companion(
+            board, design.transient, record, tolerance, dense, design.wanted
+        )
     except EngineError as error:
         reason = f"no state-space solution: {error}"
     plan = replace(design.plan, transient=coarser(design.transient, COARSER))
@@ -129,6 +130,7 @@ def state_space_companion(
     record: Waveforms,
     tolerance: float,
     dense: Floats | None = None,
+    wanted: float = math.inf,
 ) -> Companion:
     """Return the state-space solution for the `record` of ngspice.
 
@@ -138,6 +140,8 @@ def state_space_companion(
         Relative tolerance of the steps, if the state-space engine needs steps.
     dense : ndarray, optional
         Instants, beside those of the record, that resolve the solution, s.
+    wanted : float
+        Error of the solution that suffices, V.
 
     Raises
     ------
@@ -155,12 +159,12 @@ def state_space_companion(
     solution = simulate(board, transient, times=times, tolerance=tolerance)
     if len(solution.time) < len(times):
         raise EngineError("its record ends before the record of ngspice")
-    error = state_space_error(board, solution)
+    error = state_space_error(board, solution, wanted)
     if not math.isfinite(error.volts):
         raise EngineError(error.how)
     how = "difference to the state-space engine, and the error of that engine"
-    other = outputs(board.circuit, solution)[np.searchsorted(times, instants)]
-    return Companion(instants, u, other, solution, error, how)
+    other = outputs(board.circuit, error.record)[np.searchsorted(times, instants)]
+    return Companion(instants, u, other, error.record, error, how)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -347,15 +351,10 @@ def measure_with_bounds(
 def _own_measures(
     design: PlannedBoard, ideal: IdealAnswer, wave: Waveforms, own: StateSpaceError | None
 ) -> Measurements:
-    """Measure a record by its own error, or beside the second run that errs less."""
-    error = own.rounding if own is not None and math.isfinite(own.rounding) else 0.0
-    measured = measure_outputs(design, ideal, wave, error=error)
+    """Measure a record by its own error; its readings have no bound where that is unknown."""
     if own is None or not math.isfinite(own.volts):
-        return bounded(measured, None)
-    if own.second is None:
-        return measured
-    second = measure_outputs(design, ideal, own.second, error=own.second_error)
-    return bounded(measured, second)
+        return bounded(measure_outputs(design, ideal, wave, error=wave.rounding), None)
+    return measure_outputs(design, ideal, wave, error=own.volts)
 
 
 def _target_error(ideal: IdealAnswer) -> float:

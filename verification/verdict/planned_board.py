@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -73,6 +74,12 @@ class PlannedBoard:
     def rest(self) -> Callable[[str], float] | None:
         """The voltages of the nodes at rest, V; None for a board that may be unstable."""
         return self.board.equilibrium.__getitem__ if self.poles.known_stable else None
+
+    @property
+    def wanted(self) -> float:
+        """Largest error that the checks allow, V; infinite without a step, or if it may grow."""
+        step = self.scales.step if self.poles.known_stable else 0.0
+        return self.plan.wanted * step or math.inf
 
     @property
     def transient(self) -> Transient:

@@ -123,7 +123,7 @@ def attained(
         Second solution for the record of ngspice; None for an unstable board.
     """
     if own is not None:
-        return own.volts, own.method, own.how
+        return own.volts, own.record.method, own.how
     method = str(design.transient.method)
     if companion is not None:
         return companion.difference + companion.doubt, method, companion.how
@@ -236,8 +236,8 @@ class Recording:
     forever : bool
         Whether the measurements are those of the exact solution, which has no end.
     exact_end : ndarray (N,) or None
-        Outputs of the second solution at the record's end, V, or of the record if it is exact
-        itself; None without a second solution.
+        Outputs of the second solution at the record's end, V, or of the record of an engine that
+        bounds its own error; None without either.
     before : Accuracy or None
         Of the runs that did not suffice.
     """
@@ -261,6 +261,13 @@ class Recording:
     def u(self) -> Floats:
         """Outputs, V, (P, N)."""
         return outputs(self.design.circuit, self.waveforms)
+
+    @property
+    def is_stepped(self) -> bool:
+        """Whether the record of a stable board is by steps that can be halved."""
+        from taction.verification.engines.statespace.transients.stepped import METHOD
+
+        return self.ends.method == METHOD and self.design.poles.known_stable
 
     @property
     def first_and_last(self) -> Floats:
@@ -350,9 +357,14 @@ def record_and_measure(
 
 
 def finest(recording: Recording, ideal: IdealAnswer) -> tuple[Measurements, StepError]:
-    """Return the measurements of an exact solution, and their errors, by rounding alone."""
+    """Return the measurements of a better solution, and their errors.
+
+    Those of an exact solution are known to its rounding; steps are halved once more.
+    """
     design, wave = recording.design, recording.ends
     own = own_error(design, wave)
+    if own is not None:
+        wave = own.record
     measured, _ = measure_with_bounds(design, ideal, wave, own, None, finest=True)
     return measured, step_error(measured, math.inf if own is None else own.volts)
 
@@ -369,7 +381,9 @@ def _record(
     wave = (pending or begin(design)).result()
     clock.begin("comparison")
     companion, own = None, own_error(design, wave)
-    if own is None and design.poles.known_stable:
+    if own is not None:
+        wave = own.record
+    elif design.poles.known_stable:
         companion = find_companion(design, wave)
     clock.begin("measures")
     measured, forever = measure_with_bounds(design, ideal, wave, own, companion, known=known)
@@ -395,9 +409,9 @@ def _record(
 def _exact_end(
     design: PlannedBoard, wave: Waveforms, own: StateSpaceError | None, companion: Companion | None
 ) -> Floats | None:
-    """Return the outputs of the second solution at the record's end, V, (N,)."""
+    """Return the outputs of the second solution, or of a record with a bound, at the end, V."""
     if companion is not None:
         return np.array(companion.other[-1])
     if own is None or not math.isfinite(own.volts):
         return None
-    return np.array(outputs(design.circuit, own.second or wave)[-1])
+    return np.array(outputs(design.circuit, wave)[-1])

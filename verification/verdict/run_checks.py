@@ -241,11 +241,12 @@ def run_checks(evidence: Evidence) -> tuple[Check, ...]:
 
 
 def could_be_finer(evidence: Evidence, checks: Iterable[Check]) -> bool:
-    """Whether an error of an exact solution decides a check, or is near to a limit."""
-    undecided = any(check.outcome is Outcome.INCONCLUSIVE for check in checks)
+    """Whether an error decides a check, or is near to a limit, and a better solution has less."""
+    undecided = any(c.outcome is Outcome.INCONCLUSIVE and c.uncertainty for c in checks)
     limits = ((getattr(evidence.checks, name), name) for name in EXCURSIONS)
     near = any(c and c.max < WELL_ABOVE * evidence.error.readings[name] for c, name in limits)
-    return evidence.forever and (undecided or near)
+    smaller = evidence.forever or (evidence.recording is not None and evidence.recording.is_stepped)
+    return smaller and (undecided or near)
 
 
 def _witnessed(check: Check, missing: str) -> Check:

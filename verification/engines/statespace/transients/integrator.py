@@ -30,7 +30,7 @@ from taction.verification.engines.statespace.transients.steps import (
 )
 
 ITERATIONS = 12  # of the inputs in a step
-SHARE = 0.002  # of the tolerance: what the iterations leave
+SHARE = 0.02  # of the tolerance: the last change of the iterations, which leave less
 SLOW = 0.2  # contraction above which the next step is linearised anew
 LONGEST_JUMP = 3  # levels
 SMALLEST, LEVELS = -60, 256  # least level, and the number of levels
@@ -95,9 +95,11 @@ class Dense:
         Half the steps of the run `whole` are too long, too, so the difference of the two runs does
         not show it. In a step that resolves its modes half of it has a far smaller coefficient.
         """
-        pairs = zip(whole.tails, self.tails[::2], self.tails[1::2], strict=False)
-        halves = ((one, max(first, second)) for one, first, second in pairs)
-        return LAYER * max((half for one, half in halves if half > RESOLVED * one), default=0.0)
+        ends, halves = np.array(self.ends), np.zeros(whole.steps)
+        within = np.searchsorted(whole.ends, 0.5 * (ends[:-1] + ends[1:])) - 1
+        np.maximum.at(halves, within, self.tails)
+        passed = halves > RESOLVED * np.array(whole.tails)
+        return LAYER * float(halves.max(initial=0.0, where=passed))
 
     @property
     def steps(self) -> int:
@@ -214,7 +216,7 @@ class RadauIntegrator:
         self.amplifiers = reported.amplifiers
         self.out = [Dense() for _ in present.now]
         present.far = reported.distance(present.now)
-        self.todo: Sequence[Sequence[int]] | None = None  # levels of all steps, where given
+        self.todo: list[list[int]] | None = None  # levels of the steps to come, where given
         draw = np.random.default_rng(1992)
         self.draws = [draw.standard_normal(x.shape[1]) for x in (present.state, present.slopes)]
 
@@ -235,14 +237,17 @@ class RadauIntegrator:
         return self.out
 
     def repeat(self, levels: Sequence[Sequence[int]]) -> list[Dense]:
-        """Take steps of given levels, those of each board."""
-        self.todo = levels
+        """Take steps of given levels, those of each board.
+
+        A step whose iterations do not converge is taken as two of half its length.
+        """
+        self.todo = [list(each[::-1]) for each in levels]
         self._end(MAX_STEPS)
         while len(self.present.place):
             places = self.present.place.tolist()
-            self.present.level = np.array([levels[k][self.out[k].steps] for k in places])
+            self.present.level = np.array([self.todo[k][-1] for k in places])
             self._attempt()
-            reached(min(self.out[k].steps / len(levels[k]) for k in places))
+            reached(min(1.0 - len(self.todo[k]) / len(levels[k]) for k in places))
             self._end(MAX_STEPS)
         return self.out
 
@@ -255,7 +260,7 @@ class RadauIntegrator:
             if out.failure:
                 continue
             if self.todo is not None:
-                done = out.steps == len(self.todo[place])
+                done = not self.todo[place]
             else:
                 done = out.escaped or not t < stop * (1.0 - 1e-12)
                 if not done and out.steps > max_steps:
@@ -291,7 +296,7 @@ class RadauIntegrator:
         found = stages.found & ~small
         accepted = found & ((gain >= 0) | fixed)
         if not found.all():
-            self._repeat_lost(~stages.found & ~small, fixed)
+            self._repeat_lost(~stages.found & ~small)
         slow = accepted & (stages.contraction > SLOW) & ~now.fresh
         self._accept(accepted, length, change, watched, piece, left, tail)
         if slow.any():
@@ -301,14 +306,13 @@ class RadauIntegrator:
             now.level = np.where(found, now.level + jump, now.level)
         now.fresh &= ~accepted
 
-    def _repeat_lost(self, lost: Bools, fixed: bool) -> None:
+    def _repeat_lost(self, lost: Bools) -> None:
         """Linearise steps whose iterations do not converge anew, then shorten them."""
         now, fresh = self.present, lost & self.present.fresh
         for row in np.flatnonzero(lost).tolist():
             self.out[now.place[row]].rejected += 1
-            if fixed and fresh[row]:
-                text = f"the iterations do not converge at {now.t[row].item()!r} s"
-                self.out[now.place[row]].failure = text
+            if self.todo is not None and fresh[row]:
+                self.todo[now.place[row]][-1:] = [int(now.level[row]) - 1] * 2
         now.level[fresh] -= 1
         anew = lost & ~fresh
         if anew.any():
@@ -386,6 +390,8 @@ class RadauIntegrator:
             if not yes:
                 out.rejected += 1
                 continue
+            if self.todo is not None:
+                self.todo[now.place[row]].pop()
             out.pieces.append(piece[row])
             out.levels.append(int(now.level[row]))
             out.rounding += float(left[row])
@@ -418,7 +424,7 @@ class RadauIntegrator:
             return np.asarray((np.abs(change) * volts).max(axis=(1, 2)) / now.tolerance)
 
         before = size_of(free)
-        found.found = before < 1e-3 * SHARE
+        found.found = before < 1e-4 * SHARE
         going = ~found.found
         for k in range(1, ITERATIONS):
             if not going.any():
@@ -436,9 +442,8 @@ class RadauIntegrator:
                 following = np.where(going[:, None, None], following, found.inputs)
                 remainder = np.where(going[:, None, None], remainder, found.remainder)
             found.inputs, found.remainder = following, remainder
-            # The second condition is on what is left.
-            done = going & (contraction < 1.0)
-            done &= contraction * size < SHARE * (1.0 - contraction)
+            # No forecast of what is left: beyond a knee of an amplifier convergence is uneven.
+            done = going & (contraction < 1.0) & (size < SHARE)
             found.contraction = np.where(done, contraction, found.contraction)
             stuck = going & ~done & ((contraction >= 1.0) | (k == ITERATIONS - 1))
             if stuck.any():

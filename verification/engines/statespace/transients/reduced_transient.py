@@ -159,10 +159,10 @@ def _fastest(board: LinearBoard, deviation: Floats) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatternCurve:
-    """Voltages of nodes (Q,) at instants (Q,), by a model; `finer` is the next one."""
+    """Voltages of nodes (Q,) at instants (Q,), by a model; `finer` is the next one, if there is."""
 
     model: Patterns
-    finer: Patterns
+    finer: Patterns | None
     places: Ints
     rest: Floats  # the equilibrium (K,), V
 
@@ -228,9 +228,9 @@ def refined(first: Waveforms) -> Waveforms:
         The first run is not one of `simulate`.
     """
     began, curve = clock.perf_counter(), first.curve
-    if not isinstance(curve, PatternCurve):
-        raise EngineError("the first run is not one by patterns")
-    finer = replace(curve, model=curve.finer)
+    if not isinstance(curve, PatternCurve) or curve.finer is None:
+        raise EngineError("the first run is not one by patterns that have more")
+    finer = replace(curve, model=curve.finer, finer=None)
     values = finer.rest + finer.model.at(first.time, finer.places)
     cost = replace(first.cost, seconds=clock.perf_counter() - began)
     return replace(first, values=values, cost=cost, curve=finer)

@@ -360,16 +360,17 @@ def _halve(curves: Sequence[SteppedCurve]) -> None:
 
 
 def halved(first: Waveforms) -> Waveforms:
-    """Repeat a run of `simulate` with every step halved, at the same instants.
+    """Repeat a run of `simulate`, or of this, with every step halved, at the same instants.
 
     A run with a smaller tolerance would take many of the same steps, since their lengths are powers
     of two, and the difference of the two runs would not show their error. Nor does it show the
-    change of modes that are too fast for both runs, which `rounding` of this one includes.
+    change of modes that are too fast for both runs, which `rounding` of this one includes. The cost
+    is that of both.
 
     Raises
     ------
     EngineError
-        The first run is not one of `simulate`, or half a step is not found.
+        The first run is not one of the integrator's, or half a step is not found.
     """
     began, curve = clock.perf_counter(), first.curve
     if not isinstance(curve, SteppedCurve):
@@ -377,7 +378,8 @@ def halved(first: Waveforms) -> Waveforms:
     if not curve.halves:
         _halve([curve])
     dense = curve.halves[0].checked(curve.run.name)
-    found = _record(curve.run, dense, first.time, clock.perf_counter() - began, ())
+    seconds = first.cost.seconds + clock.perf_counter() - began
+    found = _record(curve.run, dense, first.time, seconds, ())
     return replace(
         found, flags=first.flags, rounding=found.rounding + dense.unresolved(curve.dense)
     )

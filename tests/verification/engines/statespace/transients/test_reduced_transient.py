@@ -56,8 +56,8 @@ def test_the_stated_error_of_a_large_board_holds(
     found = simulate(board, analysis, times=times, tolerance=1e-4)
     assert found.method == reduced_transient.METHOD
     stated = state_space_error(board, found)
-    assert stated.how.startswith("difference to a run with more patterns")
-    assert np.abs(found.values - exact).max() <= stated.volts
+    assert stated.how.startswith("difference to a run with fewer patterns")
+    assert np.abs(stated.record.values - exact).max() <= stated.volts
     assert stated.volts <= 5e-4 * np.abs(exact[0] - exact[-1]).max()
 
 
