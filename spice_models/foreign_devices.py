@@ -66,7 +66,7 @@ def logical_lines(content: bytes | str) -> list[Line]:
     text = content if isinstance(content, str) else content.decode("latin-1")
     for place, raw in enumerate(text.split("\n"), 1):
         # 0x1A ends a file of DOS; joined files have it between them.
-        line = raw.strip("\x1a").removesuffix("\r").replace("\t", " ").strip(" ").lower()
+        line = raw.strip("\x1a").rstrip("\r").replace("\t", " ").strip(" ").lower()
         if line.startswith("*"):
             continue
         line = _COMMENT.sub("", _ENDS.sub(".ends", line))
@@ -93,6 +93,7 @@ _POLY = re.compile(r"poly\s*\(\s*(\d+)\s*\)(.*)")
 _VALUE = re.compile(r"value\s*=?\s*\{([^{}]*)\}")
 _BRACES = re.compile(r"\{([^{}]*)\}")
 _PASSIVE = {"r": {"tc1", "tc2", "tc"}, "c": set[str](), "l": set[str]()}
+_WITHOUT_EFFECT = re.compile(r"noiseless|ic ?= ?0(?:\.0*)?[a-z]*")
 _NODES = {"d": (2, 2), "q": (3, 4), "j": (3, 3), "m": (4, 4), "s": (4, 4)}
 _TABLE = re.compile(r"(?:table|tbl) ?(?:\{([^{}]*)\} ?=? ?)?(.*)")
 _BRACKETS = re.compile(r"(\{[^{}]*\})|[(),]")  # those within braces stay
@@ -259,7 +260,7 @@ def _passive(letter: str, rest: str, names: Names) -> str:
     nodes = _nodes(fields, 2)
     if letter == "r" and len(fields) > 3 and names.has_model(fields[2], "res", "r"):
         del fields[2]
-    fields = [field for field in fields if field != "noiseless"]
+    fields = [field for field in fields if not _WITHOUT_EFFECT.fullmatch(field)]
     if len(fields) < 3:
         raise ValueError("a value is missing")
     given = value(fields[2].removeprefix(f"{letter}="), names)

@@ -15,7 +15,7 @@ _FUNCTIONS = """
     pow pwr pwrs sgn sin sinh sqrt tan tanh u uramp
 """
 FUNCTIONS = frozenset(_FUNCTIONS.split())
-CONSTANTS = {"pi": math.pi}
+CONSTANTS = {"pi": math.pi, "temp": 27.0, "temper": 27.0}  # of names; degrees C
 _SPELT = {"|": "||", "&": "&&", "**": "^"}  # operators of other simulators, as ngspice has them
 SUFFIXES = {
     "meg": 1e6, "mil": 25.4e-6, "t": 1e12, "g": 1e9, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9,

@@ -23,6 +23,10 @@ from taction.spice_models.foreign_devices import (
 from taction.spice_models.foreign_expressions import LONGEST, NAME, SUBCIRCUIT
 
 CARDS = (".subckt", ".ends", ".model", ".param", ".end")
+_BARE = re.compile(
+    r"(\b[a-z_]\w* ?= ?)(?!\{|[+-]?[\d.]+(?:e[+-]?\d+)?[a-z]*(?: |$))"
+    r"([^ =].*?)(?= [a-z_]\w* ?=(?!=)|$)"
+)  # an expression without braces, as a .param may have it
 MOST_LINES = 5000  # of all cards of a subcircuit and those that it calls
 
 
@@ -141,7 +145,7 @@ def _write(block: _NetlistBlock, whole: list[Line], new: dict[str, str], name: s
     for line in (*whole, *block.cards):
         if _is(line, ".param"):
             try:
-                fields = split_fields(line.text.removeprefix(".param").strip())
+                fields = split_fields(_BARE.sub(r"\1{\2}", line.text.removeprefix(".param ")))
             except ValueError as error:
                 raise line.refused(str(error)) from None
             parameters.append((line, fields))

@@ -37,6 +37,7 @@ from taction.netlist_gen.board.circuit import (
 )
 from taction.netlist_gen.deck.linear_expressions import affine
 from taction.netlist_gen.deck.macromodels import PINS, RAILS
+from taction.netlist_gen.deck.stimuli import FIXED, Stimulus, stimulus_of
 from taction.spice_models.foreign_expressions import number
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import Complaint, InputError
@@ -53,14 +54,15 @@ KINDS = {
 }
 """Letters of the parts that are knobs: what they are, and their unit."""
 MODEL = "vendor{}"  # name of an op-amp that is replaced
-IDLE = {"tc1", "tc2", "tc", "noisy", "temp", "dtemp"}  # without effect at 27 degrees C, or on poles
+IDLE = {"tc1", "tc2", "tc", "noisy"}  # without effect at 27 degrees C, or on poles
+_PASSIVE = re.compile(r"\.model (\S+) (?:r|res|c|l) ?\(?([^()]*)\)?")
+SCALES = {"tc1", "tc2", "tce", "rsh", "cj", "cjsw", "defw", "defl", "narrow", "short", "kf", "af"}
+"""What a model of R, C or L may have where the part has a value of its own, which counts."""
 NAMED = 4  # sources in a sentence
 BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
 _FIELD = re.compile(r"[^\s=]+\s*=\s*[^\s=]+|[^\s=(),]+")
-_WAVE = re.compile(r"\b(pulse|pwl|sine?|exp|step)\s*\(?([^()]*)\)?")
 _B = re.compile(r"(\S+) (\S+) ([vi]) ?= ?(.+)")
-FIXED = "fixed"  # kind of a source that is the constant of an expression
 _OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
 USUAL = ("out", "vout", "output", "vo", "o")  # names of an output, in this order
 
@@ -83,22 +85,6 @@ def shown(card: str) -> str:
     return Part(f".{rest}").label
 
 
-@dataclass(frozen=True, slots=True)
-class Stimulus:
-    """What a source does: its value before and after the step, the instant, and the kind."""
-
-    before: float
-    after: float
-    at: float = 0.0  # of its first change, s
-    kind: str = "dc"
-    ac: bool = False
-
-    @property
-    def moves(self) -> bool:
-        """Whether it changes over time."""
-        return self.before != self.after
-
-
 @dataclass(slots=True)
 class Flat:
     """The parts of a deck while they are read."""
@@ -110,6 +96,7 @@ class Flat:
     stimuli: dict[str, Stimulus] = field(default_factory=dict)
     rails: dict[str, tuple[str, str]] = field(default_factory=dict)  # nodes of V+ and V-, by op-amp
     charged: list[str] = field(default_factory=list)  # cards with ic=
+    absent: list[str] = field(default_factory=list)  # capacitors of 0 F
     knobs: dict[str, tuple[str, float]] = field(default_factory=dict)  # card and value, by name
 
     @property
@@ -141,19 +128,38 @@ def read_cards(lines: Iterable[str]) -> Flat:
     >>> flat.resistors[0].ohms, flat.stimuli["V1"].after, list(flat.nodes)
     (1000.0, 1.0, ['in', 'out'])
     """
-    flat = Flat()
-    for line in lines:
+    flat, every = Flat(), tuple(lines)
+    plain = {match[1]: match[2] for line in every if (match := _PASSIVE.fullmatch(line))}
+    for line in every:
         name, _, rest = line.partition(" ")
+        if name == ".model" and rest.split()[0] in plain:
+            continue
         reader = _READERS.get(name[0])
         if reader is None:
             raise CardError(f"{shown(name)}: a device {name[0].upper()!r} is not linear: {line!r}")
         try:
+            if plain and name[0] in "rcl":
+                rest = _without_model(name[0], rest, plain)
             reader(flat, name, rest)
         except CardError:
             raise
         except (ValueError, IndexError) as error:
             raise CardError(f"{shown(name)}: {error}: {line!r}") from None
     return flat
+
+
+def _without_model(letter: str, text: str, models: Mapping[str, str]) -> str:
+    """Return R, C or L with a value of its own without the name of its model."""
+    words = text.split()
+    model = next((word for word in words[2:4] if word in models), None)
+    if model is not None:
+        words.remove(model)
+        given = {key.strip() for key in re.findall(r"(\w+) ?=", models[model])}
+        own = len(words) > 2 and ("=" not in words[2] or words[2].startswith(f"{letter}="))
+        if not own or given - SCALES:
+            keys = " ".join(sorted(SCALES))
+            raise ValueError(f"expected a value beside the model, and a model of {keys}")
+    return " ".join(words)
 
 
 def _fields(text: str, least: int) -> tuple[list[str], dict[str, str]]:
@@ -173,7 +179,7 @@ def _value(letter: str, text: str) -> tuple[str, str, float, dict[str, str]]:
     if len(plain) > 3 or not given:
         raise ValueError("expected two nodes and one number")
     value, many = number(given), number(keyed.pop("m", "1"))
-    if value == 0.0 or not many > 0.0:
+    if (value == 0.0 and letter != "c") or not many > 0.0:
         raise ValueError("a value of 0 is not accepted; leave the part out, or join its nodes")
     value = value / many if letter in "rl" else value * many
     if unknown := keyed.keys() - IDLE - {"ic"}:
@@ -189,6 +195,9 @@ def _resistor(flat: Flat, name: str, text: str) -> None:
 
 def _capacitor(flat: Flat, name: str, text: str) -> None:
     a, b, value, keyed = _value("c", text)
+    if value == 0.0:
+        flat.absent.append(shown(name))
+        return
     flat.capacitors.append(Capacitor(name[1:], a, b, value))
     flat.knobs[shown(name)] = (flat.capacitors[-1].card, value)
     if number(keyed.get("ic", "0")):
@@ -275,65 +284,6 @@ def _source(kind: Callable[..., Source]) -> Callable[[Flat, str, str], None]:
     return read
 
 
-def stimulus_of(text: str) -> Stimulus:
-    """Return what a source does, from its card without name and nodes.
-
-    Raises
-    ------
-    ValueError
-        A word or a function of time that is not known.
-
-    Examples
-    --------
-    >>> stimulus_of("dc 0 ac 1 pulse(0 2.5 1u 1n 1n 1 2)")
-    Stimulus(before=0.0, after=2.5, at=1e-06, kind='pulse', ac=True)
-    >>> stimulus_of("5").after
-    5.0
-    """
-    match = _WAVE.search(text)
-    plain = (text[: match.start()] + " " + text[match.end() :]) if match else text
-    words, dc, ac = re.sub(r"[=(),]", " ", plain).split(), 0.0, False
-    while words:
-        word = words.pop(0)
-        if word == "ac":
-            ac = True
-            _numbers(words)
-        elif word in ("distof1", "distof2"):
-            _numbers(words)
-        elif word == "dc":
-            dc = number(words.pop(0)) if words else 0.0
-        else:
-            dc = number(word)
-    if match is None:
-        return Stimulus(dc, dc, ac=ac)
-    given = [number(word) for word in re.split(r"[\s,]+", match[2].strip()) if word]
-    return _WAVES[match[1]](given, ac)
-
-
-def _numbers(words: list[str]) -> None:
-    """Take the numbers at the front of some words: magnitude and phase."""
-    while words and words[0] not in ("ac", "dc", "distof1", "distof2"):
-        number(words.pop(0))
-
-
-def _pulse(given: list[float], ac: bool) -> Stimulus:
-    return Stimulus(given[0], given[1], given[2] if len(given) > 2 else 0.0, "pulse", ac)
-
-
-def _piecewise(given: list[float], ac: bool) -> Stimulus:
-    times, values = given[::2], given[1::2]
-    changes = [t for t, a, b in zip(times, values, values[1:], strict=False) if a != b]
-    return Stimulus(values[0], values[-1], changes[0] if changes else 0.0, "pwl", ac)
-
-
-def _sine(given: list[float], ac: bool) -> Stimulus:
-    return Stimulus(given[0], given[0], 0.0, "sin", ac)
-
-
-def _exponential(given: list[float], ac: bool) -> Stimulus:
-    return Stimulus(given[0], given[1], given[2] if len(given) > 2 else 0.0, "exp", ac)
-
-
 def _expression(flat: Flat, name: str, text: str) -> None:
     """Read a B card: a sum of voltages becomes sources in series, a sum of currents in parallel."""
     if (match := _B.fullmatch(text)) is None:
@@ -361,10 +311,6 @@ def _expression(flat: Flat, name: str, text: str) -> None:
             flat.branches.append(by_current(card, *ends, value, f"V{probe[1][1:]}"))
 
 
-_WAVES = {
-    "pulse": _pulse, "step": _pulse, "pwl": _piecewise, "sin": _sine, "sine": _sine,
-    "exp": _exponential,
-}  # fmt: skip
 _READERS: Mapping[str, Callable[[Flat, str, str], None]] = {
     "r": _resistor,
     "c": _capacitor,
@@ -402,7 +348,7 @@ def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) ->
     if known:
         return known
     usual = [name for name in USUAL if name in nodes]
-    free = [name for name in nodes if name not in held and "." not in name]
+    free = [name for name in nodes if name not in held and not {".", "#"} & set(name)]
     return tuple(usual[:1] or free or list(nodes)[:1])
 
 

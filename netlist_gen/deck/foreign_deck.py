@@ -17,7 +17,10 @@ from taction.spice_models.foreign_devices import Line, RefusedError, logical_lin
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 
-KEPT = (".subckt", ".ends", ".model", ".param", ".func", ".global")
+KEPT = (
+    *(".subckt", ".ends", ".model", ".param", ".func", ".global"),
+    *(".if", ".elseif", ".else", ".endif"),
+)
 FILES = (".include", ".inc", ".lib")
 _LEFT = """
     .title .options .option .opt .temp .tran .ac .op .dc .noise .tf .sens .pz .pss .sp .disto
@@ -40,6 +43,7 @@ _SPACED = re.compile(
     r"\.(?:include|inc|lib)\s+()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
 )  # with blanks
 _UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
+_STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
 _BRACES = re.compile(r"\{[^{}]*\}")
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?[a-z]*")
 _QUOTED = re.compile(r"'([^'{}]*)'")
@@ -120,6 +124,16 @@ def unbraced_expression(deck: ForeignDeck) -> InputError | None:
     return None
 
 
+def table(deck: ForeignDeck, said: str) -> InputError | None:
+    """Return the error for a source with a table, of which ngspice says that it has no model."""
+    if match := re.search(r"xfer_(?:\w+\.)*(\w+)", said):
+        for card in deck.cards:
+            if card.word == match[1]:
+                text = "a table is not linear; expected a gain, such as 'E1 a 0 b 0 2'"
+                return card.refused(text)
+    return None
+
+
 def read_deck(file: str | Path) -> ForeignDeck:
     r"""Read a deck and check every card; nothing in it runs.
 
@@ -159,6 +173,8 @@ class _DeckReading:
     left: list[Card] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     open: list[Path] = field(default_factory=list)
+    known: set[tuple[Path, str]] = field(default_factory=set)  # files and sections that were read
+    depth: int = 0  # of subcircuits
 
     def file(self, path: Path, *, title: bool = False, section: str = "") -> None:
         """Read one file, or one section of a library."""
@@ -193,10 +209,15 @@ class _DeckReading:
             raise card.refused(text)
         if not target.is_file():
             raise card.refused(f"the deck's folder has no file {card.name!r} ({folder.name}/)")
+        if self.depth == 0 and (target, card.section) in self.known:
+            self.remarks.append(f"{card.name}: included again, and read once")
+            return
+        self.known |= {(target, card.section)} if self.depth == 0 else set()
         self.file(target, section=card.section)
 
     def _take(self, card: Card) -> None:
         word = card.word
+        self.depth += (word == ".subckt") - (word == ".ends")
         if word in LEFT:
             self.left.append(card)
         elif word.startswith(".") and word not in KEPT:
@@ -235,9 +256,10 @@ def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterato
         raw[0] = ""  # whatever it says
     files: dict[int, re.Match[str]] = {}
     commands, unusual = 0, list[int]()
-    inside = False
+    inside = left = False
     for k, line in enumerate(raw):
         word = line.strip().lower().split(maxsplit=1)[:1]
+        left = bool(word) and (word[0] in LEFT or (left and word[0].startswith("+")))
         if inside or word == [".control"]:
             inside = word != [".endc"]
             commands += 1
@@ -245,6 +267,8 @@ def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterato
         elif word and word[0] in FILES and (match := _file(line.strip())):
             files[k + 1] = match
             raw[k] = ".include"
+        elif left:
+            raw[k] = _STRANGE.sub(" ", line)
         elif line.lstrip().startswith(_UNUSUAL):
             raw[k] = ""
             unusual.append(k + 1)

@@ -20,7 +20,6 @@ from taction.netlist_gen.board.branches import Coil, Source, VoltageBetween
 from taction.netlist_gen.board.circuit import GROUND, Branch, Circuit, OpAmpCell
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.flat_cards import (
-    FIXED,
     MODEL,
     CardError,
     Flat,
@@ -33,6 +32,7 @@ from taction.netlist_gen.deck.foreign_deck import (
     LINEAR,
     ForeignDeck,
     read_deck,
+    table,
     unbraced_expression,
 )
 from taction.netlist_gen.deck.macromodels import (
@@ -43,10 +43,11 @@ from taction.netlist_gen.deck.macromodels import (
     vendors_of,
     with_stubs,
 )
+from taction.netlist_gen.deck.stimuli import FIXED
 from taction.spice_models.foreign_expressions import number
 from taction.spice_models.imported import ROLES, ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
-from taction.system.errors import Complaint, DidNotLoad, InputError
+from taction.system.errors import Complaint, DidNotLoad, InputError, SimulationError
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.listing import expand, expand_and_wait
 from taction.verification.engines.ngspice.process import Run
@@ -55,6 +56,7 @@ MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a t
 RELATIVE = 1e-6  # reltol of the witness
 EDGE = 0.01  # of the first step: the edge of a step in ngspice
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
+_TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
 _CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 Start = Literal["zero", "rest"]
 Supplied = tuple[int, int, float, float]
@@ -227,6 +229,7 @@ def read_board(
             (cards,) = expand(stubbed, find_simulator())
     except DidNotLoad as error:
         refused = unbraced_expression(deck) if "unknown parameter" in str(error) else None
+        refused = refused or table(deck, str(error))
         said = Complaint("deck", "", str(error).splitlines()[0])
         raise refused or InputError(deck.file, said) from None
     try:
@@ -294,6 +297,9 @@ def _notes(
             " phase margin; its limits and its noise do not count"
         )
     for card in deck.left:
+        celsius = _TEMPERATURE.search(card.text)
+        if celsius and celsius[1] != "27":
+            yield f"{card.text}: does not count; every part is at 27 degrees C"
         if card.word == ".step":
             yield f"{card.text}: does not run; {_sweep_of(card.text)} does it"
     for model_name, model in imported.items():
@@ -316,6 +322,8 @@ def _notes(
         yield "edges are steps: rise times and later edges of the sources do not count"
     if any(found.kind == "sin" for found in flat.stimuli.values()):
         yield "a sine counts with its offset"
+    if flat.absent:
+        yield f"without capacitance, so left out: {', '.join(flat.absent)}"
     if flat.charged or any(card.word == ".ic" for card in deck.left):
         yield "initial charges (ic=, .ic) do not count"
 
@@ -439,8 +447,10 @@ def _imported(deck: ForeignDeck, name: str, order: int, low: float, high: float)
                     raise
                 turned = (roles[1], roles[0], *roles[2:])
                 found = import_opamp(str(place), name, turned, half, middle=middle)
-        except InputError as error:
+        except (InputError, SimulationError) as error:
             text = str(error).replace(str(place), deck.file.name)
+            if isinstance(error, SimulationError):
+                text = f"ngspice does not measure it on its test bench: {text.splitlines()[0]}"
             raise InputError(deck.file, Complaint(f".subckt {name}", "", text)) from None
     if found.linear is None:
         raise InputError(deck.file, Complaint(f".subckt {name}", "", found.missing))

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from taction import check
-from taction.netlist_gen.deck.flat_cards import CardError, read_cards, stimulus_of
+from taction.netlist_gen.deck.flat_cards import CardError, read_cards
 from taction.netlist_gen.deck.foreign_deck import read_deck
+from taction.netlist_gen.deck.stimuli import stimulus_of
 from taction.system.errors import InputError, TactionError
 from taction.verification.engines.ngspice import listing
 from taction.verification.studies.foreign_board import read_board
@@ -54,7 +55,7 @@ def test_commands_do_not_run(text: str, folder: Path, ngspice: str) -> None:
     "card",
     [
         ".shell touch {mark}", ".exec touch {mark}", ".pre_osdi {mark}", ".csparams x=1",
-        ".if (1)", ".spiceinit", "A1 in out filesource", ".hdl x.va", ".codemodel x.cm",
+        ".spiceinit", "A1 in out filesource", ".hdl x.va", ".codemodel x.cm",
         ".verilog x.v", ".save all\x0b.control", "R9 in out `touch {mark}`",
         "R9 in out \"1k\"", "N1 in out model", "Y1 in out model", "P1 in out 3",
     ],
@@ -210,3 +211,110 @@ def test_what_a_source_does(text: str, before: float, after: float, at: float) -
 def test_a_flat_card_that_is_not_linear_is_refused(card: str) -> None:
     with pytest.raises(CardError, match="is not linear"):
         read_cards([card])
+
+
+def test_lines_that_end_with_two_returns(folder: Path) -> None:
+    """Some converters of line ends write both twice."""
+    text = "t\r\r\nV1 in 0 1\r\r\nR1 in out\r\r\n+ 1k\r\r\nC1 out 0 1n\r\r\n.end\r\r\n"
+    assert read_deck(written(folder, text)).lines == ("v1 in 0 1", "r1 in out 1k", "c1 out 0 1n")
+
+
+def test_cards_of_outputs_may_have_any_characters(folder: Path, ngspice: str) -> None:
+    """The currents that schematics save, and titles of plots."""
+    cards = ".save @v1[i]\n+ v(out) @r1[p]\n.plot tran v(out) title \"50 % of 'x'\"\n"
+    board = read_board(written(folder, f"t\n{RC}{cards}.end\n"))
+    assert [out.node for out in board.circuit.outputs] == ["out"]
+    with pytest.raises(InputError, match="line 2"):
+        read_deck(written(folder, "t\nR@1 in out 1k\n.end\n"))
+
+
+def test_a_file_that_is_included_again_is_read_once(folder: Path, ngspice: str) -> None:
+    written(folder, ".subckt half a b\nR1 a b 1k\nR2 b 0 1k\n.ends\nR9 out 0 9k\n", "half.lib")
+    written(folder, ".include half.lib\n", "more.lib")
+    cards = ".include half.lib\n.include more.lib\nX1 out x half\n"
+    board = read_board(written(folder, f"t\n{RC}{cards}.end\n"))
+    assert sorted(part.ohms for part in board.circuit.resistors) == [1e3, 1e3, 1e3, 9e3]
+    assert "half.lib: included again, and read once" in board.notes
+
+
+def test_parts_that_two_subcircuits_include_are_in_both(folder: Path, ngspice: str) -> None:
+    written(folder, "R1 a b 2k\n", "part.inc")
+    block = ".subckt {name} a b\n.include part.inc\n.ends\n"
+    blocks = block.format(name="one") + block.format(name="two")
+    board = read_board(written(folder, f"t\n{RC}{blocks}X1 out x one\nX2 x 0 two\n.end\n"))
+    assert sorted(part.ohms for part in board.circuit.resistors) == [1e3, 2e3, 2e3]
+
+
+def test_a_capacitor_of_nothing_is_left_out(folder: Path, ngspice: str) -> None:
+    board = read_board(written(folder, f"t\n{RC}C2 out 0 0\nC3 in out {{0*1n}}\n.end\n"))
+    assert [part.card for part in board.circuit.capacitors] == ["C1"]
+    assert "without capacitance, so left out: C2, C3" in board.notes
+    assert [knob.name for knob in board.circuit.knobs] == ["R1", "C1"]
+
+
+@pytest.mark.parametrize(
+    ("card", "ohms"), [("R2 out 0 rm 3k", 3e3), ("R2 out 0 3k rm", 3e3), ("R2 out 0 rm r=3k", 3e3)]
+)
+def test_a_value_beside_a_model_counts(card: str, ohms: float, folder: Path, ngspice: str) -> None:
+    model = ".model rm R (tc1=1m tc2=1u rsh=100)\n.model cm C (cj=1m)\nC2 out 0 cm 2n\n"
+    board = read_board(written(folder, f"t\n{RC}{model}{card}\n.end\n"))
+    assert {part.card: part.ohms for part in board.circuit.resistors}["R2"] == ohms
+    assert [part.farads for part in board.circuit.capacitors] == [1e-9, 2e-9]
+
+
+@pytest.mark.parametrize(
+    "cards",
+    [".model rm R (rsh=100)\nR2 out 0 rm l=10u w=1u", ".model rm R (r=2)\nR2 out 0 rm 1k",
+     ".model rm R (tnom=50 tc1=1m)\nR2 out 0 rm 1k"],
+)  # fmt: skip
+def test_a_model_that_gives_the_value_is_refused(cards: str, folder: Path, ngspice: str) -> None:
+    with pytest.raises(InputError, match="R2: expected a value beside the model"):
+        read_board(written(folder, f"t\n{RC}{cards}\n.end\n"))
+
+
+@pytest.mark.parametrize("key", ["temp=77", "dtemp=50"])
+def test_a_part_at_another_temperature_is_refused(key: str, folder: Path, ngspice: str) -> None:
+    """Its value there would be another one: 1.5 kohm."""
+    with pytest.raises(InputError, match="R2: the field"):
+        read_board(written(folder, f"t\n{RC}R2 out 0 1k tc1=10m {key}\n.end\n"))
+
+
+@pytest.mark.parametrize(
+    ("card", "said"),
+    [(".temp 77", True), (".options reltol=1m temp=77", True), (".option tnom = 50", True),
+     (".temp 27", False), (".options reltol=1m", False)],
+)  # fmt: skip
+def test_another_temperature_is_told_of(card: str, said: bool, folder: Path, ngspice: str) -> None:
+    board = read_board(written(folder, f"t\n{RC}{card}\n.end\n"))
+    assert any("27 degrees" in note for note in board.notes) == said
+
+
+@pytest.mark.parametrize(("chosen", "ohms"), [(1, 2e3), (2, 3e3), (7, 4e3)])
+def test_a_choice_of_cards(chosen: int, ohms: float, folder: Path, ngspice: str) -> None:
+    cards = (
+        f".param n={chosen}\n.if (n==1)\nR2 out 0 2k\n.elseif (n==2)\nR2 out 0 3k\n.else\n"
+        "R2 out 0 4k\n.endif\n"
+    )
+    board = read_board(written(folder, f"t\n{RC}{cards}.end\n"))
+    assert board.circuit.value("R2") == ohms
+    (other,) = board.at([{"n": 2.0}])
+    assert not isinstance(other, InputError)
+    assert other.value("R2") == 3e3
+
+
+def test_a_choice_without_its_end_is_refused(folder: Path, ngspice: str) -> None:
+    with pytest.raises(InputError, match="endif"):
+        read_board(written(folder, f"t\n{RC}.if (1)\nR2 out 0 2k\n.end\n"))
+
+
+def test_a_table_is_refused_with_its_line(folder: Path, ngspice: str) -> None:
+    card = "E1 x 0 TABLE {v(out)} = (-1,-2) (1,2)\nR2 x 0 1k\n"
+    with pytest.raises(InputError, match=r"line 5 = 'e1 .*a table is not linear"):
+        read_board(written(folder, f"t\n{RC}{card}.end\n"))
+
+
+@pytest.mark.parametrize("card", ["E1 x 0 POLY(2) out 0 in 0 0 0.5 0.25", "B1 x 0 V=2*v(out)+1"])
+def test_nodes_that_ngspice_makes_are_no_outputs(card: str, folder: Path, ngspice: str) -> None:
+    board = read_board(written(folder, f"t\n{RC.replace('out', 'q')}{card.replace('out', 'q')}\n"))
+    assert not any("#" in out.node for out in board.circuit.outputs)
+    assert any("#" in node for node in board.flat.nodes)

@@ -302,6 +302,49 @@ def test_an_opamp_of_a_vendor_is_replaced(tmp_path: Path) -> None:
     assert found.outputs[0].rest - found.outputs[0].before == pytest.approx(-0.01, rel=1e-3)
 
 
+CLAMPED = """\
+.param f=1k
+.param t = 1/f double={2*t} third = double / 2
+.subckt clamped p n vcc vee out params: gain=20k pole=20
+Voff p q dc {1m*(temp - 27)}
+G1 0 x q n 100u
+R1 x 0 {gain/100u}
+C1 x 0 {1/(6.283185307179586*gain/100u*pole)} ic=0
+E1 y 0 x 0 1
+Ro y out 10
+E2 low 0 vee 0 1
+E3 high 0 vcc 0 1
+D1 low x limit
+D2 x high limit
+.model limit d n=0.01
+.ends
+Vp vp 0 15
+Vm vm 0 -15
+V1 in 0 PULSE(0 10m 1u)
+R1 in m 10k
+R2 m out 20k
+X1 0 m vp vm out clamped
+"""
+
+
+def test_an_opamp_beside_parameters_without_braces(tmp_path: Path) -> None:
+    """With the gain A at DC and the noise gain N = 3 the pole is near -2 pi f (1 + A / N)."""
+    place = tmp_path / "clamped.cir"
+    place.write_text(f"clamped\n{CLAMPED}C1 m 0 {{t*1p}}\n.end\n")
+    board = read_board(place)
+    lead = poles(board.circuit).rightmost
+    loop = 1.0 + 2e4 / (3.0 + 10.0 / 1e4)
+    assert lead.real == pytest.approx(-2.0 * math.pi * 20.0 * loop, rel=1e-3)
+    assert lead.imag == 0.0
+
+
+def test_a_macromodel_that_ngspice_does_not_measure_is_named(tmp_path: Path) -> None:
+    place = tmp_path / "clamped.cir"
+    place.write_text(f"t\n{CLAMPED.replace('n=0.01', 'n=0.01 is=1e-300 bv=1')}.end\n")
+    with pytest.raises(InputError, match=r"\.subckt clamped: ngspice does not measure it"):
+        read_board(place)
+
+
 @pytest.fixture
 def powered(tmp_path: Path) -> Read:
     """Read a deck with op-amps of a vendor between lines that hold their supplies."""

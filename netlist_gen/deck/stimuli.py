@@ -1,0 +1,92 @@
+"""What a source of a flat deck does over time: a step, where its card has a function of time."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from taction.spice_models.foreign_expressions import number
+
+_WAVE = re.compile(r"\b(pulse|pwl|sine?|exp|step)\s*\(?([^()]*)\)?")
+FIXED = "fixed"  # kind of a source that is the constant of an expression
+
+
+@dataclass(frozen=True, slots=True)
+class Stimulus:
+    """What a source does: its value before and after the step, the instant, and the kind."""
+
+    before: float
+    after: float
+    at: float = 0.0  # of its first change, s
+    kind: str = "dc"
+    ac: bool = False
+
+    @property
+    def moves(self) -> bool:
+        """Whether it changes over time."""
+        return self.before != self.after
+
+
+def stimulus_of(text: str) -> Stimulus:
+    """Return what a source does, from its card without name and nodes.
+
+    Raises
+    ------
+    ValueError
+        A word or a function of time that is not known.
+
+    Examples
+    --------
+    >>> stimulus_of("dc 0 ac 1 pulse(0 2.5 1u 1n 1n 1 2)")
+    Stimulus(before=0.0, after=2.5, at=1e-06, kind='pulse', ac=True)
+    >>> stimulus_of("5").after
+    5.0
+    """
+    match = _WAVE.search(text)
+    plain = (text[: match.start()] + " " + text[match.end() :]) if match else text
+    words, dc, ac = re.sub(r"[=(),]", " ", plain).split(), 0.0, False
+    while words:
+        word = words.pop(0)
+        if word == "ac":
+            ac = True
+            _numbers(words)
+        elif word in ("distof1", "distof2"):
+            _numbers(words)
+        elif word == "dc":
+            dc = number(words.pop(0)) if words else 0.0
+        else:
+            dc = number(word)
+    if match is None:
+        return Stimulus(dc, dc, ac=ac)
+    given = [number(word) for word in re.split(r"[\s,]+", match[2].strip()) if word]
+    return _WAVES[match[1]](given, ac)
+
+
+def _numbers(words: list[str]) -> None:
+    """Take the numbers at the front of some words: magnitude and phase."""
+    while words and words[0] not in ("ac", "dc", "distof1", "distof2"):
+        number(words.pop(0))
+
+
+def _pulse(given: list[float], ac: bool) -> Stimulus:
+    return Stimulus(given[0], given[1], given[2] if len(given) > 2 else 0.0, "pulse", ac)
+
+
+def _piecewise(given: list[float], ac: bool) -> Stimulus:
+    times, values = given[::2], given[1::2]
+    changes = [t for t, a, b in zip(times, values, values[1:], strict=False) if a != b]
+    return Stimulus(values[0], values[-1], changes[0] if changes else 0.0, "pwl", ac)
+
+
+def _sine(given: list[float], ac: bool) -> Stimulus:
+    return Stimulus(given[0], given[0], 0.0, "sin", ac)
+
+
+def _exponential(given: list[float], ac: bool) -> Stimulus:
+    return Stimulus(given[0], given[1], given[2] if len(given) > 2 else 0.0, "exp", ac)
+
+
+_WAVES = {
+    "pulse": _pulse, "step": _pulse, "pwl": _piecewise, "sin": _sine, "sine": _sine,
+    "exp": _exponential,
+}  # fmt: skip
