@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 
 import numpy as np
@@ -131,7 +132,7 @@ class Edges:
         return tuple(ranges)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """Poles at one value."""
 
@@ -147,7 +148,7 @@ class Sample:
         """Number of leading poles that are certainly the rightmost poles."""
         return len(self.poles) if self.complete else min(len(self.poles), 1)
 
-    @property
+    @cached_property
     def unstable(self) -> int:
         """Number of poles on or right of the imaginary axis; at most 1 of an incomplete set."""
         return int(np.sum(self.poles.real[: self.known] >= 0.0))
@@ -157,7 +158,7 @@ class Sample:
         """Whether all poles are left of the imaginary axis."""
         return not self.failure and self.unstable == 0
 
-    @property
+    @cached_property
     def certain(self) -> bool:
         """Whether all known poles are off the imaginary axis by more than rounding."""
         off = np.abs(self.poles.real) > self.errors
@@ -165,15 +166,14 @@ class Sample:
 
     def nearest(self, place: complex) -> complex:
         """Return the known pole nearest to a place in the complex plane, 1/s."""
-        return self.nearest_each(np.array([place]))[0]
+        return complex(self.nearest_each(np.array([place]))[0])
 
-    def nearest_each(self, places: Complexes) -> list[complex]:
+    def nearest_each(self, places: Complexes) -> Complexes:
         """Return the known pole nearest to each place (P,) in the complex plane, 1/s."""
         known = self.poles[: self.known]
         if not len(known):
-            return [complex(-math.inf)] * len(places)
-        found: list[complex] = known[np.abs(known - places[:, None]).argmin(axis=1)].tolist()
-        return found
+            return np.full(len(places), complex(-math.inf))
+        return np.asarray(known[np.abs(known - places[:, None]).argmin(axis=1)])
 
     def real(self, k: int) -> float:
         """Return the k-th largest real part (k from 0), 1/s; minus infinity beyond the last."""

@@ -20,7 +20,7 @@ from taction.verification.stability.families import (
     all_but_a_knob,
     edges_together,
 )
-from taction.verification.stability.poles import Poles, coarse_poles, poles
+from taction.verification.stability.poles import Poles, poles, poles_together
 
 REACH = 100.0  # the largest factor
 CLOSE, DECADES = 1e-6, 4  # relative distance of the poles that confirm an edge, and farther
@@ -275,7 +275,9 @@ class _Way:
         if any(abs(value - other) <= ALIKE * other for other in self.confirmed):
             return ""
         try:
-            found = coarse_poles(self.family.board(value))
+            (found,) = poles_together([self.family.board(value)])
+            if isinstance(found, TactionError):
+                raise found
             wound = self.family.count(value, edges)
         except EngineError as error:
             return f"{where} there are no poles: {error}"

@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.system.errors import EngineError, TactionError
+from taction.verification.engines.statespace.equations.descriptor import LARGE
+from taction.verification.engines.statespace.linearised.board import (
+    LinearBoard,
+    parts_of,
+    state_spaces,
+)
 from taction.verification.engines.statespace.linearised.count_unstable import count_right
+from taction.verification.engines.statespace.linearised.lead_pole import (
+    SEARCHED,
+    LeadPole,
+    lead_poles,
+)
 from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
-SEARCHED = 1e-9  # times the fastest pole: error of the rightmost poles that a search finds
+STACK = 32  # boards of a stack: their matrices fit into the memory of a processor
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,23 +110,69 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
     return _of_modes(board)
 
 
-def coarse_poles(circuit: Circuit | LinearBoard) -> Poles:
-    """Find the poles of a board to `SEARCHED`, or as `poles` where that leaves a side open.
+Board = Circuit | LinearBoard
+Wanted = TypeVar("Wanted")
 
-    For a count beside a witness of its own, such as a winding number: bounds of (nearly) defective
-    poles need the modes. The cost is a third.
 
-    Raises
-    ------
-    EngineError
-        As `poles`.
+def poles_together(boards: Iterable[Board | TactionError]) -> list[Poles | TactionError]:
+    """Find the poles of boards, or why a board has none, by eigenvalues without modes.
+
+    The rightmost pole has the bound that it has in `poles`, all others the error `SEARCHED`. Where
+    this leaves open which pole is the rightmost, or on which side of the axis one is, a board gets
+    its modes, and a large board gets what `poles` finds. Bounds of other poles that are (nearly)
+    defective need the modes: so a count needs a second witness, such as a winding number.
+
+    Notes
+    -----
+    The cost is a third of that of the modes. Boards of one size are computed in stacks; each has
+    the digits that it has alone. Boards that an iterator makes are not kept.
+
+    Examples
+    --------
+    >>> import taction
+    >>> board = taction.synthesise(taction.load_scene("scenes/paper-breadboard.toml"))
+    >>> found = poles_together([board.turned("C", farads) for farads in (8e-12, 10e-12)])
+    >>> [each.unstable_count for each in found]
+    [4, 0]
+    >>> f"{found[1].rightmost.real:.6g} +- {found[1].resolution:.1g} 1/s"
+    '-1123.46 +- 3e-06 1/s'
     """
-    board = LinearBoard.of(circuit)
-    if board.descriptor.is_large:
+    found, following = list[Poles | TactionError](), iter(boards)
+    while stack := list(itertools.islice(following, STACK)):
+        found += _poles_of_stack(stack)
+    return found
+
+
+def _poles_of_stack(stack: Sequence[Board | TactionError]) -> list[Poles | TactionError]:
+    boards = [each if isinstance(each, TactionError) else LinearBoard.of(each) for each in stack]
+    small = [b for b in boards if isinstance(b, LinearBoard) and parts_of(b) <= LARGE]
+    spaces = zip(small, state_spaces(small), strict=True)
+    known = {board: space for board, space in spaces if space and not space.has_modes}
+    leads = dict(zip(known, lead_poles(list(known.values())), strict=True))
+    return [
+        board if isinstance(board, TactionError) else _found(board, leads.get(board))
+        for board in boards
+    ]
+
+
+def _found(board: LinearBoard, lead: LeadPole | None) -> Poles | TactionError:
+    """Return the poles if they tell the side of each, else what the modes tell."""
+    if lead is not None:
+        found = summarise(lead.poles, complete=True, errors=lead.errors)
+        if found.certain:
+            return found
+    try:
         return poles(board)
-    values = [np.linalg.eigvals(block.A) for block in board.state_space.blocks]
-    found = summarise(np.concatenate(values).astype(np.complex128), complete=True)
-    return found if found.certain else poles(board)
+    except EngineError as error:
+        return error
+
+
+def built(build: Callable[[Wanted], Board], of: Wanted) -> Board | TactionError:
+    """Return a board, or why there is none."""
+    try:
+        return build(of)
+    except TactionError as error:
+        return error
 
 
 def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:

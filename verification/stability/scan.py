@@ -10,13 +10,15 @@ of the value, and a crossing is a zero of some ``r_k``.
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from bisect import bisect_left, insort
+from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
 from itertools import pairwise
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from taction.system.errors import EngineError, InputError, TactionError
+from taction.system.array_types import Complexes, Floats
+from taction.system.errors import TactionError
 from taction.verification.stability.edges import Edge, Sample, Scan
 from taction.verification.stability.poles import Poles
 
@@ -26,30 +28,37 @@ BEND = 0.5  # of the distance to the axis: largest error of interpolation withou
 REACH = 0.9  # of the distance to the axis: a parabola with its extreme beyond misses the axis
 NARROW = 1e-6  # relative width below which rounding can decide the side of the axis
 SAME_FREQUENCY = 1e-3  # relative difference of frequencies that count as equal
+AHEAD = 4  # values at once on the way from a stable board to the next edge
 
-Reader = Callable[[float], Poles]
+Wanted = TypeVar("Wanted", bound=Hashable)
+Found = TypeVar("Found")
+Answer = Poles | TactionError
+Steps = Generator[list[Wanted], Sequence[Answer], Found]
+"""A search that yields of what it wants the poles, all that it can use at once."""
 Triple = tuple[Sample, Sample, Sample]
 Followed = tuple[complex, complex, complex]  # one pole in three samples
 
 
 def scan(
-    read: Reader,
     values: Sequence[float],
+    to: Callable[[float], Wanted],
     *,
     logarithmic: bool = True,
     tolerance: float = TOLERANCE,
     fine: bool = True,
     start: float | None = None,
-) -> Scan:
-    """Find every edge between the least and the largest of `values`.
+) -> Steps[Wanted, Scan]:
+    """Find every edge between the least and the largest of `values`; run it with `answered`.
+
+    If the poles are incomplete, as those of a large board, only crossings of the rightmost pole are
+    listed.
 
     Parameters
     ----------
-    read : callable
-        Poles at a value. If the poles are incomplete, as those of a large board, only crossings
-        of the rightmost pole are listed.
     values : sequence of float
         The first grid; above zero if `logarithmic`.
+    to : callable
+        Of what the scan wants the poles at a value.
     logarithmic : bool
         Whether to interpolate and halve in the logarithm of the value.
     tolerance : float
@@ -69,59 +78,137 @@ def scan(
 
     Notes
     -----
-    Costs one call of `read` per grid point, and about twenty per crossing.
+    Costs the poles of one board per grid point, and about twenty per crossing.
+
+    Examples
+    --------
+    >>> from taction.verification.stability.poles import summarise
+    >>> def read(values):
+    ...     return [summarise(np.array([v - 3 + 0j, -9.0]), complete=True) for v in values]
+    >>> [edge.value for edge in answered(scan([1.0, 5.0], float), read).edges]
+    [3.0]
     """
-    search = _Search(read, values, logarithmic, None if fine else 0, start)
+    search = _Search(to, logarithmic, None if fine else 0)
+    yield from search.begin(values, start)
     for passes in PASSES if fine else ():  # twice: an edge may hide others in its grid interval
-        search.refine(passes)
-        search.climb()
-        search.close(tolerance)
-    search.close(tolerance)
+        yield from search.refine(passes)
+        yield from search.climb()
+        yield from search.close(tolerance)
+    yield from search.close(tolerance)
     samples = tuple(search.samples)
     failed = tuple(sample.value for sample in samples if sample.failure)
     ends, lowest = (samples[0].value, samples[-1].value), samples[0].unstable
     return Scan(*ends, tuple(search.edges()), failed, lowest, samples, logarithmic)
 
 
-class _Search:
+def answered(
+    steps: Steps[Wanted, Found], read: Callable[[list[Wanted]], Sequence[Answer]]
+) -> Found:
+    """Give a search the poles that it wants, and return what it finds."""
+    try:
+        wanted = next(steps)
+        while True:
+            wanted = steps.send(read(wanted))
+    except StopIteration as end:
+        found: Found = end.value
+        return found
+
+
+def side_by_side(searches: Sequence[Steps[Wanted, Found]]) -> Steps[Wanted, list[Found]]:
+    """Run searches at once: what they want next is wanted together, and what is equal once.
+
+    Examples
+    --------
+    >>> def search(value):
+    ...     first = yield [value]
+    ...     second = yield [2 * value]
+    ...     return first + second
+    >>> def read(wanted):
+    ...     print(wanted)
+    ...     return [-value for value in wanted]
+    >>> answered(side_by_side([search(1), search(2), search(2)]), read)
+    [1, 2]
+    [2, 4]
+    [[-1, -2], [-2, -4], [-2, -4]]
+    """
+    found, wanted = dict[int, Found](), dict[int, list[Wanted]]()
+    answers = dict[Wanted, Answer]()
+    while len(found) < len(searches):
+        for k, search in enumerate(searches):
+            if k in found:
+                continue
+            try:
+                begun = k in wanted
+                wanted[k] = search.send([answers[w] for w in wanted[k]]) if begun else next(search)
+            except StopIteration as end:
+                found[k] = end.value
+                wanted[k] = []
+        every = list(dict.fromkeys(each for some in wanted.values() for each in some))
+        if every:
+            answers = dict(zip(every, (yield every), strict=True))
+    return [found[k] for k in range(len(searches))]
+
+
+def or_error(steps: Steps[Wanted, Found]) -> Steps[Wanted, Found | TactionError]:
+    """Return what a search finds, or why it finds nothing."""
+    try:
+        return (yield from steps)
+    except TactionError as error:
+        return error
+
+
+class _Search(Generic[Wanted]):
     """A scan in progress: samples in increasing order of the value.
 
     Edges with more than `most` unstable poles on both sides are left out.
     """
 
-    def __init__(
-        self,
-        read: Reader,
-        values: Sequence[float],
-        logarithmic: bool,
-        most: int | None,
-        start: float | None,
-    ) -> None:
-        self.read, self.logarithmic, self.most = read, logarithmic, most
+    def __init__(self, to: Callable[[float], Wanted], logarithmic: bool, most: int | None) -> None:
+        self.to, self.logarithmic, self.most = to, logarithmic, most
         self.samples: list[Sample] = []
-        self._error: TactionError | None = None
-        ordered = sorted({float(value) for value in values}, reverse=start == max(values))
-        for value in ordered:
-            there = self.take(math.log(value) if logarithmic else value, value)
-            if start is not None and there.certain and there.unstable:
-                break
-        if self._error is not None and all(sample.failure for sample in self.samples):
-            raise self._error
 
-    def take(self, place: float, value: float | None = None) -> Sample:
-        """Return the sample at a place: one more in its order, or the one that is there."""
+    def begin(self, values: Sequence[float], start: float | None) -> Steps[Wanted, None]:
+        """Take the samples of the first grid; raise an error if none of them has poles."""
+        ordered = sorted({float(value) for value in values}, reverse=start == max(values))
+        step, errors = len(ordered) if start is None else AHEAD, list[TactionError]()
+        for first in range(0, len(ordered), step):
+            some = ordered[first : first + step]
+            for value, found in zip(some, (yield [self.to(v) for v in some]), strict=True):
+                errors += [found] if isinstance(found, TactionError) else []
+                place = math.log(value) if self.logarithmic else value
+                there = self._insert(place, value, found)
+                if start is not None and there.certain and there.unstable:
+                    return
+        if len(errors) == len(self.samples):
+            raise errors[0]
+
+    def take(self, places: Iterable[float]) -> Steps[Wanted, list[Sample]]:
+        """Return the samples at places: more in their order, or those that are there."""
+        every = list(places)
+        values = {
+            place: math.exp(place) if self.logarithmic else place
+            for place in every
+            if self._at(place) is None
+        }
+        answers = (yield [self.to(value) for value in values.values()]) if values else []
+        for (place, value), found in zip(values.items(), answers, strict=True):
+            self._insert(place, value, found)
+        return [there for place in every if (there := self._at(place))]
+
+    def _at(self, place: float) -> Sample | None:
         there = bisect_left(self.samples, place, key=lambda each: each.place)
-        if there < len(self.samples) and self.samples[there].place == place:
-            return self.samples[there]
-        if value is None:
-            value = math.exp(place) if self.logarithmic else place
-        try:
-            poles = self.read(value)
-            sample = Sample(place, value, poles.poles, poles.errors, poles.complete)
-        except (InputError, EngineError) as error:
-            self._error = self._error or error
-            sample = Sample(place, value, np.zeros(0, complex), failure=str(error))
-        self.samples.insert(there, sample)
+        found = there < len(self.samples) and self.samples[there].place == place
+        return self.samples[there] if found else None
+
+    def _insert(self, place: float, value: float, found: Answer) -> Sample:
+        known = self._at(place)
+        if known is not None:  # by another search of the same scan
+            return known
+        if isinstance(found, TactionError):
+            sample = Sample(place, value, np.zeros(0, complex), failure=str(found))
+        else:
+            sample = Sample(place, value, found.poles, found.errors, found.complete)
+        insort(self.samples, sample, key=lambda each: each.place)
         return sample
 
     def without_crossing(self) -> list[Triple]:
@@ -129,25 +216,28 @@ class _Search:
         triples = zip(self.samples, self.samples[1:], self.samples[2:], strict=False)
         return [t for t in triples if not any(s.failure for s in t) and _equal(*t)]
 
-    def refine(self, passes: int) -> None:
+    def refine(self, passes: int) -> Steps[Wanted, None]:
         """Halve intervals until interpolation proves that poles stay on their side of the axis."""
         for _ in range(passes):
             places = set()
             for a, m, b in self.without_crossing():
-                if any(_bends((a, m, b), each) for each in _followed(a, m, b)):
+                if _bends((a, m, b), _followed(a, m, b).real):
                     places |= {0.5 * (a.place + m.place), 0.5 * (m.place + b.place)}
             if not places:
                 return
-            for place in places:
-                self.take(place)
+            yield from self.take(places)
 
-    def climb(self) -> None:
+    def climb(self) -> Steps[Wanted, None]:
         """Follow every pole that turns back before the axis to its point nearest the axis."""
+        climbs = list[Steps[Wanted, None]]()
         for triple in self.without_crossing():
-            for each in _followed(*triple):
-                self._climb(triple, each)
+            every = _followed(*triple)
+            left, middle, right = np.abs(every.real)
+            nearer = every[:, middle < np.minimum(left, right)]
+            climbs += [self._climb(triple, each) for each in zip(*nearer.tolist(), strict=True)]
+        yield from side_by_side(climbs)
 
-    def _climb(self, triple: Triple, pole: Followed) -> None:
+    def _climb(self, triple: Triple, pole: Followed) -> Steps[Wanted, None]:
         (a, m, b), (pa, pm, pb) = triple, pole
         for _ in range(60):
             near, ends = abs(pm.real), (abs(pa.real), abs(pb.real))
@@ -156,7 +246,7 @@ class _Search:
             top, height = _vertex((a, m, b), (pa.real, pm.real, pb.real))
             if height * np.sign(pm.real) > REACH * near:
                 return
-            sample = self.take(top)
+            (sample,) = yield from self.take([top])
             if sample.failure or sample.unstable != m.unstable:
                 return  # a crossing: `close` brackets it
             found = sample.nearest(_between_places((a, m, b), (pa, pm, pb), top))
@@ -171,16 +261,16 @@ class _Search:
         most = math.inf if self.most is None else self.most
         return [(a, b) for a, b in differ if min(a.unstable, b.unstable) <= most]
 
-    def close(self, tolerance: float) -> None:
+    def close(self, tolerance: float) -> Steps[Wanted, None]:
         """Bracket every change of the number of unstable poles that is more than rounding."""
         while wide := [
             (a, b)
             for a, b in self.changes(self.samples)
             if _width(a, b) > tolerance and (a.certain or b.certain)
         ]:
-            self._close(*wide[0], tolerance)
+            yield from side_by_side([self._close(a, b, tolerance) for a, b in wide])
 
-    def _close(self, a: Sample, b: Sample, tolerance: float) -> None:
+    def _close(self, a: Sample, b: Sample, tolerance: float) -> Steps[Wanted, None]:
         """Bracket a zero of one r_k from both sides (ITP; Oliveira and Takahashi 2020)."""
         k = min(a.unstable, b.unstable)
         first = b.place - a.place
@@ -195,7 +285,7 @@ class _Search:
             shifted = chord + math.copysign(max(abs(push), min(least, abs(middle - chord))), push)
             slack = max(first * 2.0 ** (1 - step) - 0.5 * width, 0.0)
             place = min(max(shifted, middle - slack), middle + slack)
-            sample = self.take(place)
+            (sample,) = yield from self.take([place])
             if sample.failure:
                 return
             a, b = (sample, b) if (sample.real(k) >= 0.0) == (ra >= 0.0) else (a, sample)
@@ -243,19 +333,24 @@ def _equal(*samples: Sample) -> bool:
     return len({sample.unstable for sample in samples}) == 1
 
 
-def _followed(a: Sample, m: Sample, b: Sample) -> list[Followed]:
-    """Return each pole with Im >= 0 of the sample in the middle, with the nearest ones beside."""
+def _followed(a: Sample, m: Sample, b: Sample) -> Complexes:
+    """Return each pole with Im >= 0 of the sample in the middle, and the nearest ones beside.
+
+    The rows are those of the three samples.
+    """
     known = m.poles[: m.known]
     upper = known[known.imag >= 0.0]
-    return list(zip(a.nearest_each(upper), upper.tolist(), b.nearest_each(upper), strict=True))
+    return np.stack([a.nearest_each(upper), upper, b.nearest_each(upper)])
 
 
-def _bends(triple: Triple, pole: Followed) -> bool:
+def _bends(triple: Triple, real: Floats) -> bool:
+    """Tell whether the real parts, (3, P), of any pole may change sign between the samples."""
     a, m, b = triple
     share = (m.place - a.place) / (b.place - a.place)
-    left, middle, right = (each.real for each in pole)
+    left, middle, right = real
     chord = (1.0 - share) * left + share * right
-    return abs(middle - chord) > BEND * min(abs(left), abs(middle), abs(right))
+    nearest = np.abs(real).min(axis=0)
+    return bool(np.any(np.abs(middle - chord) > BEND * nearest))
 
 
 def _between_places(triple: Triple, pole: Followed, place: float) -> complex:

@@ -11,10 +11,11 @@ import pytest
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import EPS
+from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.stability.poles import count_unstable, poles
+from taction.verification.stability.poles import Poles, count_unstable, poles, poles_together
 from tests.support.boards import lags, paper_board, single_mode
 from tests.support.poles import rounded_poles
 from tests.support.readings import Samples, rise_time
@@ -136,3 +137,31 @@ def test_poles_that_nearly_meet_are_within_their_errors(opamp: str, gain: float,
     assert off.max() > 64.0 * EPS * np.abs(true).max()
     assert np.all(off <= found.errors)
     assert np.all(found.errors <= 1e-3 * np.abs(found.poles))
+
+
+def test_poles_of_many_boards_are_those_of_each_alone() -> None:
+    """In more than one stack, with a board that could not be built, defective and large ones."""
+    values = np.geomspace(8e-12, 11e-12, 40).tolist()
+    reason = EngineError("no board")
+    large = Scene.from_arrays(
+        np.eye(90) + 0.1, np.ones(90), capacitance="1nF", gain="100kohm", lam=0.5, opamp="tl084"
+    )
+    boards = [*map(paper_board, values), reason, lags(5, 1e-6), synthesise(large)]
+    *found, none, defective, many = poles_together(iter(boards))
+    assert none is reason
+    for value, one in zip(values, found, strict=True):
+        alone = poles(paper_board(value))
+        assert isinstance(one, Poles)
+        assert one.complete
+        assert abs(one.rightmost - alone.rightmost) <= one.resolution + alone.resolution
+        assert one.resolution == pytest.approx(alone.resolution, rel=0.1)
+        assert one.unstable_count == alone.unstable_count
+        assert one.certain
+    counts = [one.unstable_count for one in found if isinstance(one, Poles)]
+    assert counts == sorted(counts, reverse=True)
+    assert (counts[0], counts[-1]) == (4, 0)
+    for one, circuit in ((defective, lags(5, 1e-6)), (many, synthesise(large))):
+        assert isinstance(one, Poles)
+        assert one.poles.tobytes() == poles(circuit).poles.tobytes()
+        assert one.errors.tobytes() == poles(circuit).errors.tobytes()
+    assert LinearBoard(synthesise(large)).descriptor.is_large

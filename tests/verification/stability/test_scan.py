@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 
-from taction.system.errors import EngineError
+from taction.system.errors import EngineError, TactionError
+from taction.verification.stability import scan as scans
 from taction.verification.stability.edges import Scan
 from taction.verification.stability.poles import Poles, summarise
-from taction.verification.stability.scan import scan
 from tests.support.poles import rounded_poles
 
 GRID = np.geomspace(0.1, 10.0, 31).tolist()
+Law = Callable[[float], Poles]
+
+
+def scan(read: Law, values: Sequence[float], **how: Any) -> Scan:
+    """Scan poles that are read one by one."""
+    return scans.answered(scans.scan(values, float, **how), lambda some: at(read, some))
+
+
+def at(read: Law, values: Sequence[float]) -> list[Poles | TactionError]:
+    found = list[Poles | TactionError]()
+    for value in values:
+        try:
+            found.append(read(value))
+        except EngineError as error:
+            found.append(error)
+    return found
 
 
 def poles_of(*laws: Callable[[float], complex]) -> Callable[[float], Poles]:
@@ -62,8 +79,8 @@ def test_from_a_stable_end_nothing_is_read_far_behind_the_first_edge(start: floa
     sign = 1.0 if start > 1.0 else -1.0
     found = scan(read, GRID, start=start)
     assert places(found) == pytest.approx([sign], rel=1e-6)
-    step = GRID[1] / GRID[0]
-    assert all(sign * np.log(value) >= 1.0 - np.log(step) for value in seen)
+    reach = scans.AHEAD * np.log(GRID[1] / GRID[0])
+    assert all(sign * np.log(value) >= 1.0 - reach for value in seen)
     whole = scan(inner, GRID)
     assert len(whole.edges) == 4
     assert found.edges[0].value in [pytest.approx(edge.value, rel=1e-7) for edge in whole.edges]
@@ -144,6 +161,35 @@ def test_of_incomplete_poles_only_the_rightmost_one_counts() -> None:
     assert not found.complete
     assert (found.edges[0].below, found.edges[0].above) == (0, 1)
     assert found.stable_ranges == ((0.1, found.edges[0].value),)
+
+
+def test_scans_side_by_side_find_what_each_finds_alone() -> None:
+    """What two of them want at once is wanted once, and one that fails leaves the others alone."""
+    laws = {
+        "near": poles_of(lambda x: -1e-9 - (x - 0.123) ** 2 + 2j, lambda x: x - 0.5),
+        "window": poles_of(lambda x: 1e-4 - (x - 0.123) ** 2 + 2j, lambda x: -1e-4),
+    }
+    wanted = list[tuple[str, float]]()
+
+    def read(places: list[tuple[str, float]]) -> list[Poles | TactionError]:
+        assert len(set(places)) == len(places)
+        wanted.extend(places)
+        none = EngineError("no equilibrium")
+        return [laws[name](value) if name in laws else none for name, value in places]
+
+    names = ("near", "window", "nothing", "window")
+    searches = [
+        scans.or_error(scans.scan(GRID, lambda value, name=name: (name, value)))  # type: ignore[misc]
+        for name in names
+    ]
+    *found, nothing, again = scans.answered(scans.side_by_side(searches), read)
+    assert isinstance(nothing, EngineError)
+    for name, each in zip(("near", "window", "window"), (*found, again), strict=True):
+        assert isinstance(each, Scan)
+        alone = scan(laws[name], GRID)
+        assert each.edges == alone.edges
+        assert [sample.value for sample in each.samples] == [s.value for s in alone.samples]
+    assert len(set(wanted)) == len(wanted) > 3 * len(GRID)
 
 
 def test_a_window_hidden_behind_a_slower_mode_is_found() -> None:

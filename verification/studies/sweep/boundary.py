@@ -18,9 +18,9 @@ from taction.netlist_gen.scene.keys import Value
 from taction.system.array_types import Floats
 from taction.system.errors import TactionError
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.families import Family
-from taction.verification.stability.poles import Poles, coarse_poles
-from taction.verification.stability.scan import scan
+from taction.verification.stability.families import EdgeSearch, Family, edges_together
+from taction.verification.stability.poles import Poles, built, poles_together
+from taction.verification.stability.scan import Steps, answered, or_error, scan, side_by_side
 from taction.verification.studies.sweep.plan import Plan
 
 TOLERANCE = 1e-3  # of a crossing's value, relative: less than a line of a picture is wide
@@ -28,8 +28,10 @@ SAMPLES = 9  # least number of first evaluations along a line
 EVALUATIONS = 8  # of poles for one crossing of this tolerance
 SECONDS = 15.0  # of processor time: a boundary that would take longer is left to interpolation
 
-Place = tuple[float, float]  # values on the first and on the second axis
-Segment = tuple[Place, Place]
+Crossing = tuple[float, float]  # values on the first and on the second axis
+Segment = tuple[Crossing, Crossing]
+Place = tuple[int, int]  # of a point of the grid
+Changes = tuple[tuple[str, Value], ...]  # of the scene, at a point
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,7 @@ class Boundary:
         Why the boundary was not solved, or empty.
     """
 
-    points: tuple[Place, ...] = ()
+    points: tuple[Crossing, ...] = ()
     segments: tuple[Segment, ...] = ()
     unsolved: str = ""
 
@@ -71,17 +73,14 @@ def solve_boundary(plan: Plan, *, seconds: float = SECONDS) -> Boundary:
     """
     across, down = (group[0] for group in plan.groups)
     lines = _GridLines(plan)
-    try:
-        lines.poles_at(0, 0)  # loads modules
-        began = clock.process_time()
-        lines.poles_at(len(across) - 1, len(down) - 1)
-        needed = (clock.process_time() - began) * 2 * plan.points
-    except TactionError:
-        needed = 0.0
+    ends = len(across) - 1, len(down) - 1
+    lines.poles_at([(0, 0)])  # loads modules
+    began = clock.process_time()
+    lines.poles_at([(ends[0], 0), (0, ends[1]), ends])
+    needed = (clock.process_time() - began) / 3 * 2 * plan.points
     if needed > seconds:
         return Boundary(unsolved=f"solving the boundary would take {needed:.0f} s")
-    rows = {j: lines.crossings(0, j) for j in range(len(down))} if by_value(across) else {}
-    columns = {i: lines.crossings(1, i) for i in range(len(across))} if by_value(down) else {}
+    rows, columns = lines.crossings(0), lines.crossings(1)
     points = [(x, place_of(down, j)) for j, found in rows.items() for x in found]
     points += [(place_of(across, i), y) for i, found in columns.items() for y in found]
     segments: tuple[Segment, ...] = ()
@@ -107,37 +106,51 @@ class _GridLines:
         self.plan = plan
         fixed = all(not axis.key.path.startswith("problem.") for axis in plan.axes)
         self.problem = make_problem(plan.scene) if fixed else None
-        self.known: dict[tuple[tuple[str, Value], ...], Poles] = {}
+        self.known: dict[Changes, Poles | TactionError] = {}
 
-    def poles_at(self, i: int, j: int) -> Poles:
-        """Return the poles at a point of the grid."""
-        return self._poles(self.plan.values_at(int(np.ravel_multi_index((i, j), self.plan.shape))))
+    def poles_at(self, places: Sequence[Place]) -> list[Poles | TactionError]:
+        """Return the poles at points of the grid, or why there are none."""
+        numbers = np.ravel_multi_index(np.transpose(places), self.plan.shape).tolist()
+        return self._poles([_hashable(self.plan.values_at(number)) for number in numbers])
 
-    def crossings(self, along: int, other: int) -> list[float]:
-        """Return where stability changes along axis 0 or 1, at a place of the other axis."""
+    def crossings(self, along: int) -> dict[int, list[float]]:
+        """Return where stability changes along each line of axis 0 or 1, by the other's place.
+
+        Nothing lies between the values of a list.
+        """
         group, rest = self.plan.groups[along], self.plan.groups[1 - along]
-        fixed: Point = {axis.key.path: axis.values[other] for axis in rest}
-        try:
-            found = self._edges(group, fixed)
-        except TactionError:  # this line has no poles
-            return []
-        return [edge.value for edge in found.edges if edge.changes_stability]
+        if not by_value(group[0]):
+            return {}
+        traced, scans = dict[int, EdgeSearch](), dict[int, Steps[Changes, Edges | TactionError]]()
+        for other in range(len(rest[0])):
+            fixed: Point = {axis.key.path: axis.values[other] for axis in rest}
+            search = self._loci(group, fixed)
+            if search is None:
+                scans[other] = or_error(self._scan(group, fixed))
+            else:
+                traced[other] = search
+        found = dict(zip(traced, edges_together(list(traced.values())), strict=True))
+        found |= zip(scans, answered(side_by_side(list(scans.values())), self._poles), strict=True)
+        return {other: _changing(found[other]) for other in range(len(rest[0]))}
 
-    def _edges(self, group: Sequence[SweepAxis], fixed: Point) -> Edges:
-        axis, values = group[0], [float(value) for value in group[0].values]
+    def _loci(self, group: Sequence[SweepAxis], fixed: Point) -> EdgeSearch | None:
+        """Return a search for the edges of a line by the loci of its knob, if it has them."""
+        low, high, logarithmic = _range(group[0])
+        if not logarithmic or len(group) > 1:
+            return None
 
-        def at(value: float) -> Point:
-            return {**fixed, **_together(group, value)}
+        def board(value: float) -> Circuit:
+            return self._board({**fixed, **_together(group, value)})
 
-        logarithmic = axis.scale != "lin" and min(values) > 0.0
-        if logarithmic and len(group) == 1:
-            middle = math.sqrt(min(values) * max(values))
-            boards = Family.over(lambda value: self._board(at(value)), axis.key.path, middle)
-            if boards.ports:
-                return boards.edges(min(values), max(values))
+        family = Family.over(board, group[0].key.path, math.sqrt(low * high))
+        return EdgeSearch(family, low, high) if family.ports else None
+
+    def _scan(self, group: Sequence[SweepAxis], fixed: Point) -> Steps[Changes, Edges]:
+        *_, logarithmic = _range(group[0])
+        values = [float(value) for value in group[0].values]
         return scan(
-            lambda value: self._poles(at(value)),
             _denser(values, logarithmic=logarithmic),
+            lambda value: _hashable({**fixed, **_together(group, value)}),
             logarithmic=logarithmic,
             tolerance=TOLERANCE,
         )
@@ -146,11 +159,29 @@ class _GridLines:
         scene = with_values(self.plan.scene, changes)
         return synthesise(scene, self.problem or make_problem(scene))
 
-    def _poles(self, changes: Point) -> Poles:
-        key = tuple(sorted(changes.items()))  # two lines share each point of the grid
-        if key not in self.known:
-            self.known[key] = coarse_poles(self._board(changes))
-        return self.known[key]
+    def _poles(self, wanted: Sequence[Changes]) -> list[Poles | TactionError]:
+        """Return the poles of boards; two lines share each point of the grid."""
+        new = [changes for changes in wanted if changes not in self.known]
+        found = poles_together(built(self._board, dict(changes)) for changes in new)
+        self.known |= zip(new, found, strict=True)
+        return [self.known[changes] for changes in wanted]
+
+
+def _hashable(changes: Point) -> Changes:
+    return tuple(sorted(changes.items()))
+
+
+def _range(axis: SweepAxis) -> tuple[float, float, bool]:
+    """Return the ends of an axis, and whether the logarithms of its values are evenly spaced."""
+    values = [float(value) for value in axis.values]
+    return min(values), max(values), axis.scale != "lin" and min(values) > 0.0
+
+
+def _changing(found: Edges | TactionError) -> list[float]:
+    """Return the edges at which stability changes; none on a line without poles."""
+    if isinstance(found, TactionError):
+        return []
+    return [edge.value for edge in found.edges if edge.changes_stability]
 
 
 def _denser(values: list[float], *, logarithmic: bool) -> list[float]:
@@ -204,7 +235,9 @@ def _scaled(axis: SweepAxis) -> Callable[[float, float], float]:
     return lambda a, b: abs(math.log(a / b)) / reach
 
 
-def _shortest(places: list[Place], distance: Callable[[Place, Place], float]) -> list[Segment]:
+def _shortest(
+    places: list[Crossing], distance: Callable[[Crossing, Crossing], float]
+) -> list[Segment]:
     """Return the pairs of two or four places whose segments are the shortest in sum."""
     first, *rest = places
     if len(rest) == 1:

@@ -221,25 +221,30 @@ def solve_together(boards: Sequence[LinearBoard]) -> None:
     True
     """
     if len(boards) > 1:
-        linearise_boards(boards)
-        known = [vars(board).get("state_space") for board in boards]
-        find_modes([space for space in known if space is not None])
+        find_modes([space for space in linearise_boards(boards) if space is not None])
 
 
-def linearise_boards(boards: Sequence[LinearBoard]) -> None:
+def linearise_boards(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
     """Compute equations, equilibria and state spaces of boards, of one structure together.
 
     Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
     the digits that it has alone. A board that has no state space, and a large one, stays as it is,
-    and says why where it is asked.
+    and says why where it is asked: None in its place.
     """
+    spaces = state_spaces(boards)
+    _share_rests(boards)
+    return spaces
+
+
+def state_spaces(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
+    """Compute equations and state spaces as `linearise_boards`, and only equilibria that count."""
     small = [board for board in boards if parts_of(board) <= LARGE and board.equations is None]
     unstamped = [board for board in small if "descriptor" not in vars(board)]
     stamped = stamp_together([board.circuit for board in unstamped])
     for board, descriptor in zip(unstamped, stamped, strict=True):
         if not isinstance(descriptor, EngineError):
             vars(board)["descriptor"] = descriptor
-    _share_rests(boards)
+    _share_rests([board for board in boards if _bends(board)])
     ready = dict[LinearBoard, tuple[Descriptor, Equilibrium | None]]()
     for board in boards:
         if "state_space" not in vars(board):
@@ -249,6 +254,14 @@ def linearise_boards(boards: Sequence[LinearBoard]) -> None:
     for board, space in zip(ready, linearise_together(list(ready.values())), strict=True):
         if not isinstance(space, EngineError):
             vars(board)["state_space"] = space
+    return [vars(board).get("state_space") for board in boards]
+
+
+def _bends(board: LinearBoard) -> bool:
+    """Tell whether the linearisation of a board depends on its equilibrium."""
+    with suppress(EngineError):
+        return board.descriptor.devices.count > 0
+    return False
 
 
 def _share_rests(boards: Sequence[LinearBoard]) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from taction.system.array_types import EPS, Bools, Floats, Ints
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed, alone
 
@@ -16,6 +17,8 @@ ROUNDING = 64 * EPS
 DECIDED = 1e9  # condition number below which rounding cannot make a matrix singular, or regular
 SPARE = 4.0  # times the rounding of a solution is within the bound of the terms that it adds to
 SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
+
+Matrices = TypeVar("Matrices", Floats, Complexes)
 
 
 class ScaledInverse:
@@ -34,7 +37,7 @@ class ScaledInverse:
         scale[scale == 0.0] = 1.0
         self.scale = scale[:, :, None]
         self.scaled = scaled / self.scale
-        self.inverse = _inverses(self.scaled)
+        self.inverse = inverses(self.scaled)
         self.largest = np.abs(self.inverse).max(axis=(1, 2), initial=0.0)
 
     @property
@@ -73,14 +76,14 @@ class ScaledInverse:
         return X
 
 
-def _inverses(A: Floats) -> Floats:
+def inverses(A: Matrices) -> Matrices:
     """Return the inverses of a stack of matrices; infinite ones of singular matrices."""
     try:
         return np.asarray(np.linalg.inv(A))
     except np.linalg.LinAlgError:
         if len(A) == 1:
             return np.full_like(A, np.inf)
-        return np.concatenate([_inverses(one[None]) for one in A])
+        return np.concatenate([inverses(one[None]) for one in A])
 
 
 def taken(A: Floats, rows: Ints, columns: Ints) -> Floats:

@@ -80,10 +80,16 @@ class StateSpace:
     @functools.cached_property
     def modes(self) -> Modes:
         """Eigenvalues of A with their vectors."""
-        return decompose(*self._parts)
+        return decompose(*self.parts)
 
     @property
-    def _parts(self) -> Decomposable:
+    def has_modes(self) -> bool:
+        """Whether the modes have been computed."""
+        return "modes" in vars(self)
+
+    @property
+    def parts(self) -> Decomposable:
+        """The matrices of the blocks, with the sizes of their rounding."""
         matrices, sizes = ([part.A for part in self.blocks], [part.size for part in self.blocks])
         return Decomposable(matrices, self.halves and self.halves[1], sizes)
 
@@ -192,9 +198,9 @@ def find_modes(spaces: Sequence[StateSpace]) -> None:
     Every state space has the digits that it has alone. Where a matrix is not finite, all stay as
     they are, and the one says why where it is asked.
     """
-    new = [space for space in spaces if "modes" not in vars(space)]
+    new = [space for space in spaces if not space.has_modes]
     with suppress(np.linalg.LinAlgError):
-        found = decompose_together([space._parts for space in new])
+        found = decompose_together([space.parts for space in new])
         find_pole_errors(found)
         for space, modes in zip(new, found, strict=True):
             vars(space)["modes"] = modes
