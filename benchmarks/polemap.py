@@ -12,10 +12,11 @@ from benchmarks.engines import STEPS, Board
 from benchmarks.measuring import SCENES, Extent, Figure, Result
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.verification.stability.poles import poles
+from taction.verification.stability.poles import poles_together
 
 C, GAIN = (2e-12, 50e-12), (1e6, 20e6)  # F, ohm
 RIVALS: tuple[tuple[str, dict[str, Value], float | None], ...] = (
@@ -38,11 +39,10 @@ def measure(extent: Extent) -> Result:
     """Map the poles, and time ngspice on a random sample of the map."""
     side, size = SIZES[extent]
     scene = load_scene(SCENES / "paper-breadboard.toml")
-    poles(synthesise(scene))  # what is imported on first use
+    poles_together([synthesise(scene)])  # what is imported on first use
     begun = time.perf_counter()
-    scenes = grid(scene, side)
-    for each in scenes:
-        poles(synthesise(each))
+    scenes, problem = grid(scene, side), make_problem(scene)
+    poles_together(synthesise(each, problem) for each in scenes)
     point = (time.perf_counter() - begun) / len(scenes)
     sample = random.Random(1993).sample(scenes, size)  # noqa: S311 - no secret
     figures = []

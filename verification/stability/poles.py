@@ -29,7 +29,7 @@ from taction.verification.engines.statespace.linearised.lead_pole import (
 from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
-STACK = 32  # boards of a stack: their matrices fit into the memory of a processor
+STACK = 16  # boards of a stack: their matrices fit into the memory of a processor
 
 
 @dataclass(frozen=True, eq=False)
