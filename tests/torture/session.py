@@ -69,21 +69,13 @@ def session(
         chance = random.Random(f"{seed} {name} {number}")  # noqa: S311 - not a secret
         return DISASTERS[name](study, place, run.seconds, run.result, chance)
 
-    pairs = plan_commands(commands, seed)
-    usual = {
-        name: run_command(name, "nothing", folder / f"usual-{k}", None, "").status
-        for k, name in enumerate(sorted({name for name, _ in pairs}))
-    }
-
     def command(number: int, pair: tuple[str, str]) -> Report:
-        name, what = pair
-        place = folder / f"command-{number}"
-        return run_command(name, what, place, usual[name], f"{seed} command {number}")
+        return run_command(*pair, folder / f"command-{number}", f"{seed} command {number}")
 
     tasks = [partial(kill, *each) for each in enumerate(planned)]
     for name in possible():
         tasks += [partial(destroy, name, k, storing[k % len(storing)]) for k in range(disasters)]
-    tasks += [partial(command, *each) for each in enumerate(pairs)]
+    tasks += [partial(command, *each) for each in enumerate(plan_commands(commands, seed))]
     random.Random(seed).shuffle(tasks)  # noqa: S311 - a session that is stopped has some of each
     with ThreadPoolExecutor(jobs) as pool:
         running = [pool.submit(task) for task in tasks]
