@@ -303,7 +303,8 @@ def compute_together(blocks: Sequence[Block], names: Sequence[str]) -> None:
     """
     groups: dict[tuple[int, int], list[Block]] = {}
     for block in blocks:
-        if not block.joined and block.measured is None:
+        known = all(name in vars(block) for name in names)
+        if not (known or block.joined) and block.measured is None:
             groups.setdefault((block.right.shape[-1], block.real), []).append(block)
     for group in groups.values():
         if len(group) > 1:
