@@ -370,7 +370,29 @@ def error_budget(
     SolverError
         The problem with the pruned T cannot be solved.
     """
-    network, chain = design.network, ErrorChain(answer.stress)
+    chain = ErrorChain(answer.stress)
+    _add_answer(chain, design, ideal, answer)
+    _add_board(chain, design)
+    _transient(chain, recording, LEAST_BOUND * answer.unit)
+    if noise is not None:
+        how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
+        chain.parts.append(ErrorPart("noise", noise.known, how))
+    for name, volts in ({} if spread is None else spread.changes).items():
+        how = f"95 % of the boards are within, {around(design.scene.design, name)}; not in the sum"
+        chain.parts.append(ErrorPart(name, volts, how))
+    whole = None
+    if chain.first is not None:
+        start = "regularised answer" if answer.stress is None else "true stress"
+        whole = difference(
+            "total", f"end of the record against the {start}", chain.first, recording.u[-1]
+        )
+    return ErrorBudget(tuple(chain.parts), whole, chain.solves)
+
+
+def _add_answer(
+    chain: ErrorChain, design: PlannedBoard, ideal: IdealAnswer, answer: AnswerError
+) -> None:
+    """Add what the problem itself has: regularisation, noise of the strain, entries left out."""
     if answer.clean is None:
         how = "regularised answer against the true stress (regularisation and strain noise)"
         chain.link("ill_posedness", how, ideal.target)
@@ -381,7 +403,7 @@ def error_budget(
         noisy = "regularised answer against that without noise"
         how = noisy if answer.has_noise else "the strain is T times the true stress"
         chain.link("strain_noise", how, ideal.target)
-    pruning = pruning_effect(network, design.scene.design.prune, ideal.solution)
+    pruning = pruning_effect(design.network, design.scene.design.prune, ideal.solution)
     if pruning is not None:
         bound = pruning.bound if math.isfinite(pruning.bound) else None
         proven = "no proven bound" if bound is None else f"proven bound {show(bound, 'V', 3)}"
@@ -390,6 +412,10 @@ def error_budget(
         )
         chain.link("pruning", how, pruning.target, bound=bound)
         chain.solves += 1
+
+
+def _add_board(chain: ErrorChain, design: PlannedBoard) -> None:
+    """Add what the board at rest has: resistors, wires, op-amps, stages of transistors."""
     stages = with_ideal_stages(design.circuit)
     plain = design.board if stages is design.circuit else LinearBoard(stages)
     straight = without_wires(stages)
@@ -417,20 +443,6 @@ def error_budget(
             f" {stage_deviation(design.board)}"
         )
         chain.link("antilog", how, outputs_at_rest(design.board))
-    _transient(chain, recording, LEAST_BOUND * answer.unit)
-    if noise is not None:
-        how = f"rms at rest {noise.band}: resistors, op-amps and sensors; not in the sum"
-        chain.parts.append(ErrorPart("noise", noise.known, how))
-    for name, volts in ({} if spread is None else spread.changes).items():
-        how = f"95 % of the boards are within, {around(design.scene.design, name)}; not in the sum"
-        chain.parts.append(ErrorPart(name, volts, how))
-    whole = None
-    if chain.first is not None:
-        start = "regularised answer" if answer.stress is None else "true stress"
-        whole = difference(
-            "total", f"end of the record against the {start}", chain.first, recording.u[-1]
-        )
-    return ErrorBudget(tuple(chain.parts), whole, chain.solves)
 
 
 def _transient(chain: ErrorChain, recording: Recording, least: float) -> None:
