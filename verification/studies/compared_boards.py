@@ -48,7 +48,7 @@ from taction.verification.verdict.companion import Companion, state_space_compan
 from taction.verification.verdict.compare import Difference, compare, relative, within_uncertainties
 from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.record import Channel, Record
-from taction.verification.verdict.simulation import state_space_tolerance
+from taction.verification.verdict.transient_plan import state_space_tolerance
 from taction.verification.verdict.verify import Verdict
 
 GROUPS = ("states", "figures", "channels")

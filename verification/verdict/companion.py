@@ -33,12 +33,12 @@ from taction.verification.readings.measurements import Measurements, measure, su
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.signals import CUBIC, Curve, Rest, lagrange
 from taction.verification.reference.ideal_answer import IdealAnswer
+from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.simulation import (
     StateSpaceError,
     begin,
     state_space_error,
-    state_space_tolerance,
 )
 from taction.verification.verdict.transient_plan import coarser
 
@@ -104,7 +104,7 @@ def find_companion(design: PlannedBoard, record: Waveforms) -> Companion:
     SimulationError
         The state-space engine has no solution, and the second run of ngspice failed.
     """
-    board, tolerance = design.board, state_space_tolerance(design.plan.wanted)
+    board, tolerance = design.board, design.plan.tolerance
     dense = None if is_exact(board) else design.plan.instants(board)
     try:
         return state_space_companion(
@@ -156,7 +156,8 @@ def state_space_companion(
     times = instants
     if dense is not None:
         times = np.union1d(instants, dense[dense < instants[-1]])
-    solution = simulate(board, transient, times=times, tolerance=tolerance)
+    beside = watched_nodes(board.circuit)
+    solution = simulate(board, transient, times=times, tolerance=tolerance, beside=beside)
     if len(solution.time) < len(times):
         raise EngineError("its record ends before the record of ngspice")
     error = state_space_error(board, solution, wanted)

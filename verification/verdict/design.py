@@ -87,7 +87,7 @@ def at_their_levels(designs: Sequence[PlannedBoard]) -> list[PlannedBoard | Tact
     The loads of all boards are found together.
     """
     loaded = {
-        place: (design.board, design.transient.initial, design.transient)
+        place: (design.board, design.transient.initial, design.transient, design.plan.tolerance)
         for place, design in enumerate(designs)
         if has_loads(design.scene, design.board, stable=design.poles.known_stable)
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 
@@ -16,13 +16,14 @@ from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
+from taction.verification.engines.statespace.transients.simulate import simulate, takes_steps
 from taction.verification.readings.course import Course
 from taction.verification.readings.exact_signal import ExactGrid, ExactSignal
 
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
 DETAIL = 0.02  # of a limit: smaller modes need no points of their own
-TOLERANCE = 1e-3  # of the steps of a board without exact solution, in step amplitudes
+TOLERANCE = 1e-3  # of a board without exact solution, in step amplitudes
 INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
 
@@ -79,8 +80,8 @@ class Load:
         return UNITS[self.quantity]
 
 
-Request = tuple[LinearBoard, Initial, Transient | None]
-"""A board, its initial state, and the record of a board without exact solution."""
+Request = tuple[LinearBoard, Initial, Transient | None, float]
+"""A board, its initial state; the record of a board without exact solution, and its tolerance."""
 
 
 def _loads_together(requests: Sequence[Request]) -> list[tuple[Load, ...] | EngineError]:
@@ -90,16 +91,23 @@ def _loads_together(requests: Sequence[Request]) -> list[tuple[Load, ...] | Engi
     """
     found: list[tuple[Load, ...] | EngineError] = [()] * len(requests)
     exact: dict[int, tuple[_Loads, Exact]] = {}
-    for place, (board, initial, transient) in enumerate(requests):
+    stepped: dict[int, tuple[_Loads, Transient, float]] = {}
+    for place, (board, initial, transient, tolerance) in enumerate(requests):
         try:
             if rows := tuple(_rows(board.circuit)):
                 loads = _Loads.of(board, rows)
                 if transient is None or is_exact(board):
                     exact[place] = loads, loads.solution(initial)
+                elif takes_steps(board):
+                    stepped[place] = loads, transient, tolerance
                 else:
-                    found[place] = _sorted(_sampled(loads, transient))
+                    wave = simulate(board, transient, nodes=loads.nodes, times=_instants(transient))
+                    found[place] = _sorted(_sampled(loads, wave.time, wave.values))
         except EngineError as error:
             found[place] = error
+    found_by_steps = _by_steps(list(stepped.values())) if stepped else []
+    for place, by_steps in zip(stepped, found_by_steps, strict=True):
+        found[place] = by_steps
     for place, each in zip(exact, _exact(list(exact.values())), strict=True):
         found[place] = _sorted(each)
     return found
@@ -157,7 +165,7 @@ class _Loads:
 
     @classmethod
     def of(cls, board: LinearBoard, rows: tuple[_Row, ...]) -> _Loads:
-        nodes = tuple(dict.fromkeys(node for row in rows for node in row.nodes))
+        nodes = watched_nodes(board.circuit)
         place = {node: k for k, node in enumerate(nodes)}
         counts = [len(row.nodes) for row in rows]
         places = (
@@ -244,15 +252,43 @@ def _not_excluded(kinds: Ints, grid: ExactGrid, tops: Floats, full: Floats) -> B
     return np.asarray((tops >= worst[every, kinds]) | (full > FULL))
 
 
-def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:
-    """Yield the loads from a simulated record; the errors are those of every second point."""
+def _instants(transient: Transient) -> Floats:
+    stop = transient.stop
+    return np.concatenate([[0.0], np.geomspace(EARLIEST * stop, stop, INSTANTS)])
+
+
+def watched_nodes(circuit: Circuit) -> tuple[str, ...]:
+    """Return the nodes whose voltages give the loads of a circuit."""
+    return tuple(dict.fromkeys(node for row in _rows(circuit) for node in row.nodes))
+
+
+def _by_steps(
+    boards: Sequence[tuple[_Loads, Transient, float]],
+) -> Iterator[tuple[Load, ...] | EngineError]:
+    """Yield the loads of boards from integrations of which their records are made, too."""
+    from taction.verification.engines.statespace.transients.stepped import (
+        SteppedCurve,
+        Task,
+        simulate_together,
+    )
+
+    tasks = [
+        Task(loads.board, transient, None, np.array([0.0, transient.stop]), tolerance, loads.nodes)
+        for loads, transient, tolerance in boards
+    ]
+    for (loads, transient, _), wave in zip(boards, simulate_together(tasks), strict=True):
+        if isinstance(wave, EngineError):
+            yield wave
+        else:
+            time, curve = _instants(transient), cast(SteppedCurve, wave.curve)
+            beside = curve.at(time)[:, -len(loads.nodes) :]
+            yield _sorted(_sampled(loads, time, beside))
+
+
+def _sampled(loads: _Loads, time: Floats, values: Floats) -> Iterator[Load]:
+    """Yield the loads from voltages of nodes (P, n); the errors are those of every second point."""
     from scipy.sparse import csr_array
 
-    from taction.verification.engines.statespace.transients.simulate import simulate
-
-    stop = transient.stop
-    time = np.concatenate([[0.0], np.geomspace(EARLIEST * stop, stop, INSTANTS)])
-    wave = simulate(loads.board, transient, nodes=loads.nodes, times=time, tolerance=TOLERANCE)
     shape = (len(loads.rows), len(loads.nodes))
     heights, slopes = (
         csr_array((np.where(loads.slopes == kind, loads.weights, 0.0), loads.places), shape=shape)
@@ -260,14 +296,14 @@ def _sampled(loads: _Loads, transient: Transient) -> Iterator[Load]:
     )
 
     def sizes(step: int) -> Floats:
-        t, V = wave.time[::step], np.ascontiguousarray(wave.values[::step].T)
+        t, V = time[::step], np.ascontiguousarray(values[::step].T)
         loaded = np.asarray(heights @ V + slopes @ np.gradient(V, t, axis=1))
         return np.asarray(np.abs(loaded).T)
 
     fine, coarse = sizes(1), sizes(2)
     peaks = fine.max(axis=0)
     errors = np.abs(peaks - coarse.max(axis=0)) + PRECISION
-    found = list(loads.loads(peaks, wave.time[fine.argmax(axis=0)], errors))
+    found = list(loads.loads(peaks, time[fine.argmax(axis=0)], errors))
     worst = dict[str, float]()
     for load in found:
         worst[load.quantity] = max(worst.get(load.quantity, 0.0), load.share)
@@ -299,13 +335,19 @@ class PartLoads:
 
     @classmethod
     def of(
-        cls, board: LinearBoard, *, initial: Initial = "zero", transient: Transient | None = None
+        cls,
+        board: LinearBoard,
+        *,
+        initial: Initial = "zero",
+        transient: Transient | None = None,
+        tolerance: float = TOLERANCE,
     ) -> PartLoads:
         """Find the loads of a stable board that has op-amps with limits.
 
         `transient` is the record of a board without exact solution: a large board, or a board with
         behavioural amplifiers or with op-amps at the large-signal level. The limits that these
-        op-amps have in their model are no loads.
+        op-amps have in their model are no loads. A board by steps is integrated once for its loads
+        and for a record of the same `tolerance`.
 
         Examples
         --------
@@ -316,7 +358,7 @@ class PartLoads:
         >>> worst.part, worst.quantity
         ('z_1', 'slope')
         """
-        (found,) = cls.together([(board, initial, transient)])
+        (found,) = cls.together([(board, initial, transient, tolerance)])
         return found
 
     @classmethod

@@ -59,7 +59,8 @@ class PlannedBoard:
         """Return what the op-amps of the board have to do."""
         if not self.poles.known_stable or self.circuit.is_small_signal:
             return self.small
-        found = PartLoads.of(self.board, transient=self.transient)
+        plan = self.plan
+        found = PartLoads.of(self.board, transient=plan.transient, tolerance=plan.tolerance)
         return replace(found, simulated=tuple(x for x in self.small.worst if x.is_above))
 
     def spread(self) -> InputSpread | None:

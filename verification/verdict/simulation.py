@@ -37,6 +37,8 @@ from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
+from taction.verification.engines.statespace.transients.simulate import takes_steps
+from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
 
@@ -114,8 +116,6 @@ SECOND_SOLVER = (
 )
 SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not start
 GROWING = 20_000  # least number of points in the record of an unstable board
-STEP_SHARE = 0.2  # of a wanted error: the tolerance of the state-space engine
-LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # limits set by rounding and by convergence
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,15 +199,6 @@ def choose_engine(scene: Scene) -> str:
     except (SimulatorNotFound, SimulatorTooOld):
         return "statespace"
     return "ngspice"
-
-
-def state_space_tolerance(wanted: float) -> float:
-    """Return the tolerance of the state-space engine's steps for an error of `wanted`.
-
-    Step errors add up over the periods of ringing, so the tolerance is well below `wanted`. It is
-    that of the first run: the record, with half of its steps, errs far less.
-    """
-    return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), MOST_TOLERANCE)
 
 
 def begin(design: PlannedBoard) -> Pending:
@@ -328,11 +319,11 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
     from taction.verification.engines.statespace.transients.simulate import simulate
 
     board, plan = design.board, design.plan
-    tolerance = state_space_tolerance(plan.wanted)
-    analysis = plan.transient
+    analysis, beside = plan.transient, watched_nodes(board.circuit)
 
     def fill() -> Waveforms:
-        return simulate(board, analysis, times=plan.instants(board), tolerance=tolerance)
+        times = plan.instants(board)
+        return simulate(board, analysis, times=times, tolerance=plan.tolerance, beside=beside)
 
     if plan.growing:
         analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
@@ -358,7 +349,7 @@ def _statespace_together(
 
     tasks = [
         Task(design.board, design.plan.transient, None, design.plan.instants(design.board),
-             state_space_tolerance(design.plan.wanted))
+             design.plan.tolerance, watched_nodes(design.circuit))
         for design in (designs[k] for k in chosen)
     ]  # fmt: skip
     for k, record in zip(chosen, simulate_together(tasks, halves=True), strict=True):
@@ -369,12 +360,7 @@ def _statespace_together(
 
 def _is_stepped(design: PlannedBoard) -> bool:
     board = design.board
-    alone = board.circuit.is_linear or board.descriptor.is_large or design.plan.growing
-    if alone:
-        return False
-    from taction.verification.engines.statespace.transients.piecewise import is_piecewise
-
-    return not is_piecewise(board)
+    return takes_steps(board) and not (board.descriptor.is_large or design.plan.growing)
 
 
 def _known(waveforms: Waveforms) -> Waveforms:

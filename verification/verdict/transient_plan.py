@@ -22,6 +22,8 @@ REMAINDER = 0.1  # of the steady-state tolerance and the band: remaining ringing
 AFTER_SETTLING = 1.2  # times the settling time: the record must show that outputs remain settled
 SHARE = 0.25  # of the tightest tolerance of the checks: the error wanted by ``error = "auto"``
 AIM = 0.8  # of the wanted error: the error that a transient is planned for
+STEP_SHARE = 0.2  # of a wanted error: the tolerance of the state-space engine
+LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # limits set by rounding and by convergence
 LEAST_ERROR = 1e-8  # of the step amplitude: the least error that ngspice is planned for
 GROWTH_ERROR = 0.01  # of `GROWN`: the error that a growing transient is planned for
 FEWEST_PERIODS = 8  # of ringing in every record
@@ -76,6 +78,11 @@ class TransientPlan:
     notes: tuple[str, ...] = ()
 
     @property
+    def tolerance(self) -> float:
+        """Tolerance of the state-space engine's steps, in step amplitudes."""
+        return state_space_tolerance(self.wanted)
+
+    @property
     def remark(self) -> str:
         """How long ngspice will take, if it takes long; else empty."""
         if self.seconds < LONG:
@@ -92,6 +99,15 @@ class TransientPlan:
             return None
         model = StepModel.of(board, self.transient.stop, self.transient.initial, stable=True)
         return model.instants(RECORD_ERROR)
+
+
+def state_space_tolerance(wanted: float) -> float:
+    """Return the tolerance of the state-space engine's steps for an error of `wanted`.
+
+    Step errors add up over the periods of ringing, so the tolerance is well below `wanted`. It is
+    that of the first run: the record, with half of its steps, errs far less.
+    """
+    return min(max(STEP_SHARE * wanted, LEAST_TOLERANCE), MOST_TOLERANCE)
 
 
 def wanted_error(scene: Scene) -> float:

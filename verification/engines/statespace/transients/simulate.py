@@ -27,6 +27,7 @@ def simulate(
     nodes: Iterable[str] | None = None,
     times: Floats | None = None,
     tolerance: float | None = None,
+    beside: tuple[str, ...] = (),
 ) -> Waveforms:
     """Simulate a transient: by `exact` if the board is linear and small, else by `stepped`.
 
@@ -45,6 +46,8 @@ def simulate(
         Requested instants, strictly increasing, s; by default uniform from 0 to `stop`.
     tolerance : float, optional
         Of one step in `stepped`, of the outputs in `reduced_transient`; by default theirs.
+    beside : tuple of str
+        Nodes that the curve of a record by `stepped` has, too.
 
     Returns
     -------
@@ -74,7 +77,7 @@ def simulate(
             found = reduced_transient.simulate(board, analysis, nodes=nodes, times=times, **given)
             if found is not None:
                 return found
-        return stepped.simulate(board, analysis, nodes=nodes, times=times, **given)
+        return stepped.simulate(board, analysis, nodes=nodes, times=times, beside=beside, **given)
     began = clock.perf_counter()
     solution = exact_solution(
         board,
@@ -87,6 +90,15 @@ def simulate(
     return Waveforms(
         instants, solution.nodes, values, ENGINE, cost, flags, solution.error, method=METHOD
     )
+
+
+def takes_steps(board: LinearBoard) -> bool:
+    """Whether the integrator alone solves a board: its amplifiers are not piecewise linear."""
+    if board.circuit.is_linear:
+        return False
+    from taction.verification.engines.statespace.transients.piecewise import is_piecewise
+
+    return not is_piecewise(board)
 
 
 def _sampled(

@@ -172,16 +172,14 @@ class SmallStep:
     ----------
     weight : Blocks
         Inverses of the systems, s.
-    core, inverse, transfer : ndarray (R, k, m, m)
-        Inputs of nu at the slopes at rest, what other slopes make of them, and their product.
+    transfer : ndarray (R, k, m, m)
+        Inputs of nu at the slopes.
     change : ndarray (R, m)
         Slopes minus those at rest, V/V.
     """
 
     board: SmallBoards
     weight: Blocks
-    core: Complexes
-    inverse: Complexes
     transfer: Complexes
     change: Floats
 
@@ -195,7 +193,8 @@ class SmallStep:
         """See `Steps`."""
         x = self.weight.times(SIGMA[:, None, None] * rate[:, None, None, :])[:, :, 0]
         inputs = x @ self.board.seen_inputs
-        return _stages((self.inverse @ inputs[..., None])[..., 0]), x
+        changed = (self.change[:, None] * inputs)[..., None]
+        return _stages(inputs + (self.transfer @ changed)[..., 0]), x
 
     def response(self, remainder: Floats, parts: Complexes) -> Floats:
         """See `Steps`."""
@@ -267,7 +266,7 @@ class SmallBoards:
         self.length, self.at = np.zeros(count), np.full((count, m), np.nan)
         self.weight = self.matrix.inverse(np.ones((count, k), dtype=np.complex128))
         self.core = np.zeros((count, k, m, m), dtype=np.complex128)
-        self.inverse, self.transfer = np.zeros_like(self.core), np.zeros_like(self.core)
+        self.transfer = np.zeros_like(self.core)
 
     def part(self, rows: Ints) -> SmallBoards:
         """See `Boards`."""
@@ -306,8 +305,8 @@ class SmallBoards:
         if rows.size:
             change = slopes[rows] - self.slopes[rows]
             core = self.core[rows]
-            inverse = np.linalg.inv(np.eye(core.shape[2]) - core * change[:, None, None, :])
-            self.inverse[rows], self.transfer[rows] = inverse, inverse @ core
+            loop = np.eye(core.shape[2]) - core * change[:, None, None, :]
+            self.transfer[rows] = np.linalg.solve(loop, core)
             self.at = slopes
         change = slopes - self.slopes
-        return SmallStep(self, self.weight, self.core, self.inverse, self.transfer, change)
+        return SmallStep(self, self.weight, self.transfer, change)

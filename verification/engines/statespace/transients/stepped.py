@@ -6,11 +6,13 @@ voltage keeps its relative accuracy.
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Hashable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -43,22 +45,28 @@ ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, 
 FLOOR = 1e-3  # of the board's largest voltage: the least voltage to which errors are relative
 REPEATED = 1.0 / 16.0  # of the tolerance: what a second run leaves of its iterations
 FIRST = 2.0**-16  # of the record: the first step tried
+BESIDE = 1e-3  # the same as `TOLERANCE` of nodes that are watched beside, in their own amplitudes
 
 
 class ReportedOutputs:
     """Reported nodes: the output of an amplifier by its input, other nodes themselves.
 
-    Several boards report the same nodes; `resting` are theirs, V, (R, nodes).
+    Nodes `beside` come after them; their errors count by `weights`, (R, others). Several boards
+    report the same nodes; `resting` are theirs, V, (R, nodes).
     """
 
-    def __init__(self, board: LinearBoard, nodes: tuple[str, ...]) -> None:
+    def __init__(
+        self, board: LinearBoard, nodes: tuple[str, ...], beside: tuple[str, ...] = ()
+    ) -> None:
         devices, rest = board.descriptor.devices, board.equilibrium
-        self.amplifiers, self.nodes = Amplifiers(devices), nodes
+        self.amplifiers, self.nodes, self.beside = Amplifiers(devices), nodes, beside
         device = {int(place): k for k, place in enumerate(devices.output)}
         source = [device.get(board.descriptor.place(name), -1) for name in nodes]
-        self.source = np.array(source, dtype=np.int64)
-        self.others = tuple(name for name, k in zip(nodes, source, strict=True) if k < 0)
-        self.resting = np.array([[rest[name] for name in nodes]])
+        self.source = np.array([*source, *[-1] * len(beside)], dtype=np.int64)
+        others = [name for name, k in zip(nodes, source, strict=True) if k < 0]
+        self.others = (*others, *beside)
+        self.weights = np.ones((1, len(self.others)))
+        self.resting = np.array([[rest[name] for name in (*nodes, *beside)]])
         self.linear = np.ones(devices.count, dtype=np.bool_)
         self.linear[self.source[self.source >= 0]] = False
 
@@ -68,12 +76,14 @@ class ReportedOutputs:
         found = copy(several[0])
         found.amplifiers = Amplifiers.joined([each.amplifiers for each in several])
         found.resting = np.concatenate([each.resting for each in several])
+        found.weights = np.concatenate([each.weights for each in several])
         return found
 
     def part(self, rows: Ints) -> ReportedOutputs:
         """Return the same of some boards."""
         found = copy(self)
         found.amplifiers, found.resting = self.amplifiers.part(rows), self.resting[rows]
+        found.weights = self.weights[rows]
         return found
 
     def volts(self, inputs: Floats) -> Floats:
@@ -85,12 +95,12 @@ class ReportedOutputs:
         seen = np.where(self.linear, 1.0, slopes)
         if not self.others:
             return seen
-        return np.concatenate([seen, np.ones((len(inputs), len(self.others)))], axis=1)
+        return np.concatenate([seen, self.weights], axis=1)
 
     def voltages(self, watched: Floats) -> Floats:
         """Return the voltages of the nodes for watched voltages (R, W), or (P, W) of one board."""
         m = self.amplifiers.count
-        voltages = np.empty((len(watched), len(self.nodes)))
+        voltages = np.empty((len(watched), len(self.source)))
         by_input = self.source >= 0
         voltages[:, ~by_input] = watched[:, m:]
         outputs = self.amplifiers.outputs(watched[:, :m, None])[:, :, 0]
@@ -99,7 +109,8 @@ class ReportedOutputs:
 
     def distance(self, watched: Floats) -> Floats:
         """Return the largest distance of a reported voltage from rest, V, (R,)."""
-        return np.asarray(np.abs(self.voltages(watched) - self.resting).max(axis=1, initial=0.0))
+        away = np.abs(self.voltages(watched) - self.resting)[:, : len(self.nodes)]
+        return np.asarray(away.max(axis=1, initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +132,9 @@ class SteppedRun:
 
     @classmethod
     def of(cls, board: LinearBoard, nodes: tuple[str, ...], analysis: Transient, tolerance: float,
-           stop: float) -> SteppedRun:  # fmt: skip
+           stop: float, beside: tuple[str, ...] = ()) -> SteppedRun:  # fmt: skip
         """Prepare the integration of `board` up to `stop`, s."""
-        reported = ReportedOutputs(board, nodes)
+        reported = ReportedOutputs(board, nodes, beside)
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
         equations, slopes, modes = _equations(board, reported, unknowns)
         state, start = equations.start(equations.state(unknowns), reported.amplifiers)
@@ -137,6 +148,10 @@ class SteppedRun:
             float(devices.u_scale[~inner].max(initial=0.0)),
         )
         unit = max(amplitude, FLOOR * largest) or 1.0
+        if beside:
+            away = np.abs(reported.voltages(start[None]) - reported.resting)[:, len(nodes) :]
+            allowed = BESIDE * max(float(away.max()), FLOOR * largest)
+            reported.weights[:, -len(beside) :] = min(tolerance * unit / allowed, 1.0)
         # Every mode has a part of the largest voltage: its rounding must not move an amplifier.
         finest = tolerance * float(devices.v_scale[~inner].min(initial=np.inf))
         if finest < EPS * largest and isinstance(equations, StateBoard):
@@ -221,12 +236,13 @@ class SteppedCurve:
 
     run: SteppedRun
     dense: Dense
+    seconds: float  # that it cost
     halves: list[Dense] = field(
         default_factory=list
     )  # the run with half the steps, once it is known
 
     def at(self, times: Floats) -> Floats:
-        """Return the voltages of all nodes, shape (P, nodes)."""
+        """Return the voltages of all nodes, those beside the last, shape (P, nodes)."""
         return self.run.reported.voltages(self.dense.at(times))
 
     def __call__(self, times: Floats, columns: Indices) -> Floats:
@@ -242,6 +258,7 @@ def simulate(
     nodes: Iterable[str] | None = None,
     times: Floats | None = None,
     tolerance: float = TOLERANCE,
+    beside: tuple[str, ...] = (),
 ) -> Waveforms:
     """Simulate a transient by steps.
 
@@ -251,6 +268,8 @@ def simulate(
         See `simulate.simulate`; the error estimate controls the step.
     tolerance : float
         Of one step and of the solution within it, in step amplitudes.
+    beside : tuple of str
+        Further nodes that the curve of the record has, to `BESIDE`.
 
     Returns
     -------
@@ -265,7 +284,7 @@ def simulate(
         No equilibrium, no state space, or the solution leaves the range of floats.
     """
     board = LinearBoard.of(circuit)
-    (found,) = simulate_together([Task(board, analysis, nodes, times, tolerance)])
+    (found,) = simulate_together([Task(board, analysis, nodes, times, tolerance, beside)])
     if isinstance(found, EngineError):
         raise found
     return found
@@ -280,25 +299,38 @@ class Task:
     nodes: Iterable[str] | None = None
     times: Floats | None = None
     tolerance: float = TOLERANCE
+    beside: tuple[str, ...] = ()
 
     @property
     def stop(self) -> float:
         """The end of the record, s."""
-        return self.analysis.stop if self.times is None else float(self.times[-1])
+        last = self.analysis.stop if self.times is None else float(self.times[-1])
+        same = math.isclose(last, self.analysis.stop, rel_tol=1e-12)
+        return self.analysis.stop if same else last
+
+    @property
+    def key(self) -> Hashable:
+        """What two tasks of a board have in common that need one integration."""
+        start, nodes = self.analysis.initial, self.board.reported(self.nodes)
+        voltages = tuple((self.analysis.voltages or {}).items())
+        return start, voltages, nodes, self.beside, self.tolerance, self.stop
 
     def run(self) -> SteppedRun:
         """Prepare the integration."""
         nodes = self.board.reported(self.nodes)
-        return SteppedRun.of(self.board, nodes, self.analysis, self.tolerance, self.stop)
+        return SteppedRun.of(
+            self.board, nodes, self.analysis, self.tolerance, self.stop, self.beside
+        )
 
-    def record(self, run: SteppedRun, dense: Dense, seconds: float) -> Waveforms:
+    def record(self, curve: SteppedCurve) -> Waveforms:
         """Return the record of an integration; errors as `simulate`."""
+        run, dense = curve.run, curve.dense
         ended, times = min(dense.checked(run.name).ends[-1], self.stop), self.times
         diverges = f"the board diverges: it passes {run.limit:.3g} V at {show(ended, 's')}"
         instants = record_times(self.analysis, ended) if times is None else times
         if times is not None and dense.escaped:
             instants = np.append(times[times < ended], ended)
-        waveforms = _record(run, dense, instants, seconds, (diverges,) * dense.escaped)
+        waveforms = _record(curve, instants, (diverges,) * dense.escaped)
         if times is not None and dense.escaped:
             raise DivergesError(diverges, waveforms)
         return waveforms
@@ -316,35 +348,42 @@ def simulate_together(
     found: dict[int, Waveforms | EngineError] = {}
     runs: dict[int, SteppedRun] = {}
     for place, task in enumerate(tasks):
+        known = _CURVES.setdefault(task.board, {})
         try:
-            runs[place] = task.run()
+            if task.key not in known:
+                runs[place] = task.run()
         except EngineError as error:
             found[place] = error
-    outs = dict(zip(runs, integrate(list(runs.values())), strict=True))
+    outs = integrate(list(runs.values()))
     seconds = (clock.perf_counter() - began) / max(len(runs), 1)
-    for place, dense in outs.items():
-        try:
-            found[place] = tasks[place].record(runs[place], dense, seconds)
-        except EngineError as error:
-            found[place] = error
+    for (place, run), dense in zip(runs.items(), outs, strict=True):
+        _CURVES[tasks[place].board][tasks[place].key] = SteppedCurve(run, dense, seconds)
+    for place, task in enumerate(tasks):
+        if place not in found:
+            try:
+                found[place] = task.record(_CURVES[task.board][task.key])
+            except EngineError as error:
+                found[place] = error
     if halves:
         curves = [x.curve for x in found.values() if isinstance(x, Waveforms)]
         _halve([curve for curve in curves if isinstance(curve, SteppedCurve)])
     return [found[place] for place in range(len(tasks))]
 
 
-def _record(
-    run: SteppedRun, dense: Dense, instants: Floats, seconds: float, flags: tuple[str, ...]
-) -> Waveforms:
-    curve = SteppedCurve(run, dense)
-    values = curve.at(instants)
+_CURVES: WeakKeyDictionary[LinearBoard, dict[Hashable, SteppedCurve]] = WeakKeyDictionary()
+"""Integrations of boards that are in use, by the keys of their tasks."""
+
+
+def _record(curve: SteppedCurve, instants: Floats, flags: tuple[str, ...]) -> Waveforms:
+    run, dense = curve.run, curve.dense
+    values = curve.at(instants)[:, : len(run.reported.nodes)]
     if not np.all(np.isfinite(values)):
         raise EngineError("an amplifier left the range of floats between two steps")
     if dense.coarse:
         flags += (
             f"rounding leaves up to {dense.rounding:.3g} V, in a step more than its tolerance",
         )
-    cost = Cost(seconds, dense.steps, dense.factorisations)
+    cost = Cost(curve.seconds, dense.steps, dense.factorisations)
     return Waveforms(
         instants, run.reported.nodes, values, "statespace", cost, flags, dense.rounding,
         curve=curve, method=METHOD,
@@ -379,7 +418,7 @@ def halved(first: Waveforms) -> Waveforms:
         _halve([curve])
     dense = curve.halves[0].checked(curve.run.name)
     seconds = first.cost.seconds + clock.perf_counter() - began
-    found = _record(curve.run, dense, first.time, seconds, ())
+    found = _record(SteppedCurve(curve.run, dense, seconds), first.time, ())
     return replace(
         found, flags=first.flags, rounding=found.rounding + dense.unresolved(curve.dense)
     )
