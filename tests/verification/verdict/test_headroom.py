@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,9 @@ from taction.system.errors import InputError
 from taction.system.progress import Clock
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients import stepped
+from taction.verification.engines.statespace.transients.integrator import Dense
+from taction.verification.engines.statespace.transients.stepped import Task, simulate_together
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.verdict import view
@@ -29,6 +33,7 @@ from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.headroom import Load, PartLoads
 from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.simulation import begin, own_error
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.making import NEAR_IDEAL, make_scene, matrix_problem
 from tests.support.paths import CASES, SCENES
@@ -131,6 +136,35 @@ def test_loads_follow_the_limits(amplifier: str) -> None:
     for quantity in ("slope", "voltage"):
         share = worst(whole, quantity).share
         assert worst(half, quantity).share == pytest.approx(2.0 * share, rel=5e-3)
+
+
+def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lengths = list[int]()
+
+    def counted(runs: Sequence[stepped.SteppedRun], *given: Any) -> list[Dense]:
+        lengths.extend([len(runs)] * bool(runs))
+        return integrate(runs, *given)
+
+    integrate = stepped.integrate
+    monkeypatch.setattr(stepped, "integrate", counted)
+    small = {"base": "tl084", "level": "small-signal"}
+    design = designed(board("exponential", opamp=small).with_engine("statespace"))
+    assert not design.circuit.is_linear
+    loads, record = design.loads().loads, begin(design).result()
+    assert lengths == [1]
+    assert own_error(design, record).volts < design.wanted
+    assert lengths == [1, 1]
+    cells = {cell.name: cell.output for cell in design.circuit.opamps}
+    stop = design.transient.stop
+    times = np.concatenate([[0.0], np.geomspace(1e-6 * stop, stop, 4000)])
+    tight = Task(design.board, design.transient, tuple(cells.values()), times, 1e-10)
+    (fine,) = simulate_together([tight])
+    highest = dict(zip(cells, np.abs(fine.values).max(axis=0), strict=True))
+    found = worst(loads, "voltage")
+    assert found.peak == pytest.approx(highest[found.part], rel=1e-3)
+    assert highest[found.part] == max(highest.values())
 
 
 def test_a_record_gives_the_loads_of_the_exact_solution() -> None:
