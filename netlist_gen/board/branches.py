@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from taction.netlist_gen.board.circuit import Branch
+from taction.netlist_gen.board.parts import Branch
 
 
 @dataclass(frozen=True, slots=True)

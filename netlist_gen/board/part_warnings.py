@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, Resistor, Role
+from taction.netlist_gen.board.circuit import Circuit, Role
+from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.system.array_types import Floats
 from taction.system.quantities import show

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Branch, Circuit, OpAmpCell, ResistorMatrix, Role
+from taction.netlist_gen.board.circuit import Circuit, Role
+from taction.netlist_gen.board.parts import Branch, OpAmpCell, ResistorMatrix
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.spice_models.input_errors import MOST, drawn
 from taction.spice_models.opamp import OpAmp

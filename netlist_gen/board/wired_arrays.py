@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wires import Crossbar, Wires
 from taction.system.array_types import Floats
 

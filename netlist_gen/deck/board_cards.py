@@ -11,7 +11,8 @@ from itertools import groupby
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, ResistorMatrix
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact
+from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.spice_models.opamp import OpAmp

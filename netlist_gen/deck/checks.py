@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SimulatorTolerances, Transient
-from taction.netlist_gen.board.circuit import GROUND, Circuit, VoltageSource
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.parts import VoltageSource
 from taction.spice_models.transistor import ZERO_CELSIUS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")

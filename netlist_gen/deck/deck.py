@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, Transient
-from taction.netlist_gen.board.circuit import GROUND, Circuit, VoltageSource
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.parts import VoltageSource
 from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, board_text
 from taction.netlist_gen.deck.checks import check_circuit, check_request, tolerances
 from taction.netlist_gen.deck.dialects.dialect import (

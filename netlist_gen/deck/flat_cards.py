@@ -22,19 +22,8 @@ from taction.netlist_gen.board.branches import (
     VoltageByCurrent,
     VoltageByVoltage,
 )
-from taction.netlist_gen.board.circuit import (
-    GROUND,
-    Branch,
-    Capacitor,
-    Circuit,
-    Fact,
-    Knob,
-    OpAmpCell,
-    Output,
-    Part,
-    Resistor,
-    common_facts,
-)
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, Knob, Output, common_facts
+from taction.netlist_gen.board.parts import Branch, Capacitor, OpAmpCell, Part, Resistor
 from taction.netlist_gen.deck.linear_expressions import affine
 from taction.netlist_gen.deck.macromodels import PINS, RAILS
 from taction.netlist_gen.deck.stimuli import FIXED, Stimulus, stimulus_of

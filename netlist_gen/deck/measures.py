@@ -14,7 +14,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from taction.netlist_gen.analysis import NoiseAnalysis
-from taction.netlist_gen.board.circuit import Circuit, NoiseCurrent
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.spice_models.thermal_noise import THERMAL
 from taction.system.reading_definitions import RISE_LEVELS, SMALL_STEP
 

@@ -14,13 +14,8 @@ from collections.abc import Collection, Iterator, Sequence
 from itertools import count, pairwise
 from typing import Literal
 
-from taction.netlist_gen.board.circuit import (
-    GROUND,
-    Circuit,
-    OpAmpCell,
-    SignalAmplifier,
-    TransistorCell,
-)
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.parts import OpAmpCell, SignalAmplifier, TransistorCell
 from taction.netlist_gen.kicad import symbols
 from taction.netlist_gen.kicad.parts import Catalogue, spare_node
 from taction.netlist_gen.kicad.sheet import TITLE, Label, Placed, SchematicSheet, SymbolPart

@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import (
-    GROUND,
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
+from taction.netlist_gen.board.parts import (
     Capacitor,
-    Circuit,
     CurrentSource,
     OpAmpCell,
     Resistor,
-    Role,
     SignalAmplifier,
     TransistorCell,
 )

@@ -12,7 +12,8 @@ For ideal op-amps eq (9), in its corrected form, holds exactly::
 
 from __future__ import annotations
 
-from taction.netlist_gen.board.circuit import Role, VoltageSource
+from taction.netlist_gen.board.circuit import Role
+from taction.netlist_gen.board.parts import VoltageSource
 from taction.netlist_gen.topologies.frame.planes import Planes, PlanesBoard
 from taction.netlist_gen.topologies.frame.topology import slope_of
 

@@ -8,19 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import (
+from taction.netlist_gen.board.circuit import Circuit, Output, Role, common_facts, common_knobs
+from taction.netlist_gen.board.parts import (
     Capacitor,
-    Circuit,
     CurrentSource,
     OpAmpCell,
-    Output,
     Resistor,
     ResistorMatrix,
-    Role,
     SignalAmplifier,
     VoltageSource,
-    common_facts,
-    common_knobs,
 )
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats

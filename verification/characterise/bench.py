@@ -10,17 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SmallSignal, Transient
-from taction.netlist_gen.board.circuit import (
-    GROUND,
-    NEEDED,
-    Circuit,
-    CurrentSource,
-    OpAmpCell,
-    Output,
-    Resistor,
-    VoltageSource,
-    common_facts,
-)
+from taction.netlist_gen.board.circuit import GROUND, NEEDED, Circuit, Output, common_facts
+from taction.netlist_gen.board.parts import CurrentSource, OpAmpCell, Resistor, VoltageSource
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.measures import noise_cards
 from taction.spice_models.foreign_netlist import Subcircuit

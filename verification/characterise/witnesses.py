@@ -16,7 +16,7 @@ from taction.netlist_gen.analysis import (
     SmallSignal,
     Transient,
 )
-from taction.netlist_gen.board.circuit import VoltageSource
+from taction.netlist_gen.board.parts import VoltageSource
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import SingularCircuit, StepTooSmall, TimedOut
 from taction.system.own_folders import remove_own_folder

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Capacitor, Circuit, Knob
+from taction.netlist_gen.board.circuit import Circuit, Knob
+from taction.netlist_gen.board.parts import Capacitor
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of

@@ -15,7 +15,8 @@ from functools import cached_property
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Capacitor, Resistor
+from taction.netlist_gen.board.circuit import GROUND
+from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import Descriptor

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Capacitor, Circuit, Resistor
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.netlist_gen.deck.flat_cards import shown
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats

@@ -17,7 +17,8 @@ from typing import Literal
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.branches import Coil, Source, VoltageBetween
-from taction.netlist_gen.board.circuit import GROUND, Branch, Circuit, OpAmpCell
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.parts import Branch, OpAmpCell
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.flat_cards import (
     MODEL,

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit, CurrentSource, Output, Resistor, Role
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Output, Role
+from taction.netlist_gen.board.parts import CurrentSource, Resistor
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.crossings import first_above
 

@@ -20,15 +20,8 @@ from functools import lru_cache
 import numpy as np
 
 from taction.netlist_gen.board.branches import VoltageBetween
-from taction.netlist_gen.board.circuit import (
-    GROUND,
-    Circuit,
-    OpAmpCell,
-    Resistor,
-    SignalAmplifier,
-    VoltageSource,
-    common_facts,
-)
+from taction.netlist_gen.board.circuit import GROUND, Circuit, common_facts
+from taction.netlist_gen.board.parts import OpAmpCell, Resistor, SignalAmplifier, VoltageSource
 from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.deck.flat_cards import CardError, read_cards
 from taction.spice_models.opamp import OpAmp

@@ -10,7 +10,8 @@ from typing import Literal, cast
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Circuit, OpAmpCell
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import OpAmpCell
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.quantities import show

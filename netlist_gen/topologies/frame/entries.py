@@ -8,15 +8,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import (
-    GROUND,
-    CurrentSource,
-    Fact,
-    NoiseCurrent,
-    Omission,
-    Role,
-    VoltageSource,
-)
+from taction.netlist_gen.board.circuit import GROUND, Fact, Omission, Role
+from taction.netlist_gen.board.parts import CurrentSource, NoiseCurrent, VoltageSource
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene

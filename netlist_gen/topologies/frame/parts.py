@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from taction.netlist_gen.board.circuit import (
-    GROUND,
+from taction.netlist_gen.board.circuit import GROUND, Role
+from taction.netlist_gen.board.parts import (
     Capacitor,
     CurrentSource,
     NoiseCurrent,
@@ -16,7 +16,6 @@ from taction.netlist_gen.board.circuit import (
     Part,
     Resistor,
     ResistorMatrix,
-    Role,
     SignalAmplifier,
     TransistorCell,
     VoltageSource,

@@ -14,16 +14,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import (
-    Circuit,
-    Fact,
-    Omission,
-    Output,
-    ResistorMatrix,
-    Role,
-    SignalAmplifier,
-)
+from taction.netlist_gen.board.circuit import Circuit, Fact, Omission, Output, Role
 from taction.netlist_gen.board.opamp_choice import choose_opamp
+from taction.netlist_gen.board.parts import ResistorMatrix, SignalAmplifier
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.antilog import AntilogStage

@@ -23,7 +23,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Fact, ResistorMatrix, Role
+from taction.netlist_gen.board.circuit import GROUND, Fact, Role
+from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import matrix_resistors
 from taction.netlist_gen.topologies.frame.parts import Parts

@@ -8,13 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import (
-    Circuit,
-    Fact,
-    Knob,
-    common_facts,
-    common_knobs,
-)
+from taction.netlist_gen.board.circuit import Circuit, Fact, Knob, common_facts, common_knobs
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.scene.field_values import LARGE, LEAST, MOST, SMALL
 from taction.netlist_gen.scene.fields import Model

@@ -14,7 +14,8 @@ import pytest
 from numpy.typing import ArrayLike, NDArray
 
 from taction.netlist_gen.analysis import Analysis, OperatingPoint, Transient
-from taction.netlist_gen.board.circuit import Circuit, Resistor
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.board_cards import matrix_lines
 from taction.netlist_gen.deck.deck import Deck, write_deck

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand, OperatingPoint
-from taction.netlist_gen.board.circuit import Circuit, NoiseCurrent
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.verification.engines.ngspice.process import find_simulator, start

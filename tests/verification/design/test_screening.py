@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.circuit import OpAmpCell, Output, VoltageSource
+from taction.netlist_gen.board.circuit import Output
+from taction.netlist_gen.board.parts import OpAmpCell, VoltageSource
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.checks import ExcursionCheck

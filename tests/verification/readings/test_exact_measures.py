@@ -10,7 +10,8 @@ import pytest
 from scipy.optimize import brentq
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Circuit, OpAmpCell, Output, VoltageSource
+from taction.netlist_gen.board.circuit import Circuit, Output
+from taction.netlist_gen.board.parts import OpAmpCell, VoltageSource
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.spice_models.opamp import OpAmp

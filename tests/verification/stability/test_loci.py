@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.circuit import Circuit, Resistor, Role
+from taction.netlist_gen.board.circuit import Circuit, Role
+from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene

@@ -9,14 +9,8 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import (
-    GROUND,
-    Circuit,
-    CurrentSource,
-    OpAmpCell,
-    Output,
-    Resistor,
-)
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Output
+from taction.netlist_gen.board.parts import CurrentSource, OpAmpCell, Resistor
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.analysis import OperatingPoint
-from taction.netlist_gen.board.circuit import GROUND, Circuit, OpAmpCell, Output, Resistor
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Output
 from taction.netlist_gen.board.opamp_choice import choose_opamp
+from taction.netlist_gen.board.parts import OpAmpCell, Resistor
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.design import OpAmpChoice

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Circuit, CurrentSource
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import CurrentSource
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, InputError, SimulationError

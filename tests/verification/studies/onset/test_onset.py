@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.board.circuit import (
+from taction.netlist_gen.board.circuit import Circuit, Output
+from taction.netlist_gen.board.parts import (
     Capacitor,
-    Circuit,
     CurrentSource,
     OpAmpCell,
-    Output,
     Resistor,
     ResistorMatrix,
 )

@@ -26,7 +26,7 @@ from taction.netlist_gen.board.branches import (
     VoltageByCurrent,
     VoltageByVoltage,
 )
-from taction.netlist_gen.board.circuit import Branch
+from taction.netlist_gen.board.parts import Branch
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed

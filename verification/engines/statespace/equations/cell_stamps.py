@@ -31,7 +31,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, OpAmpCell
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import OpAmpCell
 from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from taction.spice_models.transistor import thermal_voltage

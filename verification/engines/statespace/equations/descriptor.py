@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from taction.netlist_gen.board.circuit import Circuit, ResistorMatrix
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed

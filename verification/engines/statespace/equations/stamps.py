@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Branch, Circuit, ResistorMatrix
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import Branch, ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import port_matrices
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import in_groups

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit, ResistorMatrix
+from taction.netlist_gen.board.circuit import GROUND, Circuit
+from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import entry_voltages
 from taction.spice_models.input_errors import CHANGES
 from taction.system.array_types import Floats

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.circuit import Circuit, Resistor
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import Resistor
 from taction.system.array_types import Floats, Ints
 from taction.verification.engines.statespace.equations.mirror_symmetry import (
     Halves,

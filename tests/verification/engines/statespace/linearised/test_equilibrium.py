@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import root
 
-from taction.netlist_gen.board.circuit import Resistor
+from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.spice_models.opamp import KNEE, OpAmp

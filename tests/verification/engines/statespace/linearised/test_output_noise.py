@@ -9,14 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.circuit import (
-    Capacitor,
-    Circuit,
-    NoiseCurrent,
-    OpAmpCell,
-    Output,
-    Resistor,
-)
+from taction.netlist_gen.board.circuit import Circuit, Output
+from taction.netlist_gen.board.parts import Capacitor, NoiseCurrent, OpAmpCell, Resistor
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.spice_models.opamp import OpAmp

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.circuit import (
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import (
     Capacitor,
-    Circuit,
     CurrentSource,
     OpAmpCell,
     Resistor,

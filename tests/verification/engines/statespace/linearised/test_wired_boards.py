@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.board.circuit import Circuit, Resistor
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.variation import with_resistors_at
 from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.scene.scene import Scene

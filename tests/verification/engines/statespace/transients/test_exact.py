@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Capacitor, Output, Resistor
+from taction.netlist_gen.board.circuit import Output
+from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import (
+from taction.netlist_gen.board.circuit import Output
+from taction.netlist_gen.board.parts import (
     Capacitor,
     CurrentSource,
     OpAmpCell,
-    Output,
     Resistor,
     SignalAmplifier,
 )

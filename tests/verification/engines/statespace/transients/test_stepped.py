@@ -9,12 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import (
-    Capacitor,
-    Circuit,
-    CurrentSource,
-    Resistor,
-)
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import Capacitor, CurrentSource, Resistor
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.scene import Scene
