@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 
-from taction.netlist_gen.board import circuit as boards
+from taction.netlist_gen.board import parts as boards
 from taction.netlist_gen.board.bill_of_materials import changed_figures, packages, tolerance_of
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad import symbols
