@@ -58,7 +58,7 @@ def test_the_record_of_a_diverging_transient_is_kept(
         assert pending.result() is RECORD
 
 
-LOOSE = 1.2  # times the error of the first run: largest stated error
+LOOSE = 1.5  # times the error of the first run: largest stated error
 TIMES = np.concatenate([[0.0], np.geomspace(1e-9, 2e-4, 400)])
 BETWEEN = TIMES[:-1] + 0.37 * np.diff(TIMES)
 
@@ -70,7 +70,7 @@ def run(circuit: Circuit, tolerance: float) -> tuple[Waveforms, StateSpaceError]
 
 
 def check(record: Waveforms, stated: StateSpaceError, truth: Floats, between: Floats) -> None:
-    """The stated record errs by less, also between the points; no more than the first is stated."""
+    """The stated record errs by less, also between the points; the first run errs by about this."""
     assert np.abs(stated.record.values - truth).max() <= stated.volts
     assert stated.volts <= LOOSE * np.abs(record.values - truth).max()
     assert stated.record.curve is not None

@@ -95,7 +95,7 @@ def test_a_small_step_is_the_linearised_boards() -> None:
     circuit = breadboard()
     rest = replace(
         circuit,
-        currents=tuple(replace(c, amps=1e-6 * c.amps) for c in circuit.currents),
+        currents=tuple(replace(c, amps=1e-5 * c.amps) for c in circuit.currents),
     )
     record = simulate(rest, Transient(3e-5, 1e-7, initial="rest"))
     space = LinearBoard(replace(rest, currents=())).state_space
