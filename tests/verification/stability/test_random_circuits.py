@@ -100,10 +100,14 @@ def test_a_capacitance_that_nothing_determines_is_refused() -> None:
         finite_poles(descriptor, descriptor.dense.stiffness[:0, 0])
 
 
-def test_parts_that_cancel_to_the_last_digit_are_refused() -> None:
-    """A load of 1e4 ohm and a source of -1e-4 S: whether node a has a resistance is rounding."""
-    cards = ["v1 in 0 1.0", "r1 a 0 30000", "r2 a 0 15000", "g1 a 0 a 0 -0.0001", "r3 in b 1k",
-             "c1 b a 1n", "g2 b 0 a 0 1m"]  # fmt: skip
+@pytest.mark.parametrize("ohms", [1e4, 26293.9, 8555.6, 12281.2, 86905.6, 63892.1, 37008.8])
+def test_parts_that_cancel_to_the_last_digit_are_refused(ohms: float) -> None:
+    """A load and a source of the opposite conductance: whether node a has one is rounding.
+
+    A sum of the rounded values in more digits is another number, which is no pole either.
+    """
+    cards = ["v1 in 0 1.0", f"r1 a 0 {3.0 * ohms!r}", f"r2 a 0 {1.5 * ohms!r}",
+             f"g1 a 0 a 0 {-1.0 / ohms!r}", "r3 in b 1k", "c1 b a 1n", "g2 b 0 a 0 1m"]  # fmt: skip
     with pytest.raises(EngineError):
         poles(circuit(cards))
 

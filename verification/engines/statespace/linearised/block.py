@@ -235,7 +235,7 @@ class Block:
                 pairs = np.flatnonzero(group >= self.real)
                 places = np.arange(len(group), len(at))
                 moved[np.ix_(places, places)] += own[np.ix_(pairs, pairs)]
-            radius = _spectral_radius(moved) + _spectral_radius(own)
+            radius = spectral_radius(moved) + spectral_radius(own)
             apart = np.abs(centres[group, None] - centres[group]).max(initial=0.0)
             if np.any(linked[group][:, group[group >= self.real] + count - self.real]):
                 apart = max(apart, 2.0 * float(np.abs(centres[group].imag).max()))
@@ -371,7 +371,8 @@ class BlockShares:
         return np.where(finite, lag, np.inf), np.where(finite, vague, np.inf)
 
 
-def _spectral_radius(X: Floats) -> float:
+def spectral_radius(X: Floats) -> float:
+    """Return the largest magnitude of an eigenvalue of a finite matrix, (n, n)."""
     return float(np.abs(np.linalg.eigvals(X)).max(initial=0.0))
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.linearised.block import spectral_radius
 from taction.verification.engines.statespace.linearised.modes import Modes
 
 UNITS = 4.0  # times rounding: error of a stamped value
@@ -55,6 +56,7 @@ def pole_residuals(
         return unknown
     M, K = descriptor.summed(lambda values: values.astype(np.longdouble), slopes)
     mass, pull = M.astype(np.float64), K.astype(np.float64)
+    sizes_of_M, sizes_of_K = descriptor.summed(np.abs, slopes)  # of the terms, which may cancel
     poles = modes.poles[:count]
     right = seen @ modes.right[:, :count]
     rows = modes.left[:count] @ charge
@@ -72,7 +74,8 @@ def pole_residuals(
     v, w, s = (part.astype(np.clongdouble) for part in (right, left, poles))
     charged = M @ v
     missing = s * charged - K @ v
-    sizes = np.abs(mass) @ np.abs(right) * np.abs(poles) + np.abs(pull) @ np.abs(right)
+    seen_sizes = np.abs(right)
+    sizes = sizes_of_M @ seen_sizes * np.abs(poles) + sizes_of_K @ seen_sizes
     norm = (w * charged.T).sum(axis=1)
 
     def relative(terms: NDArray[Any]) -> Complexes:
@@ -87,8 +90,8 @@ def pole_residuals(
         return PoleResiduals(bounds)
     unsure = UNITS * EPS * np.abs(relative(np.abs(left) @ sizes))
     mixed = np.abs(relative(w @ charged) - np.eye(n))
-    mixed += UNITS * EPS * np.abs(relative(np.abs(left) @ (np.abs(mass) @ np.abs(right))))
-    if not np.abs(np.linalg.eigvals(_known(mixed))).max(initial=0.0) < MIXED:
+    mixed += UNITS * EPS * np.abs(relative(np.abs(left) @ (sizes_of_M @ seen_sizes)))
+    if not (np.isfinite(mixed).all() and spectral_radius(mixed) < MIXED):
         return PoleResiduals(bounds)
     residuals = np.abs(relative(w @ missing)) + unsure
     between = mixed @ np.linalg.solve(np.eye(n) - mixed, residuals)

@@ -308,8 +308,8 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
     modes = found.modes
     residuals = pole_residuals(descriptor, slopes, modes, block.C, block.charge)
     if residuals.corrected is not None and np.all(np.isfinite(residuals.corrected[1])):
-        found.__dict__["modes"] = modes.corrected(*residuals.corrected)
-        if np.any(found.modes.pole_errors > np.abs(modes.poles).max(initial=0.0)):
+        found.__dict__["modes"] = modes = modes.corrected(*residuals.corrected)
+        if np.any(modes.pole_errors > np.abs(modes.poles).max(initial=0.0)):
             raise EngineError(LOST)
         return found
     errors = residuals.bounds
