@@ -16,6 +16,7 @@ SMALL_STEP = 0.05  # of A: a channel with a smaller step has no rise time
 LEVEL_SHIFT = 0.005  # of a channel's step: how far rise levels are moved to find a fragile reading
 BAND_SHIFT = 0.05  # of the settling band: how far its edge is moved for the same
 FRAGILE = 0.1  # of a time: a change that makes it fragile
+FOUND = 1e-6  # of A: error to which an excursion is found, if no limit is nearer
 FAINT = 1e-5  # of A: a mode with a smaller share does not ring in a channel
 
 

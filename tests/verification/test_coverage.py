@@ -19,9 +19,8 @@ EXPONENTIAL = (0, 2, 3, 5, 7, 11, 12, 13, 14, 15, 17, 18, 27)  # the same, of bo
 LOOSE = 0.01  # analysis.error: far above the error of the run that counts as true
 READINGS = ("settling_time", "rise_time", "overshoot", "undershoot", "steady_state")
 COVERED, TIGHT = 0.99, 5.0  # share of the numbers; times the true error: median of the bounds
-COUNTS = 3e-8  # of a reading: in the bound of a smaller error is mostly rounding
-TAIL = 1e-5  # of the step: a larger bound is of what may follow the record, in no finer run either
-LEVEL = 1e-6  # relative: to this the times of linear boards are known (docs/uncertainties.md)
+TAIL = 1e-5  # of the step: a larger bound is of what may follow the record
+LEVEL = 1e-6  # of the step, or of a time: to this readings are known (docs/uncertainties.md)
 
 
 def check_coverage(compared: list[TruthComparison]) -> None:
@@ -29,15 +28,10 @@ def check_coverage(compared: list[TruthComparison]) -> None:
     assert sum(not c.outside for c in compared) >= COVERED * len(compared)
 
 
-def ratios(compared: list[TruthComparison], least: float = 0.0) -> list[float]:
-    """Return uncertainty over error of the readings whose error the truth resolves.
-
-    Errors below the fraction `least` of a reading are left out, and bounds above `TAIL`.
-    """
-    readings = [c for c in compared if c.name.startswith(READINGS)]
-    readings = [c for c in readings if c.unit == "s" or c.uncertainty < TAIL]
-    resolved = [c for c in readings if c.error > max(2.0 * c.doubt, least * abs(c.value))]
-    return [c.uncertainty / c.error for c in resolved]
+def ratios(compared: list[TruthComparison]) -> list[float]:
+    """Return uncertainty over error of the readings whose error the truth resolves."""
+    readings = [c for c in compared if c.name.startswith(READINGS) and c.error > 2.0 * c.doubt]
+    return [c.uncertainty / c.error for c in readings]
 
 
 @pytest.mark.usefixtures("ngspice")
@@ -61,11 +55,18 @@ def test_the_uncertainties_of_linear_boards_cover_their_errors() -> None:
 
 
 def test_the_uncertainties_of_boards_with_amplifiers_cover_their_errors() -> None:
+    """Also where the checks allow far more, readings are found to 1e-6: times to as much of them.
+
+    They err by less than the finer run resolves, so bounds are not compared with errors.
+    """
     compared: list[TruthComparison] = []
     for seed in EXPONENTIAL:
         scene = random_scene(seed, "exponential", topology="integrator", error=LOOSE)
         compared += compare(verify(scene.with_engine("statespace")), fine_readings(scene))
     check_coverage(compared)
-    found = ratios(compared, COUNTS)
-    assert len(found) > 10
-    assert np.median(found) < TIGHT
+    times = [c.uncertainty / c.value for c in compared if c.unit == "s" and c.value]
+    assert np.median(times) < LEVEL
+    assert np.quantile(times, 0.9) < 10.0 * LEVEL
+    excursions = [c.uncertainty for c in compared if c.name.startswith(("overshoot", "undershoot"))]
+    assert sum(each > TAIL for each in excursions) < 0.25 * len(excursions)
+    assert max(each for each in excursions if each < TAIL) < LEVEL

@@ -17,7 +17,7 @@ import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.reading_definitions import FAINT, SETTLING_BAND
+from taction.system.reading_definitions import FAINT, FOUND, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import find_share_errors
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
@@ -36,7 +36,6 @@ from taction.verification.readings.readings import Reading, Readings, Step, read
 from taction.verification.readings.settling import ChannelState, Settlement
 
 DETAIL = 1e-4  # of the settling band: the first grid resolves modes above it
-LEVEL = 1e-6  # of the step: error of an excursion, if no limit is nearer
 SHORT = "the channel never reaches the levels of its step"
 
 
@@ -66,7 +65,7 @@ class ExactResponse:
     initial: Literal["zero", "rest"] = "zero"
     band: float = SETTLING_BAND
     target_error: float = 0.0
-    level: float = LEVEL
+    level: float = FOUND
 
     @functools.cached_property
     def signs(self) -> Floats:

@@ -14,6 +14,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
+from taction.system.reading_definitions import FOUND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 from taction.verification.reference.dynamics import IdealNetwork
@@ -81,6 +82,12 @@ class PlannedBoard:
         """Largest error that the checks allow, V; infinite without a step, or if it may grow."""
         step = self.scales.step if self.poles.known_stable else 0.0
         return self.plan.wanted * step or math.inf
+
+    @property
+    def read(self) -> float:
+        """Largest error of a record by steps, V: `FOUND`, to which readings are found, or less."""
+        step = self.scales.step if self.poles.known_stable else 0.0
+        return min(self.plan.wanted, FOUND) * step or math.inf
 
     @property
     def transient(self) -> Transient:

@@ -375,7 +375,8 @@ def _until_it_diverges(error: DivergesError) -> Waveforms:
 
 
 def _statespace_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError:
-    return state_space_error(design.board, waveforms, design.wanted)
+    wanted = design.wanted if design.circuit.is_linear else design.read
+    return state_space_error(design.board, waveforms, wanted)
 
 
 OWN = {

@@ -23,6 +23,7 @@ AFTER_SETTLING = 1.2  # times the settling time: the record must show that outpu
 SHARE = 0.25  # of the tightest tolerance of the checks: the error wanted by ``error = "auto"``
 AIM = 0.8  # of the wanted error: the error that a transient is planned for
 STEP_SHARE = 0.2  # of a wanted error: the tolerance of the state-space engine
+CURVED_TOLERANCE = 1e-6  # most where amplifiers are curved: then two runs find readings to `FOUND`
 LEAST_TOLERANCE, MOST_TOLERANCE = 1e-10, 1e-3  # limits set by rounding and by convergence
 LEAST_ERROR = 1e-8  # of the step amplitude: the least error that ngspice is planned for
 GROWTH_ERROR = 0.01  # of `GROWN`: the error that a growing transient is planned for
@@ -67,6 +68,8 @@ class TransientPlan:
         Length of the shortest record that shows a growing instability, s.
     notes : tuple of str
         What the plan omits, for the user.
+    curved : bool
+        Whether the board has behavioural amplifiers or transistors.
     """
 
     transient: Transient
@@ -76,11 +79,13 @@ class TransientPlan:
     growing: bool
     grown: float
     notes: tuple[str, ...] = ()
+    curved: bool = False
 
     @property
     def tolerance(self) -> float:
         """Tolerance of the state-space engine's steps, in step amplitudes."""
-        return state_space_tolerance(self.wanted)
+        most = CURVED_TOLERANCE if self.curved else math.inf
+        return min(state_space_tolerance(self.wanted), most)
 
     @property
     def remark(self) -> str:
@@ -193,7 +198,8 @@ def plan_transient(
         initial=initial,
     )
     seconds, grown = forecast.steps * step_seconds, min(scales.growth_time, stop)
-    return TransientPlan(transient, error, forecast, seconds, growing, grown, notes)
+    curved = board.circuit.has_nonlinear_amplifiers
+    return TransientPlan(transient, error, forecast, seconds, growing, grown, notes, curved)
 
 
 def _also_from_start(
@@ -244,7 +250,8 @@ def _without_steps(
     spacing = min(stop, scales.max_step_for(GROWING_POINTS)) if growing else stop
     transient = Transient(stop, spacing, initial=scene.analysis.initial)
     grown = min(scales.growth_time, stop)
-    return TransientPlan(transient, wanted_error(scene), NO_STEPS, 0.0, growing, grown, notes)
+    error, curved = wanted_error(scene), board.circuit.has_nonlinear_amplifiers
+    return TransientPlan(transient, error, NO_STEPS, 0.0, growing, grown, notes, curved)
 
 
 def seconds_per_step(board: LinearBoard) -> float:
