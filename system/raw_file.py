@@ -74,7 +74,8 @@ def read_raw(path: Path, *, partial: bool = False) -> Plot:
         The file does not exist, is not a raw file, has text, complex or padded values, several
         plots or no points.
     OutOfDisk
-        The file has fewer bytes than points x vectors x 8.
+        The file was not written to its end: its header is cut, or lacks the number of points, or
+        there are fewer bytes than points x vectors x 8.
     """
     content = _map(path)
     header = _read_header(content, path)
@@ -177,6 +178,8 @@ def _read_header(
     vectors: list[str] = []
     last = end if end >= 0 else start + _LONGEST_HEADER
     head = content[start:last].decode("utf-8", "replace")
+    if end < 0 and "\n" in head:
+        head = head[: head.rindex("\n")]  # the last line may be cut, too
     for text in head.removesuffix("\n").split("\n") if head else ():
         if text.startswith("\t"):
             columns = text.split()
@@ -191,7 +194,7 @@ def _read_header(
             raise BadEvidence(f"{path.name}: values are text; a binary raw file is needed")
         fields[key.lower()] = value.strip()
     if end < 0:
-        raise BadEvidence(f"{path.name}: the header has no end ({len(vectors)} vectors were named)")
+        raise _cut(f"{path.name}: the header has no end ({len(vectors)} vectors were named)")
     header = _Header(fields, tuple(vectors), end + len(_END))
     _check_header(header, path, flags)
     return header
@@ -225,10 +228,9 @@ def _check_size(
     """Compare the number of bytes after `start` with `expected`; more may follow if `several`."""
     size = len(content) - start
     if size < expected:
-        raise OutOfDisk(
-            f"{path.name} holds {size} of {expected} bytes: it could not be written in full."
-            " Free space where runs are kept (TMPDIR), or save fewer nodes"
-        )
+        raise _cut(f"{path.name} holds {size} of {expected} bytes")
+    if size > expected == 0 and not several:
+        raise _cut(f"{path.name} holds {size} bytes of values, but their number was never written")
     if size > expected and not several:
         if content[start + expected : start + expected + 6] == b"Title:":
             raise BadEvidence(f"{path.name} holds several plots; a deck may have one analysis")
@@ -237,3 +239,10 @@ def _check_size(
         )
     if expected == 0:
         raise BadEvidence(f"{path.name} holds no points")
+
+
+def _cut(found: str) -> OutOfDisk:
+    return OutOfDisk(
+        f"{found}: it could not be written in full. Free space where runs are kept (TMPDIR), or"
+        " save fewer nodes"
+    )

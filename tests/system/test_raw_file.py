@@ -93,7 +93,6 @@ REFUSED = {
     "padded": (b"Flags: real", b"Flags: real padded", "padded"),
     "no flags": (b"Flags: real\n", b"", "missing"),
     "text": (b"Binary:", b"Values:", "are text"),
-    "no points": (b"No. Points: 3", b"No. Points: 0", "bytes of values"),
     "negative": (b"No. Points: 3", b"No. Points: -3", "no. points"),
     "fewer names": (b"\t2\tv(n1)\tvoltage\n", b"", "announced"),
     "wrong index": (b"\t2\tv(n1)", b"\t3\tv(n1)", "bad vector line"),
@@ -117,8 +116,6 @@ def test_refused_whole_files(tmp_path: Path) -> None:
     path = tmp_path / "bad.raw"
     for content, message in (
         (good + good, "several plots"),
-        (b"", "no end"),
-        (good.partition(b"No. Points")[0], "no end"),
         (
             good.partition(b"Binary:")[0].replace(b"Points: 3", b"Points: 0") + b"Binary:\n",
             "no poi",
@@ -129,6 +126,20 @@ def test_refused_whole_files(tmp_path: Path) -> None:
             read_raw(path)
     with pytest.raises(BadEvidence, match="never written"):
         read_raw(tmp_path / "nowhere.raw")
+
+
+def test_a_file_that_was_not_written_to_its_end_is_a_full_disk(tmp_path: Path) -> None:
+    """On a full disk ngspice loses whole blocks, or the number of points, which it writes last."""
+    good, path = raw_bytes(tmp_path), tmp_path / "cut.raw"
+    header = good.partition(b"Binary:")[0]
+    cuts = [good[:size] for size in (0, header.index(b"No. Points"), len(header) - 9, len(header))]
+    for content, message in (
+        *((cut, "the header has no end") for cut in cuts),
+        (good.replace(b"No. Points: 3", b"No. Points: 0", 1), "72 bytes .* never written"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(OutOfDisk, match=rf"{message}.*Free space"):
+            read_raw(path)
 
 
 def test_a_short_file_is_a_full_disk_or_a_partial_result(tmp_path: Path) -> None:
