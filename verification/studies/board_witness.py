@@ -80,14 +80,18 @@ def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
         No transient reaches this error.
     """
     stable, cut = found.poles.known_stable, ""
-    model = StepModel.of(found.board, stop, found.initial, stable=stable)
-    model = model.above_rounding(RELATIVE)
+
+    def model_to(stop: float) -> StepModel:
+        model = StepModel.of(found.board, stop, found.initial, stable=stable)
+        return model.above_rounding(RELATIVE)
+
+    model = model_to(stop)
     forecast = model.cheapest(WANTED)
     if forecast.steps > MOST_STEPS:
         stop = model.reached(forecast, MOST_STEPS)
         cut = f"ngspice's transient was compared up to {stop:.4g} s only"
-        model = StepModel.of(found.board, stop, found.initial, stable=stable)
-        forecast = model.above_rounding(RELATIVE).cheapest(WANTED)
+        model = model_to(stop)
+        forecast = model.cheapest(WANTED)
     plan = Transient(
         stop=stop,
         max_step=forecast.max_step,

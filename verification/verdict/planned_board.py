@@ -80,14 +80,16 @@ class PlannedBoard:
     @property
     def wanted(self) -> float:
         """Largest error that the checks allow, V; infinite without a step, or if it may grow."""
-        step = self.scales.step if self.poles.known_stable else 0.0
-        return self.plan.wanted * step or math.inf
+        return self._volts(self.plan.wanted)
 
     @property
-    def read(self) -> float:
-        """Largest error of a record by steps, V: `FOUND`, to which readings are found, or less."""
+    def reading_error(self) -> float:
+        """Error to which readings are found, V: `FOUND`, or less where the checks allow less."""
+        return self._volts(min(self.plan.wanted, FOUND))
+
+    def _volts(self, share: float) -> float:
         step = self.scales.step if self.poles.known_stable else 0.0
-        return min(self.plan.wanted, FOUND) * step or math.inf
+        return share * step or math.inf
 
     @property
     def transient(self) -> Transient:

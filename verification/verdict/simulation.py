@@ -375,7 +375,7 @@ def _until_it_diverges(error: DivergesError) -> Waveforms:
 
 
 def _statespace_error(design: PlannedBoard, waveforms: Waveforms) -> StateSpaceError:
-    wanted = design.wanted if design.circuit.is_linear else design.read
+    wanted = design.wanted if design.circuit.is_linear else design.reading_error
     return state_space_error(design.board, waveforms, wanted)
 
 
