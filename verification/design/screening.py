@@ -20,6 +20,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import READINGS, RISE_LEVELS
+from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.linearised.board import (
     Initial,
     LinearBoard,
@@ -118,12 +119,9 @@ def outlines(boards: Sequence[LinearBoard], initial: Initial) -> list[Outline | 
 def _decomposed(blocks: Sequence[_PartAtStart]) -> list[tuple[Complexes, Complexes | None]]:
     """Return eigenvalues and vectors of each block, of one that rests its eigenvalues alone."""
     found: dict[int, tuple[Complexes, Complexes | None]] = {}
-    stacks: dict[tuple[int, bool], list[int]] = {}
-    for k, block in enumerate(blocks):
-        stacks.setdefault((len(block.A), block.rests), []).append(k)
-    for (_, rests), places in stacks.items():
+    for places in of_one_kind({k: (len(b.A), b.rests) for k, b in enumerate(blocks)}):
         A = np.stack([blocks[k].A for k in places])
-        if rests:
+        if blocks[places[0]].rests:
             poles = np.linalg.eigvals(A).astype(np.complex128)
             found |= {k: (values, None) for k, values in zip(places, poles, strict=True)}
         else:

@@ -7,7 +7,7 @@ board takes the steps that it takes alone, and has the same digits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from taction.system.errors import EngineError
 
 System = TypeVar("System")
 Found = TypeVar("Found")
+Key = TypeVar("Key")
 
 
 class Unlike(Exception):  # noqa: N818 - no error: the stack is solved in parts
@@ -58,6 +59,20 @@ def alone(count: int) -> None:
     """
     if count > 1:
         raise Unlike(np.arange(count))
+
+
+def of_one_kind(kinds: Mapping[Key, Hashable]) -> list[list[Key]]:
+    """Return the keys of each kind, in their order.
+
+    Examples
+    --------
+    >>> of_one_kind({"a": 1, "b": 2, "c": 1})
+    [['a', 'c'], ['b']]
+    """
+    groups: dict[Hashable, list[Key]] = {}
+    for key, kind in kinds.items():
+        groups.setdefault(kind, []).append(key)
+    return list(groups.values())
 
 
 def in_groups(

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from taction.system.array_types import EPS, Complexes, Floats
+from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.linearised.block import UNITS
 from taction.verification.engines.statespace.linearised.elimination import inverses
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
@@ -25,8 +25,6 @@ ROOM = 30.0  # condition number of a pole that has this error if rounding does i
 ASIDE, LEAST = 1e-6, 1e-12  # distance of the shift: of the pole, and at least of the fastest one
 ITERATIONS = 4
 DIVERGING = 0.25  # ratio of two terms of the series in the rounding, from which it may not end
-
-Key = TypeVar("Key")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +111,7 @@ def lead_poles(spaces: Sequence[StateSpace]) -> list[LeadPole | None]:
         if lead is not None:
             leads[place] = lead
     found = list[LeadPole | None]([None] * len(spaces))
-    for places in _by_size({place: len(lead.A) for place, lead in leads.items()}):
+    for places in of_one_kind({place: len(lead.A) for place, lead in leads.items()}):
         same = [leads[place] for place in places]
         poles, errors = _quotients(
             np.stack([lead.A for lead in same]),
@@ -136,7 +134,7 @@ def _eigenvalues(spaces: Sequence[StateSpace]) -> dict[int, list[Complexes]]:
     }
     parts = {(place, k): A for place, some in finite.items() for k, A in enumerate(some)}
     found = dict[tuple[int, int], Complexes]()
-    for same in _by_size({key: len(A) for key, A in parts.items()}):
+    for same in of_one_kind({key: len(A) for key, A in parts.items()}):
         values = np.linalg.eigvals(np.stack([parts[key] for key in same]))
         found.update(zip(same, values.astype(np.complex128), strict=True))
     return {place: [found[place, k] for k in range(len(some))] for place, some in finite.items()}
@@ -181,11 +179,3 @@ def _quotients(A: Floats, size: Floats, near: Complexes, aside: Floats) -> tuple
     poles = pole[:, 0, 0]
     bound += 2.0 * EPS * np.abs(poles)
     return poles, np.where(ratio < DIVERGING, bound, np.inf)
-
-
-def _by_size(sizes: dict[Key, int]) -> list[list[Key]]:
-    """Return the keys of each size."""
-    groups = dict[int, list[Key]]()
-    for key, size in sizes.items():
-        groups.setdefault(size, []).append(key)
-    return list(groups.values())

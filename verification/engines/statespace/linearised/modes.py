@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
 from taction.verification.engines.statespace.linearised.block import (
     SHARING,
@@ -216,13 +217,14 @@ def decompose_together(wanted: Sequence[Decomposable]) -> list[Modes]:
     >>> one.poles.real.tolist(), other.poles.real.tolist()
     ([-1.0, -2.0], [-3.0])
     """
-    stacks: dict[int, list[tuple[int, int]]] = {}
     sizes = [each.rounded for each in wanted]
-    for place, each in enumerate(wanted):
-        for part, matrix in enumerate(each.matrices):
-            stacks.setdefault(len(matrix), []).append((place, part))
+    lengths = {
+        (place, part): len(matrix)
+        for place, each in enumerate(wanted)
+        for part, matrix in enumerate(each.matrices)
+    }
     found: dict[tuple[int, int], Block] = {}
-    for same in stacks.values():
+    for same in of_one_kind(lengths):
         A, size = (
             of[0][None] if len(same) == 1 else np.stack(of)
             for of in (

@@ -22,6 +22,7 @@ from taction.system.array_types import EPS, Floats, Indices, Ints
 from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
+from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.linearised.modes import Modes
@@ -196,11 +197,8 @@ def integrate(
 
     `share` is the part of the tolerance. An output has a `failure` where there is no solution.
     """
-    groups: dict[tuple[Hashable, ...], list[int]] = {}
-    for place, run in enumerate(runs):
-        groups.setdefault(run.kind, []).append(place)
     found: dict[int, Dense] = {}
-    for places in groups.values():
+    for places in of_one_kind({place: run.kind for place, run in enumerate(runs)}):
         work = _integrator([runs[place] for place in places], share)
         if levels is None:
             outs = work.run(np.array([runs[place].stop for place in places]))
