@@ -18,11 +18,11 @@ from taction.netlist_gen.scene.axes import (
     check_axes,
     fixed_values,
     parse_axes,
-    points,
     with_values,
 )
 from taction.netlist_gen.scene.keys import Value, files_of
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Ints
 from taction.system.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -76,6 +76,17 @@ class Plan:
         """Number of verifications, each engine counts; a hybrid sweep adds those of ngspice."""
         return self.points * (1 if self.hybrid else len(self.engines))
 
+    @property
+    def order(self) -> Ints:
+        """Places of the grid in the order of computing, (P,): capacitances change fastest.
+
+        Points of one call then have the same resistances, and more of them one kind of board: where
+        op-amps slew depends on gains more than on capacitances.
+        """
+        fast = [all(axis.key.unit == "F" for axis in group) for group in self.groups]
+        axes = sorted(range(len(fast)), key=lambda k: fast[k])
+        return np.arange(self.points).reshape(self.shape).transpose(axes).ravel()
+
     def values_at(self, place: int) -> dict[str, Value]:
         """Return the values at a place of the grid, in its order from 0, by their paths."""
         at = zip(self.groups, np.unravel_index(place, self.shape), strict=True)
@@ -120,12 +131,14 @@ class GridPoint:
 
 
 class Requests:
-    """The points of a plan, in the order of the grid, each with its engines.
+    """Points of a plan, each with its engines.
 
     Parameters
     ----------
     engines : tuple of str, optional
         By default all engines of the plan.
+    places : ndarray (P,), optional
+        Places of the grid; by default all, in its order.
 
     Raises
     ------
@@ -133,8 +146,10 @@ class Requests:
         The plan needs ngspice, and no ngspice was found or the ngspice is too old.
     """
 
-    def __init__(self, plan: Plan, engines: tuple[str, ...] | None = None) -> None:
-        self._plan = plan
+    def __init__(
+        self, plan: Plan, engines: tuple[str, ...] | None = None, places: Ints | None = None
+    ) -> None:
+        self._plan, self._places = plan, places
         self._file_digests: dict[str, bytes] = {}
         scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
         analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
@@ -145,7 +160,9 @@ class Requests:
         self._files = files_of(plan.scene)
 
     def __iter__(self) -> Iterator[GridPoint]:
-        for place, values in enumerate(points(self._plan.groups)):
+        every = range(self._plan.points) if self._places is None else map(int, self._places)
+        for place in every:
+            values = self._plan.values_at(place)
             files = [self._digest(values.get(path, name)) for path, name in self._files.items()]
             for engine, base in self._bases.items():
                 yield GridPoint(place, values, engine, digest(base, values, files))

@@ -143,11 +143,11 @@ class _Sweep:
         return missing
 
     def compute(self, missing: dict[str, Bools]) -> None:
-        """Compute the points `missing`, by engine, in the order of the grid."""
+        """Compute the points `missing`, by engine, in the order of the plan."""
         if not any(places.any() for places in missing.values()):
             return
         self._forecast(missing)
-        requests = Requests(self.plan, tuple(missing))
+        requests = Requests(self.plan, tuple(missing), self.plan.order)
         points = (point for point in requests if missing[point.engine][point.place])
         self._run(points, self._size(missing))
 

@@ -52,6 +52,18 @@ def plan(*over: str, engines: tuple[str, ...] = ("statespace",), **more: Any) ->
     return Plan(asked, parse_axes(asked, over), engines, **more)
 
 
+def test_points_that_share_their_resistances_are_computed_one_after_the_other() -> None:
+    asked = plan("C=50p,100p,200p", "gain=50k:200k:2")
+    values = [asked.values_at(int(place)) for place in asked.order]
+    assert [tuple(each.values()) for each in values] == [
+        (C, gain) for gain in (5e4, 2e5) for C in (50e-12, 100e-12, 200e-12)
+    ]
+    requests = Requests(asked, places=asked.order)
+    assert [point.place for point in requests] == [0, 2, 4, 1, 3, 5]
+    known = {point.place: point.request for point in Requests(asked)}
+    assert {point.place: point.request for point in requests} == known
+
+
 def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[SweepCounts, list[Any]]:
     with Store(str(path)) as store:
         count = sweep(asked, store, workers, **more)
