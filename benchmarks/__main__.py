@@ -7,10 +7,10 @@ run writes ``docs/benchmarks.md`` with its plots, and the table of the README.
 from __future__ import annotations
 
 import argparse
-import gc
 import os
 import sys
 import traceback
+from importlib import import_module
 
 from threadpoolctl import threadpool_limits
 
@@ -52,7 +52,7 @@ def main() -> int:
     parser.add_argument("--full", action="store_true", help="everything; takes about an hour")
     parser.add_argument("--only", choices=SECTIONS, nargs="+", help="some sections; only printed")
     asked = parser.parse_args()
-    gc.set_threshold(100_000)  # as the command sets it
+    import_module("taction.system.rare_collections")  # as the command does
     threadpool_limits(1)  # threads that wait for a core that ngspice uses would spin
     os.environ.update(dict.fromkeys(THREADS, "1"))
     extent = Extent.FULL if asked.full else Extent.QUICK

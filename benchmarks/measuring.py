@@ -171,7 +171,7 @@ def tell():
     print(max(own, children), file=sys.stderr)
 atexit.register(tell)
 """
-COMMAND = "from taction.cli.main import main\nmain(sys.argv[1:], prog_name='taction')"
+COMMAND = "from taction.__main__ import main\nmain(sys.argv[1:], prog_name='taction')"
 
 
 def python(code: str, *words: str, accepted: tuple[int, ...] = (0,)) -> Cost:

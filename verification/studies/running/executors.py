@@ -28,8 +28,12 @@ T = TypeVar("T")
 
 ATTEMPTS = 3  # to compute a point whose worker is killed
 START_UP = 0.7  # s of processor time to start the fork server and two processes
-_ROOT = __name__.removesuffix(".studies.running.executors")
-PRELOAD = [f"{_ROOT}.studies.sweep.point", f"{_ROOT}.engines.statespace.transients.exact"]
+_ROOT = __name__.removesuffix(".verification.studies.running.executors")
+PRELOAD = [
+    f"{_ROOT}.system.rare_collections",
+    f"{_ROOT}.verification.studies.sweep.point",
+    f"{_ROOT}.verification.engines.statespace.transients.exact",
+]
 
 
 def cores() -> int:
