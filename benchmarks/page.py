@@ -102,7 +102,7 @@ trick that is gone, with no more numbers outside their stated error.
   command. So points at which op-amps slew are integrated side by side, and points of one call share
   the spread of their rests: the 651 points of the README's sweep take 6.1 s in place of 7.5
   (minima of 2 pairs, batches of 16, processor time). Steps of 5, 7, 11 or 13 stages in place of 9
-  make a slewing point 6 times as dear, as dear, 7 % and 15 % dearer.
+  make a slewing point 5 times as dear, as dear, 7 % and 15 % dearer.
 """
 SIZE = (11.0, 4.5)  # of a plot, in inches
 

@@ -184,20 +184,6 @@ class Present:
             setattr(self, name, values[rows])
 
 
-@dataclass(slots=True, eq=False)
-class StageValues:
-    """What the iterations found in a step: inputs and remainders of all stages, (R, m, s).
-
-    `parts` are for `Steps.end`; `contraction` and `found` (R,) say how the iterations ended.
-    """
-
-    inputs: Floats
-    remainder: Floats
-    parts: Any
-    contraction: Floats
-    found: Bools
-
-
 class RadauIntegrator:
     """One integration of several boards from t = 0.
 
@@ -280,7 +266,7 @@ class RadauIntegrator:
         now, fixed = self.present, self.todo is not None
         length = now.base * np.exp2(now.level)
         small = (length <= EPS * now.t) | (now.level < SMALLEST)
-        for row in np.flatnonzero(small).tolist() if small.any() else ():
+        for row in np.flatnonzero(small).tolist():
             text = (
                 f"no solution after {now.t[row].item()!r} s: steps down to"
                 f" {length[row].item():.3g} s have errors above {now.tolerance[row].item():.3g} V"
@@ -288,16 +274,16 @@ class RadauIntegrator:
             self.out[now.place[row]].failure = text
         step = self.board.step(length, now.slopes)
         with np.errstate(invalid="ignore", over="ignore"):
-            stages = self._iterate(step)
-            change, watched = step.end(stages.remainder, stages.inputs, stages.parts)
+            inputs, remainder, parts, contraction, found = self._iterate(step)
+            change, watched = step.end(remainder, inputs, parts)
             watched = now.now[:, :, None] + watched
             piece = np.concatenate([now.now[:, :, None], watched], axis=2) @ TABLE.legendre.T
             gain, left, tail = self._judge(step, piece, watched)
-        found = stages.found & ~small
+        lost, found = ~found & ~small, found & ~small
         accepted = found & ((gain >= 0) | fixed)
-        if not found.all():
-            self._repeat_lost(~stages.found & ~small)
-        slow = accepted & (stages.contraction > SLOW) & ~now.fresh
+        if lost.any():
+            self._repeat_lost(lost)
+        slow = accepted & (contraction > SLOW) & ~now.fresh
         self._accept(accepted, length, change, watched, piece, left, tail)
         if slow.any():
             self._linearise(slow, watched[:, : self.amplifiers.count, -1:])
@@ -336,7 +322,7 @@ class RadauIntegrator:
         gain = np.floor(-np.log2(np.maximum(error, 1e-300)) / STAGES)
         known = np.isfinite(size)
         coarse = known & (noise > tolerance)
-        for row in np.flatnonzero(coarse).tolist() if coarse.any() else ():
+        for row in np.flatnonzero(coarse).tolist():
             self.out[now.place[row]].coarse = True
         left = np.where(known & (noise > COUNTED * tolerance), noise, 0.0)
         return np.where(known, gain, -1.0).astype(np.int64), left, np.where(known, tail, 0.0)
@@ -350,19 +336,17 @@ class RadauIntegrator:
         every = np.arange(len(level))
         lacking = np.isnan(now.noise[every, level, 0])
         if lacking.any():
-            rows = np.flatnonzero(lacking)
-            m, board, part = self.amplifiers.count, self.board.part(rows), step.part(rows)
-            state, voltages = now.state[rows], now.now[rows]
-            inputs = voltages[:, :m]
-            outputs = self.reported.part(rows).amplifiers.outputs(inputs[:, :, None])[:, :, 0]
-            exact = board.rate(state, inputs, outputs)
+            inputs = now.now[:, : self.amplifiers.count]
+            outputs = self.amplifiers.outputs(inputs[:, :, None])[:, :, 0]
+            exact = self.board.rate(now.state, inputs, outputs)
             on_state, on_outputs = (1.0 + EPS * draw for draw in self.draws)
-            moved = board.rate(state * on_state, inputs, outputs * on_outputs) - exact
-            zero, noise = np.zeros((len(rows), m, STAGES)), EPS * np.abs(voltages)
+            moved = self.board.rate(now.state * on_state, inputs, outputs * on_outputs) - exact
+            noise = EPS * np.abs(now.now)
             for rate, share in ((moved, 1.0), (exact, SCATTER)):
-                free, parts = part.free(rate)
-                noise += share * np.abs(part.end(zero, free, parts)[1]).max(axis=2)
-            now.noise[rows, level[rows]] = noise
+                free, parts = step.free(rate)
+                end = step.end(np.zeros_like(free), free, parts)[1]
+                noise += share * np.abs(end).max(axis=2, initial=0.0)
+            now.noise[lacking, level[lacking]] = noise[lacking]
         return np.asarray(SPREAD * (volts * now.noise[every, level]).max(axis=1, initial=0.0))
 
     def _accept(
@@ -376,15 +360,12 @@ class RadauIntegrator:
         tail: Floats,
     ) -> None:
         now = self.present
-        if accepted.all():
-            now.state, now.now, now.t = now.state + change, watched[:, :, -1], now.t + length
-        else:
-            now.state = np.where(accepted[:, None], now.state + change, now.state)
-            now.now = np.where(accepted[:, None], watched[:, :, -1], now.now)
-            now.t = np.where(accepted, now.t + length, now.t)
+        now.state = np.where(accepted[:, None], now.state + change, now.state)
+        now.now = np.where(accepted[:, None], watched[:, :, -1], now.now)
+        now.t = np.where(accepted, now.t + length, now.t)
         now.far = self.reported.distance(now.now)
-        largest = np.maximum(np.abs(now.now).max(axis=1, initial=0.0), self.board.size(now.state))
-        escaped = np.maximum(largest, now.far) > now.limit
+        sizes = [np.abs(x).max(axis=1, initial=0.0) for x in (now.now, now.state)]
+        escaped = np.max([*sizes, now.far], axis=0) > now.limit
         for row, yes in enumerate(accepted.tolist()):
             out = self.out[now.place[row]]
             if not yes:
@@ -406,49 +387,46 @@ class RadauIntegrator:
         self.present.slopes = np.where(rows[:, None], slopes, self.present.slopes)
         self.present.noise[rows] = np.nan
 
-    def _iterate(self, step: Steps) -> StageValues:
-        """Find the inputs of all stages."""
-        now, m, count = self.present, self.amplifiers.count, len(self.present.place)
-        inputs_now = now.now[:, :m, None]
-        outputs = self.amplifiers.outputs(inputs_now)
-        free, parts = step.free(self.board.rate(now.state, inputs_now[:, :, 0], outputs[:, :, 0]))
-        zero, every = np.zeros((count, m, STAGES)), np.ones(count, dtype=np.bool_)
+    def _iterate(self, step: Steps) -> tuple[Floats, Floats, Any, Floats, Bools]:
+        """Find the inputs of all stages, and their remainders, (R, m, s).
+
+        Then follow the parts for `Steps.end`, and how the iterations ended: their contraction, and
+        whether they converged, (R,).
+        """
+        now, m = self.present, self.amplifiers.count
+        before_step = now.now[:, :m, None]
+        outputs = self.amplifiers.outputs(before_step)
+        free, parts = step.free(self.board.rate(now.state, before_step[:, :, 0], outputs[:, :, 0]))
         # At the start of the step there are no remainders: the first iteration gives `free`.
-        found = StageValues(free, zero, parts, np.zeros(count), every)
-        if not m:
-            return found
-        all_volts, slopes = self.reported.volts(inputs_now), now.slopes[:, :, None]
-        volts = all_volts[:, :m, None]
+        inputs, remainder, last = free, np.zeros_like(free), np.zeros(len(free))
+        volts, slopes = self.reported.volts(before_step), now.slopes[:, :, None]
 
         def size_of(change: Floats) -> Floats:
-            return np.asarray((np.abs(change) * volts).max(axis=(1, 2)) / now.tolerance)
+            largest = (np.abs(change) * volts[:, :m, None]).max(axis=(1, 2), initial=0.0)
+            return np.asarray(largest / now.tolerance)
 
         before = size_of(free)
-        found.found = before < 1e-4 * SHARE
-        going = ~found.found
+        found = before < 1e-4 * SHARE
+        going = ~found
         for k in range(1, ITERATIONS):
             if not going.any():
                 break
-            change = self.amplifiers.outputs(inputs_now + found.inputs) - outputs
-            remainder = change - slopes * found.inputs
-            going &= np.isfinite(remainder).all(axis=(1, 2))
-            if not going.all():
-                remainder = np.where(going[:, None, None], remainder, found.remainder)
-            following = free + step.response(remainder, parts)
-            size = size_of(following - found.inputs)
+            beyond = self.amplifiers.outputs(before_step + inputs) - outputs - slopes * inputs
+            going &= np.isfinite(beyond).all(axis=(1, 2))
+            beyond = np.where(going[:, None, None], beyond, remainder)
+            following = free + step.response(beyond, parts)
+            size = size_of(following - inputs)
             going &= np.isfinite(size)
             contraction = size / np.where(going, before, 1.0)
-            if not going.all():
-                following = np.where(going[:, None, None], following, found.inputs)
-                remainder = np.where(going[:, None, None], remainder, found.remainder)
-            found.inputs, found.remainder = following, remainder
+            inputs = np.where(going[:, None, None], following, inputs)
+            remainder = np.where(going[:, None, None], beyond, remainder)
             # No forecast of what is left: beyond a knee of an amplifier convergence is uneven.
             done = going & (contraction < 1.0) & (size < SHARE)
-            found.contraction = np.where(done, contraction, found.contraction)
+            last = np.where(done, contraction, last)
             stuck = going & ~done & ((contraction >= 1.0) | (k == ITERATIONS - 1))
             if stuck.any():
-                done |= stuck & (size * now.tolerance <= self._rounding(step, all_volts))
-            found.found |= done
+                done |= stuck & (size * now.tolerance <= self._rounding(step, volts))
+            found |= done
             going &= ~(done | stuck)
             before = size
-        return found
+        return inputs, remainder, parts, last, found

@@ -12,9 +12,10 @@ the switches unchanged, and follow the product of the pieces' matrix exponential
 
 from __future__ import annotations
 
+import functools
 import time as clock
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -86,7 +87,11 @@ class PiecewiseCurve:
     pieces: tuple[Piece, ...]
     stop: float
     escaped: bool
-    begins: Floats = field(repr=False)
+
+    @functools.cached_property
+    def begins(self) -> Floats:
+        """When each piece begins, s."""
+        return np.array([piece.begin for piece in self.pieces])
 
     def _each(self, times: Floats) -> Iterable[tuple[Piece, Indices]]:
         where = np.maximum(np.searchsorted(self.begins, times, side="right") - 1, 0)
@@ -193,14 +198,8 @@ class _SwitchedRun:
         if errors.shape[1] > WIDEST * len(x):
             errors = np.diag(np.abs(errors).sum(axis=1))
         through = active.charge @ piece.active.space.C
-        return Piece.of(
-            active,
-            piece.begin + length,
-            active.space.state_of(z),
-            through @ errors,
-            self.nodes,
-            piece.slack,
-        )
+        begin, x = piece.begin + length, active.space.state_of(z)
+        return Piece.of(active, begin, x, through @ errors, self.nodes, piece.slack)
 
 
 def solve_pieces(
@@ -234,14 +233,10 @@ def solve_pieces(
         length = piece.ends(left if escape is None else escape)
         if length is None or piece.begin + length >= stop:
             end = stop if escape is None else piece.begin + escape
-            return PiecewiseCurve(
-                tuple(pieces), end, escape is not None, np.array([p.begin for p in pieces])
-            )
+            return PiecewiseCurve(tuple(pieces), end, escape is not None)
         piece = run.after(piece, length)
     if not bounded:
-        return PiecewiseCurve(
-            tuple(pieces), piece.begin, False, np.array([p.begin for p in pieces])
-        )
+        return PiecewiseCurve(tuple(pieces), piece.begin, False)
     raise EngineError(
         f"the amplifiers switch more than {MOST_SWITCHES} times before {show(piece.begin, 's')} of"
         f" {show(stop, 's')}; a shorter analysis.stop ends the record earlier"

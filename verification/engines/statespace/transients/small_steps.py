@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -164,55 +164,6 @@ class StateBoard:
         return rate, jacobian, watch
 
 
-@dataclass(frozen=True, eq=False)
-class SmallStep:
-    """One step of each of R boards; see `Steps`.
-
-    Attributes
-    ----------
-    weight : Blocks
-        Inverses of the systems, s.
-    transfer : ndarray (R, k, m, m)
-        Inputs of nu at the slopes.
-    change : ndarray (R, m)
-        Slopes minus those at rest, V/V.
-    """
-
-    board: SmallBoards
-    weight: Blocks
-    transfer: Complexes
-    change: Floats
-
-    def part(self, rows: Ints) -> SmallStep:
-        """See `Steps`."""
-        arrays = {name: x[rows] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
-        weight, board = self.weight.part(rows), self.board.part(rows)
-        return replace(self, board=board, weight=weight, **arrays)
-
-    def free(self, rate: Complexes) -> tuple[Floats, Complexes]:
-        """See `Steps`."""
-        x = self.weight.times(SIGMA[:, None, None] * rate[:, None, None, :])[:, :, 0]
-        inputs = x @ self.board.seen_inputs
-        changed = (self.change[:, None] * inputs)[..., None]
-        return _stages(inputs + (self.transfer @ changed)[..., 0]), x
-
-    def response(self, remainder: Floats, parts: Complexes) -> Floats:
-        """See `Steps`."""
-        return _stages((self.transfer @ _systems(remainder)[..., None])[..., 0])
-
-    def end(self, remainder: Floats, inputs: Floats, parts: Complexes) -> tuple[Complexes, Floats]:
-        """See `Steps`."""
-        board = self.board
-        nu = _systems(remainder + self.change[:, :, None] * inputs)
-        x = parts + self.weight.times((nu @ board.drive)[:, :, None])[:, :, 0]
-        half = 0.5 * (TABLE.right[-1] @ x)
-        change = half + half[np.arange(len(half))[:, None], board.mates].conj()
-        if not board.seen_others.shape[2]:
-            return change, inputs
-        others = _stages(x @ board.seen_others + nu @ board.direct_others)
-        return change, np.concatenate([inputs, others], axis=1)
-
-
 def _systems(stages: Floats) -> Complexes:
     """Return the values of the method's systems (R, k, m) from those of the stages (R, m, s)."""
     return np.asarray(TABLE.left @ stages.transpose(0, 2, 1))
@@ -224,7 +175,7 @@ def _stages(systems: Complexes) -> Floats:
 
 
 class SmallBoards:
-    """R boards by their modes, as `Boards`.
+    """R boards by their modes, as `Boards`, and their present `Steps`.
 
     All have as many states, amplifiers and watched nodes. The voltages of a mode are at most 1 V,
     so that its coordinate is about its share in volts.
@@ -266,7 +217,8 @@ class SmallBoards:
         self.length, self.at = np.zeros(count), np.full((count, m), np.nan)
         self.weight = self.matrix.inverse(np.ones((count, k), dtype=np.complex128))
         self.core = np.zeros((count, k, m, m), dtype=np.complex128)
-        self.transfer = np.zeros_like(self.core)
+        self.transfer = np.zeros_like(self.core)  # inputs of nu at the slopes
+        self.change = np.zeros((count, m))  # slopes minus those at rest, V/V
 
     def part(self, rows: Ints) -> SmallBoards:
         """See `Boards`."""
@@ -286,12 +238,8 @@ class SmallBoards:
         moving = self.matrix.times(state[:, None, None, :])[:, 0, 0]
         return np.asarray(moving + self.constant + (remainder @ self.drive)[:, 0])
 
-    def size(self, state: Complexes) -> Floats:
-        """See `Boards`."""
-        return np.asarray(np.abs(state).max(axis=1, initial=0.0))
-
-    def step(self, length: Floats, slopes: Floats) -> SmallStep:
-        """See `Boards`."""
+    def step(self, length: Floats, slopes: Floats) -> SmallBoards:
+        """See `Boards`: the step of boards is a part of theirs."""
         longer = length != self.length
         rows = np.flatnonzero(longer)
         if rows.size:
@@ -308,5 +256,27 @@ class SmallBoards:
             loop = np.eye(core.shape[2]) - core * change[:, None, None, :]
             self.transfer[rows] = np.linalg.solve(loop, core)
             self.at = slopes
-        change = slopes - self.slopes
-        return SmallStep(self, self.weight, self.transfer, change)
+        self.change = slopes - self.slopes
+        return self
+
+    def free(self, rate: Complexes) -> tuple[Floats, Complexes]:
+        """See `Steps`."""
+        x = self.weight.times(SIGMA[:, None, None] * rate[:, None, None, :])[:, :, 0]
+        inputs = x @ self.seen_inputs
+        changed = (self.change[:, None] * inputs)[..., None]
+        return _stages(inputs + (self.transfer @ changed)[..., 0]), x
+
+    def response(self, remainder: Floats, parts: Complexes) -> Floats:
+        """See `Steps`."""
+        return _stages((self.transfer @ _systems(remainder)[..., None])[..., 0])
+
+    def end(self, remainder: Floats, inputs: Floats, parts: Complexes) -> tuple[Complexes, Floats]:
+        """See `Steps`."""
+        nu = _systems(remainder + self.change[:, :, None] * inputs)
+        x = parts + self.weight.times((nu @ self.drive)[:, :, None])[:, :, 0]
+        half = 0.5 * (TABLE.right[-1] @ x)
+        change = half + half[np.arange(len(half))[:, None], self.mates].conj()
+        if not self.seen_others.shape[2]:
+            return change, inputs
+        others = _stages(x @ self.seen_others + nu @ self.direct_others)
+        return change, np.concatenate([inputs, others], axis=1)

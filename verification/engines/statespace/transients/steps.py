@@ -90,10 +90,6 @@ class Steps(Protocol):
         """Return the changes of the states, and of inputs and watched nodes (R, m + K, s)."""
         ...
 
-    def part(self, rows: Ints) -> Steps:
-        """Return the steps of some boards."""
-        ...
-
 
 class Boards(Protocol):
     """What the integrator needs of its boards; arrays have the boards on the first axis."""
@@ -104,12 +100,8 @@ class Boards(Protocol):
         """Return the right-hand sides for inputs and outputs (R, m) of the amplifiers."""
         ...
 
-    def size(self, state: Any) -> Floats:
-        """Return the largest voltage of each state, V, (R,)."""
-        ...
-
     def step(self, length: Floats, slopes: Floats) -> Steps:
-        """Prepare a step of each board, of lengths (R,), s, at slopes (R, m)."""
+        """Prepare a step of each board, of lengths (R,), s, at slopes (R, m), before the next."""
         ...
 
     def part(self, rows: Ints) -> Boards:

@@ -36,10 +36,6 @@ class StructuredStep:
     count: int  # of amplifiers
     solvers: list[Solve]
 
-    def part(self, rows: Ints) -> StructuredStep:
-        """See `Steps`."""
-        return self
-
     def _stages(self, rhs: Complexes) -> tuple[Floats, Complexes]:
         """Solve for right-hand sides (k, size); return inputs and watched nodes, and solutions."""
         x = [self.solvers[0](np.ascontiguousarray(rhs[0].real))]
@@ -90,10 +86,6 @@ class StructuredBoard:
     def state(self, unknowns: Floats) -> Floats:
         """Return the state of all unknowns, which they are themselves."""
         return unknowns
-
-    def size(self, state: Floats) -> Floats:
-        """See `Boards`."""
-        return np.asarray(np.abs(state).max(axis=1, initial=0.0))
 
     def rate(self, state: Floats, inputs: Floats, outputs: Floats) -> Floats:
         """See `Boards`."""

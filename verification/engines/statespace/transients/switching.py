@@ -176,6 +176,8 @@ class Piece:
         States at `begin`, V.
     errors : ndarray (n, q)
         Columns whose sum, with any signs, bounds the error of x, V.
+    rows : ndarray (m + K, n)
+        The amplifiers' inputs (m), then the reported nodes (K), of the states, V/V.
     flow : ModalFlow
         The amplifiers' inputs (m), then the reported nodes (K), beside `level`, over the time since
         `begin`.
@@ -190,6 +192,7 @@ class Piece:
     x: Floats
     errors: Floats
     nodes: tuple[str, ...]
+    rows: Floats = field(repr=False)
     flow: ModalFlow = field(repr=False)
     level: Floats = field(repr=False)
     before: Floats = field(repr=False)
@@ -209,7 +212,7 @@ class Piece:
         y = (level + flow.at(np.zeros(1))[0])[:m]
         beyond = np.maximum(np.maximum(y - active.high, active.low - y), 0.0)
         slack = np.maximum(before, 2.0 * beyond)  # rounding may place the start behind a break
-        return cls(active, begin, x, errors, nodes, flow, level, slack)
+        return cls(active, begin, x, errors, nodes, C, flow, level, slack)
 
     @property
     def count(self) -> int:
@@ -228,11 +231,8 @@ class Piece:
     @functools.cached_property
     def _bounds(self) -> tuple[Floats, Complexes, Complexes]:
         """Return rates of the modes (n,), what each shows in every row, and its error, (n,)."""
-        modes, space = self.active.space.modes, self.active.space
-        devices = space.descriptor.devices
-        inputs = [space.nodes[k] for k in devices.input.tolist()]
-        C, _ = space.rows((*inputs, *self.nodes))
-        return modes.rates, C @ modes.right, np.abs(modes.left @ self.errors).sum(axis=1)
+        modes = self.active.space.modes
+        return modes.rates, self.rows @ modes.right, np.abs(modes.left @ self.errors).sum(axis=1)
 
     @functools.cached_property
     def noise(self) -> Floats:

@@ -94,9 +94,6 @@ class Solved:
     def rate(self, state: Floats, inputs: Floats, outputs: Floats) -> Floats:
         return np.asarray((self.A @ state[0] + self.E @ outputs[0])[None])
 
-    def size(self, state: Floats) -> Floats:
-        return np.asarray(np.abs(state).max(axis=1))
-
     def step(self, length: Floats, slopes: Floats) -> SolvedStep:
         closed = self.A + (self.E * slopes[0]) @ self.G
         return SolvedStep(
@@ -110,9 +107,6 @@ class SolvedStep:
 
     board: Solved
     matrices: list[Any]
-
-    def part(self, rows: Ints) -> SolvedStep:
-        return self
 
     def _solved(self, right: Any) -> Any:
         return np.array(list(map(np.linalg.solve, self.matrices, right)))
