@@ -25,7 +25,7 @@ from taction.system.errors import DivergesError, EngineError
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
-from taction.verification.engines.statespace.transients.record_times import record_times
+from taction.verification.engines.statespace.transients.record_times import ESCAPED, record_times
 from taction.verification.engines.statespace.transients.switching import (
     ActiveSet,
     Piece,
@@ -36,7 +36,6 @@ from taction.verification.engines.statespace.transients.switching import (
 
 METHOD = "exact in pieces"
 MOST_SWITCHES = 2000
-ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, and the record ends
 WIDEST = 8  # columns of the errors for each state, above which they are added up
 RETURNED = 1e-6  # of the largest state: two switches at the same point of a cycle
 FOLLOWED = 100  # switches after the end of an unstable board's record, to find its limit cycle
@@ -273,12 +272,10 @@ def simulate(
     """
     began, stop = clock.perf_counter(), analysis.stop if times is None else float(times[-1])
     curve = solve_pieces(board, analysis, board.reported(nodes), stop)
-    instants = record_times(analysis, curve.stop) if times is None else times
+    instants = record_times(analysis, curve.stop, times)
     flags: tuple[str, ...] = ()
     if curve.escaped:
         flags = (f"the board diverges: it leaves every bound at {show(curve.stop, 's')}",)
-        if times is not None:
-            instants = np.append(times[times < curve.stop], curve.stop)
     cycle = None if curve.escaped else _cycle(board, analysis, curve)
     if cycle is not None:
         flags += (describe(cycle),)

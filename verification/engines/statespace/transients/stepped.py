@@ -31,7 +31,7 @@ from taction.verification.engines.statespace.transients.integrator import (
     Present,
     RadauIntegrator,
 )
-from taction.verification.engines.statespace.transients.record_times import record_times
+from taction.verification.engines.statespace.transients.record_times import ESCAPED, record_times
 from taction.verification.engines.statespace.transients.small_steps import (
     SmallBoards,
     StateBoard,
@@ -42,7 +42,6 @@ from taction.verification.engines.statespace.transients.structured_steps import 
 
 METHOD = "Radau IIA"
 TOLERANCE = 1e-9  # of a step, in step amplitudes
-ESCAPED = 1e8  # of the board's largest voltage: a board above it has diverged, and the record ends
 FLOOR = 1e-3  # of the board's largest voltage: the least voltage to which errors are relative
 REPEATED = 1.0 / 16.0  # of the tolerance: what a second run leaves of its iterations
 FIRST = 2.0**-16  # of the record: the first step tried
@@ -235,9 +234,7 @@ class SteppedCurve:
     run: SteppedRun
     dense: Dense
     seconds: float  # that it cost
-    halves: list[Dense] = field(
-        default_factory=list
-    )  # the run with half the steps, once it is known
+    halves: list[Dense] = field(default_factory=list)  # of half the steps, once it is known
 
     def at(self, times: Floats) -> Floats:
         """Return the voltages of all nodes, those beside the last, shape (P, nodes)."""
@@ -323,13 +320,11 @@ class Task:
     def record(self, curve: SteppedCurve) -> Waveforms:
         """Return the record of an integration; errors as `simulate`."""
         run, dense = curve.run, curve.dense
-        ended, times = min(dense.checked(run.name).ends[-1], self.stop), self.times
+        ended = min(dense.checked(run.name).ends[-1], self.stop)
         diverges = f"the board diverges: it passes {run.limit:.3g} V at {show(ended, 's')}"
-        instants = record_times(self.analysis, ended) if times is None else times
-        if times is not None and dense.escaped:
-            instants = np.append(times[times < ended], ended)
+        instants = record_times(self.analysis, ended, self.times)
         waveforms = _record(curve, instants, (diverges,) * dense.escaped)
-        if times is not None and dense.escaped:
+        if self.times is not None and dense.escaped:
             raise DivergesError(diverges, waveforms)
         return waveforms
 
