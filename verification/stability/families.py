@@ -7,7 +7,8 @@ every edge from one board (`loci`). Otherwise poles at samples of the number fin
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -15,15 +16,16 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
-from taction.netlist_gen.board.parts import Capacitor
+from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.stability.edges import Edges, Scan
-from taction.verification.stability.loci import LociSearch, trace_loci, trace_together
+from taction.verification.stability.loci import LociSearch, trace_together
 from taction.verification.stability.poles import (
     Poles,
     built,
@@ -31,7 +33,7 @@ from taction.verification.stability.poles import (
     poles,
     poles_together,
 )
-from taction.verification.stability.port_response import LawResponse, PortResponse
+from taction.verification.stability.port_response import PortResponse, share_elimination
 from taction.verification.stability.scan import (
     TOLERANCE,
     Steps,
@@ -60,7 +62,7 @@ class Family:
     ports : PortResponse or None
         The board at `own` with the parts that the number scales; None if more depends on it.
     power : float
-        Of the number, to which the values of these parts are proportional.
+        Of the number, to which the capacitances or conductances of these parts are proportional.
     """
 
     board: Callable[[float], LinearBoard]
@@ -75,23 +77,31 @@ class Family:
         return family
 
     @classmethod
-    def of_each(cls, board: LinearBoard, knobs: Iterable[Knob]) -> list[Family]:
+    def of_each(cls, board: LinearBoard, knobs: Sequence[Knob]) -> list[Family]:
         """Return the boards that differ from `board` in a knob, for each of some knobs."""
-        circuit, found, laws = board.circuit, list[Family](), dict[str, int]()
+        circuit, laws = board.circuit, list[str]()
+        ports = dict[str, PortResponse | None]()
         for knob in knobs:
             parts = circuit.parts_of(knob)
-            reactive = bool(parts) and isinstance(parts[0], Capacitor)
-            point = board.operating_point if reactive else None  # it moves no equilibrium
-            ports: PortResponse | None = None
-            if reactive or (parts and not circuit.has_nonlinear_amplifiers):
-                ports = PortResponse(board, parts)
+            if _is_reactive(parts) or (parts and not circuit.has_nonlinear_amplifiers):
+                ports[knob.name] = PortResponse.of_parts(board, parts)
             elif not parts and circuit.is_linear and not circuit.scales_arrays(knob):
-                laws[knob.name] = len(found)
-            moved = partial(_moved, circuit, knob.name, point)
-            found.append(cls(moved, circuit.value(knob.name), ports, knob.power))
-        for place, law in zip(laws.values(), LawResponse.of(board, list(laws)), strict=True):
-            found[place] = replace(found[place], ports=law)
-        return found
+                laws.append(knob.name)
+        known = [each for each in ports.values() if each]
+        ports |= zip(laws, PortResponse.of_laws(board, laws), strict=True)
+        for some in ([each for each in ports.values() if each], known):
+            with suppress(EngineError):  # a capacitor at the source of a law
+                share_elimination(some)
+                break
+        return [cls._of(board, knob, ports.get(knob.name)) for knob in knobs]
+
+    @classmethod
+    def _of(cls, board: LinearBoard, knob: Knob, ports: PortResponse | None) -> Family:
+        parts = board.circuit.parts_of(knob)
+        point = board.operating_point if _is_reactive(parts) else None  # it moves no equilibrium
+        moved = partial(_moved, board.circuit, knob.name, point)
+        power = -knob.power if parts and not _is_reactive(parts) else knob.power
+        return cls(moved, board.circuit.value(knob.name), ports, power)
 
     @classmethod
     def over(
@@ -116,7 +126,7 @@ class Family:
             alone = [knob for knob in knobs if _follows(knob, middle.circuit, near)]
             if not alone:
                 return cls(board, own)
-            return cls(board, own, cls.of(middle, alone[0]).ports, alone[0].power)
+            return replace(cls.of(middle, alone[0]), board=board, own=own)
         except (InputError, EngineError):
             return cls(board)
 
@@ -175,25 +185,12 @@ class Family:
         first, last = sorted((self._share(low), self._share(high)))
         return first, last
 
-    @property
-    def _power(self) -> float:
-        """Of the number, to which what stands in the matrices is proportional."""
-        return self.power if self.ports is None or self.ports.proportional else -self.power
-
     def _share(self, value: float) -> float:
-        power = self._power
-        if power == 1.0:
-            return value / self.own
-        return self.own / value if power == -1.0 else (value / self.own) ** power
+        return float((value / self.own) ** self.power)
 
     def at_values(self, found: Edges) -> Edges:
         """Return edges over the share of the parts of `ports` as edges over the number."""
-        own, power = self.own, self._power
-        if power == 1.0:
-            return found.mapped(lambda share: own * share)
-        if power == -1.0:
-            return found.mapped(lambda share: own / share)
-        return found.mapped(lambda share: own * share ** (1.0 / power))
+        return found.mapped(lambda share: float(self.own * share ** (1.0 / self.power)))
 
     def confirmed(self, found: Edges, unstable: int, own: Poles | None = None) -> Edges:
         """Return the edges without those at which no real pole crosses; `unstable` is of `own`.
@@ -227,8 +224,11 @@ class Family:
             return False
         if not ports.board.circuit.is_linear:
             return False
-        share, (response,) = self._share(value), ports.at_zero()[0].tolist()
-        return bool(abs(1.0 + (share - 1.0) * response) <= BESIDE * abs(share))
+        share = self._share(value)
+        with suppress(EngineError):
+            (response,) = ports.exact(0j)[0].real.tolist()
+            return bool(abs(1.0 + (share - 1.0) * response) <= BESIDE * abs(share))
+        return False
 
     def _crosses(self, value: float) -> bool | None:
         """Return whether the unstable count changes at a value; None where rounding hides it."""
@@ -251,13 +251,17 @@ class Family:
         """Return values on both sides of the edges that the loci show."""
         if self.ports is None:
             return []
-        try:
-            found = self.at_values(trace_loci(self.ports, *self.shares(low, high)))
-        except EngineError:
+        (traced,) = trace_together([LociSearch(self.ports, *self.shares(low, high))])
+        if isinstance(traced, EngineError):
             return []
+        found = self.at_values(traced)
         places = [*(edge.value for edge in found.edges), *found.near]
         sides = (1.0 - BESIDE, 1.0, 1.0 + BESIDE)
         return [v for each in places for side in sides if low < (v := each * side) < high]
+
+
+def _is_reactive(parts: Sequence[Capacitor | Resistor]) -> bool:
+    return bool(parts) and isinstance(parts[0], Capacitor)
 
 
 def _moved(circuit: Circuit, name: str, point: Equilibrium | None, value: float) -> LinearBoard:
@@ -331,22 +335,10 @@ def _poles_at(places: Sequence[Place]) -> list[Poles | TactionError]:
 
 def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:
     """Tell whether a knob alone leads from one board to another, without a series that rounds."""
-    value = second.value(knob.name)
-    if abs(value / (APART * first.value(knob.name)) - 1.0) > SAME:
+    if abs(second.value(knob.name) / (APART * first.value(knob.name)) - 1.0) > SAME:
         return False
-    moved = first.turned(knob.name, value)
-    values, others = (
-        np.array([*(p.ohms for p in c.resistors), *(p.farads for p in c.capacitors),
-                  *(e for m in c.matrices for e in m.ohms.ravel().tolist())])
-        for c in (moved, second)
-    )  # fmt: skip
-    same = values.shape == others.shape and moved.models == second.models
-    same = same and _wires(moved) == _wires(second)
-    return same and bool(np.allclose(values, others, rtol=SAME, atol=0.0))
-
-
-def _wires(circuit: Circuit) -> list[Hashable]:
-    return [each.wires and each.wires.resistances for each in circuit.matrices]
+    (rest, numbers), (other, others) = (all_but_a_knob(each, knob) for each in (first, second))
+    return rest == other and bool(np.allclose(numbers, others, rtol=SAME, atol=0.0))
 
 
 def unrounded(scene: Scene, key: str) -> dict[str, Value]:
@@ -355,34 +347,39 @@ def unrounded(scene: Scene, key: str) -> dict[str, Value]:
     return {knob.series: "exact" for knob in knobs if knob.key == key and knob.series}
 
 
-def all_but_a_knob(circuit: Circuit, knob: Knob) -> Hashable:
-    """Return what decides a linear board's poles, with the sizes of a knob's parts over its value.
+def all_but_a_knob(circuit: Circuit, knob: Knob) -> tuple[Hashable, Floats]:
+    """Return what decides a linear board's poles: first what is no number, then all numbers.
 
-    Boards with equal keys differ in nothing but the value of the knob.
+    Those of a knob's parts are over the scale of its value, so boards of which both are equal
+    differ in nothing but the value of the knob.
     """
-    names, own = circuit.named(knob.role), circuit.value(knob.name)
+    names, scale = circuit.named(knob.role), circuit.value(knob.name) ** knob.power
+    parts = [
+        *((part, part.ohms) for part in circuit.resistors),
+        *((part, part.farads) for part in circuit.capacitors),
+        *((part, part.value) for part in circuit.branches),
+    ]
+    numbers = [value / scale if part.card in names else value for part, value in parts]
+    arrays = [m.ohms.ravel() / (scale if m.name in names else 1.0) for m in circuit.matrices]
     matrices = [
-        (m.ohms.tobytes(), m.negative.tobytes(), m.by_column, m.plus, m.minus, m.sinks)
+        (
+            m.negative.tobytes(),
+            m.by_column,
+            m.plus,
+            m.minus,
+            m.sinks,
+            m.wires and m.wires.resistances,
+        )
         for m in circuit.matrices
     ]
-    return (
+    rest = (
         knob.name,
         tuple(circuit.models.items()),
         circuit.opamps,
         tuple(matrices),
-        tuple(_wires(circuit)),
-        tuple(
-            replace(part, ohms=part.ohms / own) if part.card in names else part
-            for part in circuit.resistors
-        ),
-        tuple(
-            replace(part, farads=part.farads / own) if part.card in names else part
-            for part in circuit.capacitors
-        ),
-        tuple(
-            replace(part, value=part.value / own) if part.card in names else part
-            for part in circuit.branches
-        ),
+        tuple((part.card, part.a, part.b) for part, _ in parts),
+        tuple(replace(part, value=1.0) for part in circuit.branches),
         tuple(source.node for source in circuit.voltages),
         circuit.supply,
     )
+    return rest, np.concatenate([numbers, *arrays])

@@ -20,17 +20,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.port_response import (
-    PortResponse,
-    share_eliminations,
-)
+from taction.verification.stability.port_response import PortResponse
 
 SPACING = 0.5  # of the first frequencies: times the distance to the nearest pole
 TINY = 1e-9  # relative distance of a pole from the axis below which steps get no shorter
@@ -74,41 +70,27 @@ class LociSearch:
     unstable: int = 0
 
 
-def trace_loci(ports: PortResponse, low: float, high: float = 1.0, unstable: int = 0) -> Edges:
-    """Find every share at which the board has a pole on the axis; see `LociSearch`.
+def trace_together(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
+    """Find every share at which a board has a pole on the axis, or tell why there are none.
 
     At the shares `Edges.near` a locus comes close to the axis without crossing: their poles must
-    tell.
+    tell. There are none without an equilibrium or a state-space form, or if a pole of the board is
+    on the axis.
 
-    Raises
-    ------
-    EngineError
-        No equilibrium, no state-space form, or a pole of the board is on the axis.
+    Boards with equally many loci are followed together: an operation on an array in the place of
+    one for each board, with the digits of each alone.
 
     Notes
     -----
     Costs one dense eigenproblem, of the size of the number of parts, at some 100 frequencies (seven
     channels: 5 ms); for a large board, one structured factorisation at each of them.
     """
-    (found,) = trace_together([LociSearch(ports, low, high, unstable)])
-    if isinstance(found, EngineError):
-        raise found
-    return found
-
-
-def trace_together(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
-    """Return the edges of each search, or why there are none, as `trace_loci` finds them.
-
-    Boards with equally many loci of each part are followed together: an operation on an array in
-    the place of one for each board, with the digits of each alone.
-    """
     found: dict[int, Edges | EngineError] = {}
-    grids: dict[tuple[int, ...], dict[int, Floats]] = {}
-    share_eliminations(one.ports for one in searches)
+    grids: dict[int, dict[int, Floats]] = {}
     for place, one in enumerate(searches):
         try:
             omega = _frequencies(one.ports.poles.tobytes(), one.low, one.high)
-            grids.setdefault(one.ports.sizes, {})[place] = omega
+            grids.setdefault(one.ports.count, {})[place] = omega
         except EngineError as error:
             found[place] = error
     for group in grids.values():
@@ -138,14 +120,12 @@ def _frequencies(content: bytes, low: float, high: float) -> Floats:
 class _Trace:
     """The loci of boards over angular frequency: logarithms of the shares, so widths are relative.
 
-    Even and odd loci of a board that is its own mirror image are `parts` that do not meet.
     A board whose response has no value is in `failed`; its loci are then all alike.
     """
 
     def __init__(self, searches: Sequence[LociSearch]) -> None:
         self.searches = searches
-        ends = np.cumsum(searches[0].ports.sizes).tolist()
-        self.parts = [slice(begin, end) for begin, end in pairwise([0, *ends])]
+        self.count = searches[0].ports.count
         self.low = np.array([math.log(one.low) for one in searches])  # ends of the intervals
         self.high = np.array([math.log(one.high) for one in searches])
         self.crossings: list[list[Crossing]] = [[] for _ in searches]
@@ -164,27 +144,20 @@ class _Trace:
 
     def loci(self, omega: Floats, board: Ints) -> Complexes:
         """Return the logarithms of the shares at frequencies (P,) of boards (P,), shape (P, K)."""
-        w: Complexes = np.zeros((len(omega), self.parts[-1].stop), dtype=np.complex128)
-        places, found = list[Ints](), list[tuple[Complexes, ...]]()
+        W = np.zeros((len(omega), self.count, self.count), dtype=np.complex128)
         for k, some in _each(board):
             try:
-                found.append(self._response(k, omega[some]))
-                places.append(some)
+                W[some] = self._response(k, omega[some])
             except EngineError as error:
                 self.failed[k] = error
-        for part, stacks in zip(self.parts, zip(*found, strict=True), strict=False):  # if any
-            w[np.concatenate(places), part] = np.linalg.eigvals(np.concatenate(stacks))
+        w = np.linalg.eigvals(W)
         shares = 1.0 - 1.0 / np.where(np.abs(w) < SMALLEST, SMALLEST, w)
         return np.log(np.where(np.abs(shares) < SMALLEST, SMALLEST, shares))
 
-    def _follow(self, z: Complexes, others: Complexes) -> Complexes:
-        """Sort the loci `others` (P, K) as `z`, those of each part by themselves."""
-        return np.concatenate([_follow(z[:, part], others[:, part]) for part in self.parts], axis=1)
-
-    def _response(self, k: int, omega: Floats) -> tuple[Complexes, ...]:
+    def _response(self, k: int, omega: Floats) -> Complexes:
         """Return the response of a board at frequencies; EngineError where it has no value."""
         found = self.searches[k].ports.at(omega)
-        if not all(np.all(np.isfinite(each)) for each in found):
+        if not np.all(np.isfinite(found)):
             raise EngineError("a pole of the board is on the imaginary axis")
         return found
 
@@ -195,11 +168,11 @@ class _Trace:
         z = self.loci(omega, board)
         for k, some in _each(board):
             if k not in self.failed and not self.searches[k].ports.reactive:
-                self._real_poles(k, z[some[0]])
-                self._poles_at_infinity(k, z[some[-1]], float(omega[some[-1]]))
+                self._real_poles(k, 0.0, z[some[0]], 1)
+                self._real_poles(k, FAR * float(omega[some[-1]]), z[some[-1]], -1)
         inside = np.flatnonzero(board[:-1] == board[1:])
         a, b, za, board = omega[inside], omega[inside + 1], z[inside], board[inside]
-        zb = self._follow(za, z[inside + 1])
+        zb = _follow(za, z[inside + 1])
         chord = np.abs(zb - za)
         kept = ~self._avoids(np.stack([za, zb]), chord, chord, board).all(axis=1)
         steps = a[kept], b[kept], za[kept], zb[kept], board[kept]
@@ -208,7 +181,7 @@ class _Trace:
             m = 0.5 * (a + b)
             taken += np.bincount(board, minlength=len(taken))
             zm = self.loci(m, board)
-            z = np.stack([self._follow(zm, za), zm, self._follow(zm, zb)])
+            z = np.stack([_follow(zm, za), zm, _follow(zm, zb)])
             states = self._judge(z, board)
             self._cross_all(a, b, z, board, states)
             again = states.undecided.any(axis=1)
@@ -279,11 +252,11 @@ class _Trace:
         a, b, (low, high) = a.copy(), b.copy(), z[[0, 2]][:, every, k].imag
         rise, bend = z[2] - z[0], z[0] - 2.0 * z[1] + z[2]
         height = np.abs(high - low)
-        m, found, active = _first_guess(a, b, z[:, every, k].imag), z[0, every, k], every
+        m, found, active = (a * high - b * low) / (high - low), z[0, every, k], every
         for _ in range(ITERATIONS):
             t = ((m - start) / (end - start))[active, None]
             expected = z[0, active] + t * rise[active] - 2.0 * t * (1.0 - t) * bend[active]
-            loci = self._follow(expected, self.loci(m[active], board[active]))
+            loci = _follow(expected, self.loci(m[active], board[active]))
             here = loci[np.arange(len(active)), k[active]]
             found[active] = here
             above, y = (here.imag > 0.0) == (high[active] > 0.0), here.imag
@@ -300,32 +273,21 @@ class _Trace:
             m[active] = following[active]
         return found, m, np.abs(found.imag) <= ON_AXIS * height
 
-    def _real_poles(self, k: int, ahead: Complexes) -> None:
-        """Find the shares with a pole at zero; `ahead` are the loci at the lowest frequency."""
-        for share in self._shares(k, 0.0):
-            following = ahead[np.argmin(np.abs(ahead - math.log(share)))]
-            self._keep(k, share, 0.0, -1 if following.imag < 0.0 else 1)
+    def _real_poles(self, k: int, omega: float, beside: Complexes, sign: int) -> None:
+        """Find the shares at which a real pole is at zero, or passes through infinity.
 
-    def _poles_at_infinity(self, k: int, behind: Complexes, omega: float) -> None:
-        """Find the shares at which a real pole passes from one side to the other through infinity.
-
-        `behind` are the loci at the highest frequency `omega`.
+        `omega` is zero, or far above all poles; `beside` are the loci at the nearest frequency, and
+        `sign` is the change of the unstable count where these are above the axis.
         """
-        for share in self._shares(k, FAR * omega):
-            before = behind[np.argmin(np.abs(behind - math.log(share)))]
-            self._keep(k, share, 0.0, 1 if before.imag < 0.0 else -1)
-
-    def _shares(self, k: int, omega: float) -> list[float]:
-        """Return the shares of the real loci at a frequency, where the response is real."""
         try:
-            response = self._response(k, np.full(1, omega))
+            w = np.linalg.eigvals(self._response(k, np.full(1, omega))[0].real)
         except EngineError as error:
             self.failed[k] = error
-            return []
-        w = np.concatenate([np.linalg.eigvals(each.real).ravel() for each in response])
+            return
         real = (w.imag == 0.0) & ((w.real > 1.0) | (w.real < -SMALLEST))
-        found: list[float] = (1.0 - 1.0 / w[real].real).tolist()
-        return found
+        for share in (1.0 - 1.0 / w[real].real).tolist():
+            nearest = beside[np.argmin(np.abs(beside - math.log(share)))]
+            self._keep(k, share, 0.0, -sign if nearest.imag < 0.0 else sign)
 
     def _keep(self, k: int, share: float, frequency: float, change: int) -> None:
         """Keep a crossing of a board that lies in the interval."""
@@ -344,27 +306,11 @@ def _one_side(z: Complexes) -> Bools:
     return np.asarray(np.abs(np.sign(z.imag).sum(axis=0)) == len(z))
 
 
-def _first_guess(a: Floats, b: Floats, y: Floats) -> Floats:
-    """Return where parabolas through y (3, Q) at both ends and in the middle are zero."""
-    c, d = -3.0 * y[0] + 4.0 * y[1] - y[2], 2.0 * (y[0] - 2.0 * y[1] + y[2])
-    root = np.sqrt(np.maximum(c**2 - 4.0 * d * y[0], 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = -2.0 * y[0] / (c + np.copysign(root, c))
-    inside = (t > 0.0) & (t < 1.0)
-    return np.asarray(a + (b - a) * np.where(inside, t, y[0] / (y[0] - y[2])))
-
-
 def _follow(z: Complexes, others: Complexes) -> Complexes:
     """Sort the loci `others` (P, K) as `z`: the closest two belong together, and so on."""
     apart = others[:, None, :] - z[:, :, None]
     apart.imag -= 2.0 * math.pi * np.round(apart.imag / (2.0 * math.pi))
-    distance = np.abs(apart)
-    nearest = distance.argmin(axis=2)
-    taken = np.zeros(nearest.shape, dtype=np.bool_)
-    np.put_along_axis(taken, nearest, True, axis=1)
-    doubtful = np.flatnonzero(~taken.all(axis=1))  # two loci have the same nearest one
-    if doubtful.size:
-        nearest[doubtful] = _paired(distance[doubtful])
+    nearest = _paired(np.abs(apart))
     return np.asarray(z + np.take_along_axis(apart, nearest[:, :, None], axis=2)[:, :, 0])
 
 

@@ -74,7 +74,8 @@ class Families:
         """Return the values for boards like this one; `find_margin` adds to them."""
         if not circuit.is_linear:
             return []
-        return self._confirmed.setdefault(all_but_a_knob(circuit, knob), [])
+        rest, numbers = all_but_a_knob(circuit, knob)
+        return self._confirmed.setdefault((rest, numbers.tobytes()), [])
 
 
 def first_knob(circuit: Circuit) -> str:
@@ -100,7 +101,7 @@ def stable_values(
     Raises
     ------
     EngineError
-        As `trace_loci` and `poles`.
+        As `Family.edges` and `poles`.
 
     Examples
     --------

@@ -19,7 +19,6 @@ from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import EdgeSearch, Family, edges_together
 from taction.verification.stability.margin import REACH, Margin, find_margin
 from taction.verification.stability.poles import Poles
-from taction.verification.stability.port_response import share_modes
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
 BESIDE = (1e-10, 1e-7, 1e-4, 1e-2)  # of the inverse iteration: relative distances from the pole
@@ -76,9 +75,10 @@ def sensitivities(
         return {}
     rates = {}
     for knob in board.circuit.knobs:
-        ports = families[knob.name].ports if families and knob.name in families else None
-        if ports is not None and not knob.moves:
-            rates[knob.name] = knob.power * ports.rate(left, right, p) / complex(scale)
+        family = families.get(knob.name) if families else None
+        if family is not None and family.ports is not None and not knob.moves:
+            rate = family.power * family.ports.rate(left, right, p)
+            rates[knob.name] = rate / complex(scale)
         elif knob.role:
             own, both = board.circuit.value(knob.name), []
             for factor in (1.0 + MOVED, 1.0 - MOVED):
@@ -123,7 +123,6 @@ def influences(
     c = board.circuit
     knobs = [knob for knob in c.knobs if knob.role]
     families = dict(zip([k.name for k in knobs], Family.of_each(board, knobs), strict=True))
-    share_modes(each.ports for each in families.values() if each.ports is not None)
     rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
     looked = (order if every else order[:MOST_MARGINS]) if found.known_stable else []

@@ -12,7 +12,6 @@ import pytest
 from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
@@ -20,9 +19,9 @@ from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability import port_response as module
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.loci import LociSearch, _Trace, trace_loci
+from taction.verification.stability.loci import LociSearch, _Trace, trace_together
 from taction.verification.stability.poles import count_unstable, poles
-from taction.verification.stability.port_response import PortResponse, share_eliminations
+from taction.verification.stability.port_response import PortResponse
 from tests.support.boards import lag_board, single_mode, window
 from tests.support.paths import SCENES
 
@@ -32,8 +31,18 @@ TAU = 0.455e-6
 def capacitor_loci(
     circuit: Circuit, low: float = 0.01, high: float = 1.0, unstable: int = 0
 ) -> Edges:
-    ports = PortResponse(LinearBoard(circuit), circuit.capacitors_of(Role.SIGNAL_CAPACITOR))
-    return trace_loci(ports, low, high, unstable)
+    return edges_of(capacitors(circuit), low, high, unstable)
+
+
+def capacitors(circuit: Circuit) -> PortResponse:
+    parts = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
+    return PortResponse.of_parts(LinearBoard(circuit), parts)
+
+
+def edges_of(ports: PortResponse, low: float, high: float = 1.0, unstable: int = 0) -> Edges:
+    (found,) = trace_together([LociSearch(ports, low, high, unstable)])
+    assert isinstance(found, Edges)
+    return found
 
 
 def test_both_ends_of_the_window_of_a_loop_gain_of_100() -> None:
@@ -91,7 +100,7 @@ def test_a_real_pole_crosses_as_a_conductance_falls() -> None:
     board = LinearBoard(circuit)
     assert poles(board).rightmost.real == pytest.approx(-0.6 / 1e-6, rel=1e-6)
     resistor = next(part for part in circuit.resistors if part.name == "R")
-    (edge,) = trace_loci(PortResponse(board, (resistor,)), 0.1).edges
+    (edge,) = edges_of(PortResponse.of_parts(board, (resistor,)), 0.1).edges
     assert (edge.value, edge.frequency) == (pytest.approx(0.4), 0.0)
     assert (edge.below, edge.above) == (1, 0)
 
@@ -108,45 +117,15 @@ def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
     assert count_unstable(board) == found.unstable_at(share)
 
 
-def test_responses_of_several_boards_have_the_digits_that_each_has_alone() -> None:
-    made = [load_scene(SCENES / f"{name}.toml") for name in ("tuned-breadboard", "custom-matrix")]
-    scenes = [made[0], with_values(made[0], {"design.capacitance": 3e-11}), made[1], made[1]]
-
-    def responses() -> list[PortResponse]:
-        circuits = map(synthesise, scenes)
-        role = Role.SIGNAL_CAPACITOR
-        return [PortResponse(LinearBoard(each), each.capacitors_of(role)) for each in circuits]
-
-    together, omega = responses(), np.geomspace(1e2, 1e8, 7)
-    share_eliminations(together)
-    for one, alone in zip(together, responses(), strict=True):
-        assert "_driven" in vars(one)
-        digits = [[part.tobytes() for part in ports.at(omega)] for ports in (one, alone)]
-        assert digits[0] == digits[1]
-
-
 @pytest.mark.parametrize("name", ["tuned-breadboard", "eleven-channel"])
-def test_even_and_odd_loci_are_those_of_the_whole_response(name: str) -> None:
-    """The whole response is that of solves of the equations."""
-    circuit = synthesise(load_scene(SCENES / f"{name}.toml"))
-    ports = PortResponse(LinearBoard(circuit), circuit.capacitors_of(Role.SIGNAL_CAPACITOR))
-    count, omega = len(circuit.outputs), np.geomspace(1e2, 1e9, 15)
-    assert ports.sizes == (count // 2 + 1, count // 2)
-    whole = np.linalg.eigvals(ports._weighted(ports._from_solves(omega), omega))
-    parts = np.concatenate([np.linalg.eigvals(part) for part in ports.at(omega)], axis=1)
-    apart = np.abs(whole[:, :, None] - parts[:, None])
+def test_loci_by_modes_are_those_of_solves_of_the_equations(name: str) -> None:
+    ports = capacitors(synthesise(load_scene(SCENES / f"{name}.toml")))
+    omega = np.geomspace(1e2, 1e9, 15)
+    solved = np.stack([ports.exact(1j * each) for each in omega.tolist()])
+    whole, modal = np.linalg.eigvals(solved), np.linalg.eigvals(ports.at(omega))
+    apart = np.abs(whole[:, :, None] - modal[:, None])
     for nearest in (apart.min(axis=1), apart.min(axis=2)):
         assert np.all(nearest < 1e-9 * np.abs(whole).max(axis=1, keepdims=True))
-
-
-def test_parts_that_are_not_exchanged_have_one_response() -> None:
-    circuit = synthesise(load_scene(SCENES / "tuned-breadboard.toml"))
-    first, second, *_, last = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
-    board = LinearBoard(circuit)
-    assert board.state_space.halves is not None
-    assert PortResponse(board, (first, second)).sizes == (2,)
-    assert PortResponse(board, (first, last)).sizes == (1, 1)
-    assert PortResponse(board, (first, replace(last, farads=2.0 * last.farads))).sizes == (2,)
 
 
 def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,11 +135,11 @@ def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> 
         circuit.capacitors_of(Role.SIGNAL_CAPACITOR),
         circuit.resistors_of(Role.CONSTRAINT_RESISTOR),
     ):
-        ports = PortResponse(LinearBoard(circuit), parts)
-        (modal,) = ports.at(omega)
+        board = LinearBoard(circuit)
+        modal = PortResponse.of_parts(board, parts).at(omega)
         with monkeypatch.context() as patch:
             patch.setattr(module, "WELL_CONDITIONED", 0.0)
-            (solved,) = ports.at(omega)
+            solved = PortResponse.of_parts(board, parts).at(omega)
             assert modal == pytest.approx(solved, rel=1e-8, abs=1e-8 * np.abs(modal).max())
 
 
@@ -203,10 +182,10 @@ def test_a_share_of_zero_is_far_below_every_interval() -> None:
     """Where the parts alone carry the current, w is 1 and the share ``1 - 1/w`` is 0."""
 
     class AllCurrent:
-        sizes = (2,)
+        count = 2
 
-        def at(self, omega: np.ndarray) -> tuple[np.ndarray]:
-            return (np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2)),)
+        def at(self, omega: np.ndarray) -> np.ndarray:
+            return np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2))
 
     trace = _Trace([LociSearch(AllCurrent(), 1e-3)])  # type: ignore[arg-type]
     loci = trace.loci(np.array([1.0, 2.0]), np.zeros(2, dtype=np.int64))
