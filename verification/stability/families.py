@@ -11,7 +11,6 @@ from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -34,14 +33,7 @@ from taction.verification.stability.poles import (
     poles_together,
 )
 from taction.verification.stability.port_response import PortResponse, share_elimination
-from taction.verification.stability.scan import (
-    TOLERANCE,
-    Steps,
-    answered,
-    or_error,
-    scan,
-    side_by_side,
-)
+from taction.verification.stability.scan import TOLERANCE, scan
 
 PER_DECADE = 20  # values of the first grid of a scan
 APART_FROM_ZERO = 1e3  # times its bound: a pole beyond it is not at zero
@@ -165,16 +157,12 @@ class Family:
         With samples beside the edges of the loci no edge is too narrow to be found. The poles are
         those of `poles_together`: eigenvalues where these leave no side open.
         """
-        how = {"logarithmic": logarithmic, "fine": fine}
-        steps = self._scanning(values, tolerance=tolerance, start=start, **how)
-        return answered(steps, _poles_at)
-
-    def _scanning(
-        self, values: Sequence[float], *, logarithmic: bool = True, **how: Any
-    ) -> Steps[Place, Scan]:
         located = self._located(min(values), max(values)) if logarithmic else []
-        everything = [*values, *located]
-        return scan(everything, lambda value: (self, value), logarithmic=logarithmic, **how)
+        how = {"tolerance": tolerance, "fine": fine, "start": start}
+        return scan([*values, *located], self._read, logarithmic=logarithmic, **how)
+
+    def _read(self, values: Sequence[float]) -> list[Poles | TactionError]:
+        return poles_together(built(self.board, value) for value in values)
 
     def count(self, value: float, edges: Edges) -> int:
         """Count the unstable poles at a value by a winding number, without poles."""
@@ -268,9 +256,6 @@ def _moved(circuit: Circuit, name: str, point: Equilibrium | None, value: float)
     return LinearBoard(circuit.turned(name, value), point=point)
 
 
-Place = tuple[Family, float]
-
-
 @dataclass(frozen=True, slots=True)
 class EdgeSearch:
     """A search for every edge of a family from `low` to `high`; `found`: poles at `own`.
@@ -292,7 +277,6 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
     The loci of all boards are followed together.
     """
     found: dict[int, Edges | TactionError] = {}
-    scans: dict[int, Steps[Place, Scan | TactionError]] = {}
     traced: dict[int, LociSearch] = {}
     known_poles: dict[int, Poles] = {}
     for place, one in enumerate(searches):
@@ -303,7 +287,7 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
                 values = np.geomspace(one.low, one.high, points).tolist()
                 values[0], values[-1] = one.low, one.high
                 start = family.own if one.nearest else None
-                scans[place] = or_error(family._scanning(values, start=start))
+                found[place] = family.scan(values, start=start)
                 continue
             own = poles(family.ports.board) if one.found is None else one.found
             known = own.complete or own.stable  # else the poles are too few to be counted
@@ -312,7 +296,6 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
             traced[place], known_poles[place] = LociSearch(family.ports, *shares, count), own
         except TactionError as error:
             found[place] = error
-    found |= zip(scans, answered(side_by_side(list(scans.values())), _poles_at), strict=True)
     for (place, traces), edges in zip(
         traced.items(), trace_together(list(traced.values())), strict=True
     ):
@@ -326,11 +309,6 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
         except TactionError as error:
             found[place] = error
     return [found[place] for place in range(len(searches))]
-
-
-def _poles_at(places: Sequence[Place]) -> list[Poles | TactionError]:
-    """Return the poles of the board at each place, or why there are none."""
-    return poles_together(built(family.board, value) for family, value in places)
 
 
 def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:

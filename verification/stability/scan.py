@@ -11,9 +11,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, insort
-from collections.abc import Callable, Generator, Hashable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -30,25 +29,23 @@ NARROW = 1e-6  # relative width below which rounding can decide the side of the 
 SAME_FREQUENCY = 1e-3  # relative difference of frequencies that count as equal
 AHEAD = 4  # values at once on the way from a stable board to the next edge
 
-Wanted = TypeVar("Wanted", bound=Hashable)
-Found = TypeVar("Found")
 Answer = Poles | TactionError
-Steps = Generator[list[Wanted], Sequence[Answer], Found]
-"""A search that yields of what it wants the poles, all that it can use at once."""
+Read = Callable[[list[float]], Sequence[Answer]]
+"""Returns the poles at some values, or why there are none."""
 Triple = tuple[Sample, Sample, Sample]
 Followed = tuple[complex, complex, complex]  # one pole in three samples
 
 
 def scan(
     values: Sequence[float],
-    to: Callable[[float], Wanted],
+    read: Read,
     *,
     logarithmic: bool = True,
     tolerance: float = TOLERANCE,
     fine: bool = True,
     start: float | None = None,
-) -> Steps[Wanted, Scan]:
-    """Find every edge between the least and the largest of `values`; run it with `answered`.
+) -> Scan:
+    """Find every edge between the least and the largest of `values`.
 
     If the poles are incomplete, as those of a large board, only crossings of the rightmost pole are
     listed.
@@ -57,8 +54,8 @@ def scan(
     ----------
     values : sequence of float
         The first grid; above zero if `logarithmic`.
-    to : callable
-        Of what the scan wants the poles at a value.
+    read : callable
+        Returns the poles at some values.
     logarithmic : bool
         Whether to interpolate and halve in the logarithm of the value.
     tolerance : float
@@ -85,95 +82,39 @@ def scan(
     >>> from taction.verification.stability.poles import summarise
     >>> def read(values):
     ...     return [summarise(np.array([v - 3 + 0j, -9.0]), complete=True) for v in values]
-    >>> [edge.value for edge in answered(scan([1.0, 5.0], float), read).edges]
+    >>> [edge.value for edge in scan([1.0, 5.0], read).edges]
     [3.0]
     """
-    search = _Search(to, logarithmic, None if fine else 0)
-    yield from search.begin(values, start)
+    search = _Search(read, logarithmic, None if fine else 0)
+    search.begin(values, start)
     for passes in PASSES if fine else ():  # twice: an edge may hide others in its grid interval
-        yield from search.refine(passes)
-        yield from search.climb()
-        yield from search.close(tolerance)
-    yield from search.close(tolerance)
+        search.refine(passes)
+        search.climb()
+        search.close(tolerance)
+    search.close(tolerance)
     samples = tuple(search.samples)
     failed = tuple(sample.value for sample in samples if sample.failure)
     ends, lowest = (samples[0].value, samples[-1].value), samples[0].unstable
     return Scan(*ends, tuple(search.edges()), failed, lowest, samples, logarithmic)
 
 
-def answered(
-    steps: Steps[Wanted, Found], read: Callable[[list[Wanted]], Sequence[Answer]]
-) -> Found:
-    """Give a search the poles that it wants, and return what it finds."""
-    try:
-        wanted = next(steps)
-        while True:
-            wanted = steps.send(read(wanted))
-    except StopIteration as end:
-        found: Found = end.value
-        return found
-
-
-def side_by_side(searches: Sequence[Steps[Wanted, Found]]) -> Steps[Wanted, list[Found]]:
-    """Run searches at once: what they want next is wanted together, and what is equal once.
-
-    Examples
-    --------
-    >>> def search(value):
-    ...     first = yield [value]
-    ...     second = yield [2 * value]
-    ...     return first + second
-    >>> def read(wanted):
-    ...     print(wanted)
-    ...     return [-value for value in wanted]
-    >>> answered(side_by_side([search(1), search(2), search(2)]), read)
-    [1, 2]
-    [2, 4]
-    [[-1, -2], [-2, -4], [-2, -4]]
-    """
-    found, wanted = dict[int, Found](), dict[int, list[Wanted]]()
-    answers = dict[Wanted, Answer]()
-    while len(found) < len(searches):
-        for k, search in enumerate(searches):
-            if k in found:
-                continue
-            try:
-                begun = k in wanted
-                wanted[k] = search.send([answers[w] for w in wanted[k]]) if begun else next(search)
-            except StopIteration as end:
-                found[k] = end.value
-                wanted[k] = []
-        every = list(dict.fromkeys(each for some in wanted.values() for each in some))
-        if every:
-            answers = dict(zip(every, (yield every), strict=True))
-    return [found[k] for k in range(len(searches))]
-
-
-def or_error(steps: Steps[Wanted, Found]) -> Steps[Wanted, Found | TactionError]:
-    """Return what a search finds, or why it finds nothing."""
-    try:
-        return (yield from steps)
-    except TactionError as error:
-        return error
-
-
-class _Search(Generic[Wanted]):
+class _Search:
     """A scan in progress: samples in increasing order of the value.
 
     Edges with more than `most` unstable poles on both sides are left out.
     """
 
-    def __init__(self, to: Callable[[float], Wanted], logarithmic: bool, most: int | None) -> None:
-        self.to, self.logarithmic, self.most = to, logarithmic, most
+    def __init__(self, read: Read, logarithmic: bool, most: int | None) -> None:
+        self.read, self.logarithmic, self.most = read, logarithmic, most
         self.samples: list[Sample] = []
 
-    def begin(self, values: Sequence[float], start: float | None) -> Steps[Wanted, None]:
+    def begin(self, values: Sequence[float], start: float | None) -> None:
         """Take the samples of the first grid; raise an error if none of them has poles."""
         ordered = sorted({float(value) for value in values}, reverse=start == max(values))
         step, errors = len(ordered) if start is None else AHEAD, list[TactionError]()
         for first in range(0, len(ordered), step):
             some = ordered[first : first + step]
-            for value, found in zip(some, (yield [self.to(v) for v in some]), strict=True):
+            for value, found in zip(some, self.read(some), strict=True):
                 errors += [found] if isinstance(found, TactionError) else []
                 place = math.log(value) if self.logarithmic else value
                 there = self._insert(place, value, found)
@@ -182,7 +123,7 @@ class _Search(Generic[Wanted]):
         if len(errors) == len(self.samples):
             raise errors[0]
 
-    def take(self, places: Iterable[float]) -> Steps[Wanted, list[Sample]]:
+    def take(self, places: Iterable[float]) -> list[Sample]:
         """Return the samples at places: more in their order, or those that are there."""
         every = list(places)
         values = {
@@ -190,7 +131,7 @@ class _Search(Generic[Wanted]):
             for place in every
             if self._at(place) is None
         }
-        answers = (yield [self.to(value) for value in values.values()]) if values else []
+        answers = self.read(list(values.values())) if values else []
         for (place, value), found in zip(values.items(), answers, strict=True):
             self._insert(place, value, found)
         return [there for place in every if (there := self._at(place))]
@@ -201,9 +142,6 @@ class _Search(Generic[Wanted]):
         return self.samples[there] if found else None
 
     def _insert(self, place: float, value: float, found: Answer) -> Sample:
-        known = self._at(place)
-        if known is not None:  # by another search of the same scan
-            return known
         if isinstance(found, TactionError):
             sample = Sample(place, value, np.zeros(0, complex), failure=str(found))
         else:
@@ -216,7 +154,7 @@ class _Search(Generic[Wanted]):
         triples = zip(self.samples, self.samples[1:], self.samples[2:], strict=False)
         return [t for t in triples if not any(s.failure for s in t) and _equal(*t)]
 
-    def refine(self, passes: int) -> Steps[Wanted, None]:
+    def refine(self, passes: int) -> None:
         """Halve intervals until interpolation proves that poles stay on their side of the axis."""
         for _ in range(passes):
             places = set()
@@ -225,19 +163,18 @@ class _Search(Generic[Wanted]):
                     places |= {0.5 * (a.place + m.place), 0.5 * (m.place + b.place)}
             if not places:
                 return
-            yield from self.take(places)
+            self.take(places)
 
-    def climb(self) -> Steps[Wanted, None]:
+    def climb(self) -> None:
         """Follow every pole that turns back before the axis to its point nearest the axis."""
-        climbs = list[Steps[Wanted, None]]()
         for triple in self.without_crossing():
             every = _followed(*triple)
             left, middle, right = np.abs(every.real)
             nearer = every[:, middle < np.minimum(left, right)]
-            climbs += [self._climb(triple, each) for each in zip(*nearer.tolist(), strict=True)]
-        yield from side_by_side(climbs)
+            for each in zip(*nearer.tolist(), strict=True):
+                self._climb(triple, each)
 
-    def _climb(self, triple: Triple, pole: Followed) -> Steps[Wanted, None]:
+    def _climb(self, triple: Triple, pole: Followed) -> None:
         (a, m, b), (pa, pm, pb) = triple, pole
         for _ in range(60):
             near, ends = abs(pm.real), (abs(pa.real), abs(pb.real))
@@ -246,7 +183,7 @@ class _Search(Generic[Wanted]):
             top, height = _vertex((a, m, b), (pa.real, pm.real, pb.real))
             if height * np.sign(pm.real) > REACH * near:
                 return
-            (sample,) = yield from self.take([top])
+            (sample,) = self.take([top])
             if sample.failure or sample.unstable != m.unstable:
                 return  # a crossing: `close` brackets it
             found = sample.nearest(_between_places((a, m, b), (pa, pm, pb), top))
@@ -261,16 +198,17 @@ class _Search(Generic[Wanted]):
         most = math.inf if self.most is None else self.most
         return [(a, b) for a, b in differ if min(a.unstable, b.unstable) <= most]
 
-    def close(self, tolerance: float) -> Steps[Wanted, None]:
+    def close(self, tolerance: float) -> None:
         """Bracket every change of the number of unstable poles that is more than rounding."""
         while wide := [
             (a, b)
             for a, b in self.changes(self.samples)
             if _width(a, b) > tolerance and (a.certain or b.certain)
         ]:
-            yield from side_by_side([self._close(a, b, tolerance) for a, b in wide])
+            for a, b in wide:
+                self._close(a, b, tolerance)
 
-    def _close(self, a: Sample, b: Sample, tolerance: float) -> Steps[Wanted, None]:
+    def _close(self, a: Sample, b: Sample, tolerance: float) -> None:
         """Bracket a zero of one r_k from both sides (ITP; Oliveira and Takahashi 2020)."""
         k = min(a.unstable, b.unstable)
         first = b.place - a.place
@@ -285,7 +223,7 @@ class _Search(Generic[Wanted]):
             shifted = chord + math.copysign(max(abs(push), min(least, abs(middle - chord))), push)
             slack = max(first * 2.0 ** (1 - step) - 0.5 * width, 0.0)
             place = min(max(shifted, middle - slack), middle + slack)
-            (sample,) = yield from self.take([place])
+            (sample,) = self.take([place])
             if sample.failure:
                 return
             a, b = (sample, b) if (sample.real(k) >= 0.0) == (ra >= 0.0) else (a, sample)

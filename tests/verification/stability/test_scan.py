@@ -20,7 +20,7 @@ Law = Callable[[float], Poles]
 
 def scan(read: Law, values: Sequence[float], **how: Any) -> Scan:
     """Scan poles that are read one by one."""
-    return scans.answered(scans.scan(values, float, **how), lambda some: at(read, some))
+    return scans.scan(values, lambda some: at(read, some), **how)
 
 
 def at(read: Law, values: Sequence[float]) -> list[Poles | TactionError]:
@@ -161,35 +161,6 @@ def test_of_incomplete_poles_only_the_rightmost_one_counts() -> None:
     assert not found.complete
     assert (found.edges[0].below, found.edges[0].above) == (0, 1)
     assert found.stable_ranges == ((0.1, found.edges[0].value),)
-
-
-def test_scans_side_by_side_find_what_each_finds_alone() -> None:
-    """What two of them want at once is wanted once, and one that fails leaves the others alone."""
-    laws = {
-        "near": poles_of(lambda x: -1e-9 - (x - 0.123) ** 2 + 2j, lambda x: x - 0.5),
-        "window": poles_of(lambda x: 1e-4 - (x - 0.123) ** 2 + 2j, lambda x: -1e-4),
-    }
-    wanted = list[tuple[str, float]]()
-
-    def read(places: list[tuple[str, float]]) -> list[Poles | TactionError]:
-        assert len(set(places)) == len(places)
-        wanted.extend(places)
-        none = EngineError("no equilibrium")
-        return [laws[name](value) if name in laws else none for name, value in places]
-
-    names = ("near", "window", "nothing", "window")
-    searches = [
-        scans.or_error(scans.scan(GRID, lambda value, name=name: (name, value)))  # type: ignore[misc]
-        for name in names
-    ]
-    *found, nothing, again = scans.answered(scans.side_by_side(searches), read)
-    assert isinstance(nothing, EngineError)
-    for name, each in zip(("near", "window", "window"), (*found, again), strict=True):
-        assert isinstance(each, Scan)
-        alone = scan(laws[name], GRID)
-        assert each.edges == alone.edges
-        assert [sample.value for sample in each.samples] == [s.value for s in alone.samples]
-    assert len(set(wanted)) == len(wanted) > 3 * len(GRID)
 
 
 def test_a_window_hidden_behind_a_slower_mode_is_found() -> None:

@@ -20,7 +20,7 @@ from taction.system.errors import TactionError
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import EdgeSearch, Family, edges_together
 from taction.verification.stability.poles import Poles, built, poles_together
-from taction.verification.stability.scan import Steps, answered, or_error, scan, side_by_side
+from taction.verification.stability.scan import scan
 from taction.verification.studies.sweep.plan import Plan
 
 TOLERANCE = 1e-3  # of a crossing's value, relative: less than a line of a picture is wide
@@ -121,16 +121,15 @@ class _GridLines:
         group, rest = self.plan.groups[along], self.plan.groups[1 - along]
         if not by_value(group[0]):
             return {}
-        traced, scans = dict[int, EdgeSearch](), dict[int, Steps[Changes, Edges | TactionError]]()
+        traced, found = dict[int, EdgeSearch](), dict[int, Edges | TactionError]()
         for other in range(len(rest[0])):
             fixed: Point = {axis.key.path: axis.values[other] for axis in rest}
             search = self._loci(group, fixed)
             if search is None:
-                scans[other] = or_error(self._scan(group, fixed))
+                found[other] = self._scan(group, fixed)
             else:
                 traced[other] = search
-        found = dict(zip(traced, edges_together(list(traced.values())), strict=True))
-        found |= zip(scans, answered(side_by_side(list(scans.values())), self._poles), strict=True)
+        found |= zip(traced, edges_together(list(traced.values())), strict=True)
         return {other: _changing(found[other]) for other in range(len(rest[0]))}
 
     def _loci(self, group: Sequence[SweepAxis], fixed: Point) -> EdgeSearch | None:
@@ -145,15 +144,17 @@ class _GridLines:
         family = Family.over(board, group[0].key.path, math.sqrt(low * high))
         return EdgeSearch(family, low, high) if family.ports else None
 
-    def _scan(self, group: Sequence[SweepAxis], fixed: Point) -> Steps[Changes, Edges]:
+    def _scan(self, group: Sequence[SweepAxis], fixed: Point) -> Edges | TactionError:
         *_, logarithmic = _range(group[0])
-        values = [float(value) for value in group[0].values]
-        return scan(
-            _denser(values, logarithmic=logarithmic),
-            lambda value: _hashable({**fixed, **_together(group, value)}),
-            logarithmic=logarithmic,
-            tolerance=TOLERANCE,
-        )
+        values = _denser([float(value) for value in group[0].values], logarithmic=logarithmic)
+
+        def read(some: Sequence[float]) -> list[Poles | TactionError]:
+            return self._poles([_hashable({**fixed, **_together(group, value)}) for value in some])
+
+        try:
+            return scan(values, read, logarithmic=logarithmic, tolerance=TOLERANCE)
+        except TactionError as error:
+            return error
 
     def _board(self, changes: Point) -> Circuit:
         scene = with_values(self.plan.scene, changes)
