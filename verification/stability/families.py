@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
-from taction.netlist_gen.board.parts import Capacitor, Resistor
+from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
@@ -158,8 +158,14 @@ class Family:
         those of `poles_together`: eigenvalues where these leave no side open.
         """
         located = self._located(min(values), max(values)) if logarithmic else []
-        how = {"tolerance": tolerance, "fine": fine, "start": start}
-        return scan([*values, *located], self._read, logarithmic=logarithmic, **how)
+        return scan(
+            [*values, *located],
+            self._read,
+            logarithmic=logarithmic,
+            tolerance=tolerance,
+            fine=fine,
+            start=start,
+        )
 
     def _read(self, values: Sequence[float]) -> list[Poles | TactionError]:
         return poles_together(built(self.board, value) for value in values)
@@ -332,7 +338,7 @@ def all_but_a_knob(circuit: Circuit, knob: Knob) -> tuple[Hashable, Floats]:
     differ in nothing but the value of the knob.
     """
     names, scale = circuit.named(knob.role), circuit.value(knob.name) ** knob.power
-    parts = [
+    parts: list[tuple[Resistor | Capacitor | Branch, float]] = [
         *((part, part.ohms) for part in circuit.resistors),
         *((part, part.farads) for part in circuit.capacitors),
         *((part, part.value) for part in circuit.branches),
