@@ -28,7 +28,7 @@ from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.small_steps import StateBoard
-from taction.verification.engines.statespace.transients.stepped import TOLERANCE, SteppedRun
+from taction.verification.engines.statespace.transients.stepped import SteppedRun, Task
 from taction.verification.verdict.recording import Accuracy
 from taction.verification.verdict.verify import verify
 
@@ -174,7 +174,7 @@ def by_scipy(scene: Scene) -> float:
     """Return the error of `true_solution` beside SciPy's Radau method, in `ERROR` volts."""
     board = Board.of(scene)
     transient, nodes = board.plan.transient, board.linear.reported(None)
-    run = SteppedRun.of(board.linear, nodes, transient, TOLERANCE, transient.stop)
+    run = SteppedRun.of(Task(board.linear, transient, nodes))
     assert isinstance(run.board, StateBoard)
     rate, jacobian, watch = run.board.equations(run.reported.amplifiers)
     times = np.linspace(0.0, transient.stop, INSTANTS)

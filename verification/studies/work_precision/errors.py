@@ -163,7 +163,7 @@ def board_lsoda(task: MethodTask, time: Floats) -> Floats:
     from scipy.integrate import solve_ivp
 
     board = LinearBoard(task.circuit)
-    run = stepped.SteppedRun.of(board, board.reported(None), task.transient, TIGHT, float(time[-1]))
+    run = stepped.SteppedRun.of(stepped.Task(board, task.transient, None, time, TIGHT))
     if not isinstance(run.board, StateBoard):
         raise EngineError("the board is too large for LSODA")
     rate, jacobian, watch = run.board.equations(run.reported.amplifiers)

@@ -131,9 +131,10 @@ class SteppedRun:
     stop: float  # s
 
     @classmethod
-    def of(cls, board: LinearBoard, nodes: tuple[str, ...], analysis: Transient, tolerance: float,
-           stop: float, beside: tuple[str, ...] = ()) -> SteppedRun:  # fmt: skip
-        """Prepare the integration of `board` up to `stop`, s."""
+    def of(cls, task: Task) -> SteppedRun:
+        """Prepare the integration of a task."""
+        board, analysis, beside = task.board, task.analysis, task.beside
+        nodes, tolerance, stop = board.reported(task.nodes), task.tolerance, task.stop
         reported = ReportedOutputs(board, nodes, beside)
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
         equations, slopes, modes = _equations(board, reported, unknowns)
@@ -310,13 +311,6 @@ class Task:
         voltages = tuple((self.analysis.voltages or {}).items())
         return start, voltages, nodes, self.beside, self.tolerance, self.stop
 
-    def run(self) -> SteppedRun:
-        """Prepare the integration."""
-        nodes = self.board.reported(self.nodes)
-        return SteppedRun.of(
-            self.board, nodes, self.analysis, self.tolerance, self.stop, self.beside
-        )
-
     def record(self, curve: SteppedCurve) -> Waveforms:
         """Return the record of an integration; errors as `simulate`."""
         run, dense = curve.run, curve.dense
@@ -344,7 +338,7 @@ def simulate_together(
         known = _CURVES.setdefault(task.board, {})
         try:
             if task.key not in known:
-                runs[place] = task.run()
+                runs[place] = SteppedRun.of(task)
         except EngineError as error:
             found[place] = error
     outs = integrate(list(runs.values()))

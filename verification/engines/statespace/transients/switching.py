@@ -87,9 +87,8 @@ class ActiveSet:
         ends = [np.concatenate([[-np.inf], each, [np.inf]]) for each in breaks]
         pairs = list(zip(ends, segments, strict=True))
         low, high = (np.array([each[k + side] for each, k in pairs]) for side in (0, 1))
-        inside = np.where(np.isfinite(low), low, high - devices.v_scale)
-        inside = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), inside)
-        inside = np.where(np.isfinite(low) & ~np.isfinite(high), low + devices.v_scale, inside)
+        one_sided = np.where(np.isfinite(low), low + devices.v_scale, high - devices.v_scale)
+        inside = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), one_sided)
         y, gains = inside / devices.v_scale, [GAINS[kind] for kind in devices.kinds]
         value, slope = (np.array([_one(g, name, x) for g, x in zip(gains, y, strict=True)])
                         for name in ("value", "slope"))  # fmt: skip

@@ -24,7 +24,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import integrator
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.small_steps import StateBoard
-from taction.verification.engines.statespace.transients.stepped import SteppedRun
+from taction.verification.engines.statespace.transients.stepped import SteppedRun, Task
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 from taction.verification.verdict.opamp_level import large_signal
 from tests.support.boards import board, kernel, lone_amplifier, strain, two_pole
@@ -109,7 +109,7 @@ def test_a_small_step_is_the_linearised_boards() -> None:
 
 
 def test_the_jacobian_for_other_integrators_is_the_rates_derivative() -> None:
-    run = SteppedRun.of(LinearBoard(breadboard()), ("a0",), Transient(1e-4, 1e-6), 1e-6, 1e-4)
+    run = SteppedRun.of(Task(LinearBoard(breadboard()), Transient(1e-4, 1e-6), ("a0",), None, 1e-6))
     assert isinstance(run.board, StateBoard)
     rate, jacobian, _ = run.board.equations(run.reported.amplifiers)
     n = len(run.state)
@@ -197,7 +197,7 @@ def test_inputs_without_charge_jump_on_a_large_board_too(
     )  # fmt: skip
     circuit, times = large_signal(synthesise(scene)), np.array([1e-7, 1e-6, 1e-5, 1e-4, 4e-4])
     nodes = LinearBoard(circuit).reported(None)
-    run = SteppedRun.of(LinearBoard(circuit), nodes, Transient(4e-4, 2e-8), 5e-5, 4e-4)
+    run = SteppedRun.of(Task(LinearBoard(circuit), Transient(4e-4, 2e-8), nodes, None, 5e-5))
     assert isinstance(run.board, StructuredBoard)
     found, wanted = beside_ngspice(circuit, Transient(4e-4, 2e-8), times)
     assert np.abs(wanted).max() > 0.3
