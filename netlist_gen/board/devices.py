@@ -11,7 +11,6 @@ import math
 import tomllib
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -199,5 +198,7 @@ class Device:
 @cache
 def load_devices() -> dict[str, Device]:
     """Return the devices by name."""
+    from importlib.resources import files
+
     text = files("taction.spice_models").joinpath("devices.toml").read_text("utf-8")
     return {name: Device.in_microsiemens(table) for name, table in tomllib.loads(text).items()}
