@@ -6,20 +6,20 @@ of a deck has no strain: its sources are constant, or step at t = 0 (`Source`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 from taction.netlist_gen.board.parts import Branch
+from taction.system.frozen import frozen
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Coil(Branch):
     """An inductor of `value` H."""
 
     letter: ClassVar[str] = "L"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class BranchCoupling(Branch):
     """Coils that share flux: `a` and `b` are their cards, `value` is k, from -1 to 1."""
 
@@ -31,7 +31,7 @@ class BranchCoupling(Branch):
         return ()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Source(Branch):
     """A source of `value` from t = 0, and of `before` until then."""
 
@@ -43,21 +43,21 @@ class Source(Branch):
         return self.value - self.before
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class VoltageBetween(Source):
     """``V(a) - V(b)`` in V."""
 
     letter: ClassVar[str] = "V"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CurrentBetween(Source):
     """A current from `a` through the source to `b`, A."""
 
     letter: ClassVar[str] = "I"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ByVoltage(Branch):
     """A source of `value` times the voltage between two nodes, `control`."""
 
@@ -69,35 +69,35 @@ class ByVoltage(Branch):
         return self.a, self.b, *self.control
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class VoltageByVoltage(ByVoltage):
     """A voltage, V/V."""
 
     letter: ClassVar[str] = "E"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CurrentByVoltage(ByVoltage):
     """A current from `a` through the source to `b`, A/V."""
 
     letter: ClassVar[str] = "G"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ByCurrent(Branch):
     """A source of `value` times the current through a voltage source, whose card `control` is."""
 
     control: str
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class CurrentByCurrent(ByCurrent):
     """A current from `a` through the source to `b`, A/A."""
 
     letter: ClassVar[str] = "F"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class VoltageByCurrent(ByCurrent):
     """A voltage, V/A."""
 

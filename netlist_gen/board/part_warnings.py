@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.system.array_types import Floats
+from taction.system.frozen import frozen
 from taction.system.quantities import show
 
 LEAST_OHMS, MOST_OHMS = 10.0, 10e6  # of a resistor that a proposal may have
@@ -19,7 +20,7 @@ SAME = 1.0 + 1e-9  # ratio of values that count as equal
 ROUNDING = 1.05  # the most that E24 moves a value by
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PartLimit:
     """A limit of a real part, and why it is one."""
 
@@ -65,7 +66,7 @@ LIMITS = {
 its own has these in the place of the table's."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Kind:
     """Values that the same keys of the scene set: their limits, each with its remedy."""
 
@@ -197,7 +198,7 @@ def stuck_cells(circuit: Circuit) -> tuple[str, ...]:
     return (text,)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class BrokenLimit:
     """A warning, and the factor by which the extreme part is beyond the limit, above 1."""
 
@@ -205,7 +206,7 @@ class BrokenLimit:
     factor: float
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class AcceptedParts:
     """What a proposal may have beyond the limits: what the scene itself has, but for rounding.
 

@@ -7,7 +7,7 @@ one for each sign, and its resistors and wires get names and nodes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,9 +15,10 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wires import Crossbar, Wires
 from taction.system.array_types import Floats
+from taction.system.frozen import frozen
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class SignedArray:
     """The array that a matrix of resistors has for its entries of one sign.
 
