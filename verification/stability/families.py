@@ -27,8 +27,8 @@ from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch, trace_together
 from taction.verification.stability.poles import (
     Poles,
-    built,
     count_unstable,
+    or_error,
     poles,
     poles_together,
 )
@@ -168,7 +168,7 @@ class Family:
         )
 
     def _read(self, values: Sequence[float]) -> list[Poles | TactionError]:
-        return poles_together(built(self.board, value) for value in values)
+        return poles_together(or_error(self.board, value) for value in values)
 
     def count(self, value: float, edges: Edges) -> int:
         """Count the unstable poles at a value by a winding number, without poles."""
@@ -276,45 +276,41 @@ class EdgeSearch:
     found: Poles | None = None
     nearest: bool = False
 
+    def begun(self) -> Edges | tuple[LociSearch, Poles]:
+        """Return the edges by a scan, or the search by loci, and the poles at `own`."""
+        family = self.family
+        if family.ports is None:
+            points = 2 + math.ceil(PER_DECADE * math.log10(self.high / self.low))
+            values = np.geomspace(self.low, self.high, points).tolist()
+            values[0], values[-1] = self.low, self.high
+            return family.scan(values, start=family.own if self.nearest else None)
+        own = poles(family.ports.board) if self.found is None else self.found
+        known = own.complete or own.stable  # else the poles are too few to be counted
+        count = own.unstable_count if known else count_unstable(family.ports.board)
+        shares = family.shares(self.low, self.high)
+        return LociSearch(family.ports, *shares, count), own
+
+    def ended(self, search: LociSearch, own: Poles, found: Edges | EngineError) -> Edges:
+        """Return what the loci found, confirmed."""
+        if isinstance(found, EngineError):
+            raise found
+        return self.family.confirmed(self.family.at_values(found), search.unstable, own)
+
 
 def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]:
     """Return the edges of each search, or why there are none; see `Family.edges`.
 
     The loci of all boards are followed together.
     """
-    found: dict[int, Edges | TactionError] = {}
-    traced: dict[int, LociSearch] = {}
-    known_poles: dict[int, Poles] = {}
-    for place, one in enumerate(searches):
-        family = one.family
-        try:
-            if family.ports is None:
-                points = 2 + math.ceil(PER_DECADE * math.log10(one.high / one.low))
-                values = np.geomspace(one.low, one.high, points).tolist()
-                values[0], values[-1] = one.low, one.high
-                start = family.own if one.nearest else None
-                found[place] = family.scan(values, start=start)
-                continue
-            own = poles(family.ports.board) if one.found is None else one.found
-            known = own.complete or own.stable  # else the poles are too few to be counted
-            count = own.unstable_count if known else count_unstable(family.ports.board)
-            shares = family.shares(one.low, one.high)
-            traced[place], known_poles[place] = LociSearch(family.ports, *shares, count), own
-        except TactionError as error:
-            found[place] = error
-    for (place, traces), edges in zip(
-        traced.items(), trace_together(list(traced.values())), strict=True
-    ):
-        family = searches[place].family
-        try:
-            found[place] = (
-                edges
-                if isinstance(edges, EngineError)
-                else family.confirmed(family.at_values(edges), traces.unstable, known_poles[place])
-            )
-        except TactionError as error:
-            found[place] = error
-    return [found[place] for place in range(len(searches))]
+    begun = [or_error(EdgeSearch.begun, one) for one in searches]
+    loci = [each[0] for each in begun if not isinstance(each, Edges | TactionError)]
+    traced = iter(trace_together(loci))
+    return [
+        each
+        if isinstance(each, Edges | TactionError)
+        else or_error(partial(one.ended, *each), next(traced))
+        for one, each in zip(searches, begun, strict=True)
+    ]
 
 
 def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError, TactionError
@@ -20,7 +21,7 @@ from taction.verification.stability.families import (
     all_but_a_knob,
     edges_together,
 )
-from taction.verification.stability.poles import Poles, poles, poles_together
+from taction.verification.stability.poles import Poles, or_error, poles, poles_together
 
 REACH = 100.0  # the largest factor
 CLOSE, DECADES = 1e-6, 4  # relative distance of the poles that confirm an edge, and farther
@@ -170,24 +171,13 @@ def margins_together(
 
     The edges of all boards are found together, with the digits of each alone.
     """
-    found: dict[int, Margin | TactionError] = {}
-    ways: dict[int, tuple[_Way, EdgeSearch]] = {}
-    for place, one in enumerate(searches):
-        try:
-            begun = _begun(one, families)
-            if isinstance(begun, Margin):
-                found[place] = begun
-            else:
-                ways[place] = begun
-        except TactionError as error:
-            found[place] = error
-    every = edges_together([search for _, search in ways.values()])
-    for (place, (way, _)), edges in zip(ways.items(), every, strict=True):
-        try:
-            found[place] = way.margin(edges)
-        except TactionError as error:
-            found[place] = error
-    return [found[place] for place in range(len(searches))]
+    begun = [or_error(partial(_begun, families=families), search) for search in searches]
+    ways = [each for each in begun if not isinstance(each, Margin | TactionError)]
+    every = iter(edges_together([search for _, search in ways]))
+    return [
+        each if isinstance(each, Margin | TactionError) else or_error(each[0].margin, next(every))
+        for each in begun
+    ]
 
 
 def _begun(search: MarginSearch, families: Families | None) -> Margin | tuple[_Way, EdgeSearch]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import EngineError, TactionError
+from taction.system.errors import TactionError
 from taction.verification.engines.statespace.equations.descriptor import LARGE
 from taction.verification.engines.statespace.linearised.board import (
     LinearBoard,
@@ -112,6 +112,7 @@ def poles(circuit: Circuit | LinearBoard) -> Poles:
 
 Board = Circuit | LinearBoard
 Wanted = TypeVar("Wanted")
+Found = TypeVar("Found")
 
 
 def poles_together(boards: Iterable[Board | TactionError]) -> list[Poles | TactionError]:
@@ -161,16 +162,13 @@ def _found(board: LinearBoard, lead: LeadPole | None) -> Poles | TactionError:
         found = summarise(lead.poles, complete=True, errors=lead.errors)
         if found.certain:
             return found
-    try:
-        return poles(board)
-    except EngineError as error:
-        return error
+    return or_error(poles, board)
 
 
-def built(build: Callable[[Wanted], Board], of: Wanted) -> Board | TactionError:
-    """Return a board, or why there is none."""
+def or_error(job: Callable[[Wanted], Found], of: Wanted) -> Found | TactionError:
+    """Return what a job finds, or why it finds nothing."""
     try:
-        return build(of)
+        return job(of)
     except TactionError as error:
         return error
 

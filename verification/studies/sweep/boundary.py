@@ -19,7 +19,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import TactionError
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import EdgeSearch, Family, edges_together
-from taction.verification.stability.poles import Poles, built, poles_together
+from taction.verification.stability.poles import Poles, or_error, poles_together
 from taction.verification.stability.scan import scan
 from taction.verification.studies.sweep.plan import Plan
 
@@ -163,7 +163,7 @@ class _GridLines:
     def _poles(self, wanted: Sequence[Changes]) -> list[Poles | TactionError]:
         """Return the poles of boards; two lines share each point of the grid."""
         new = [changes for changes in wanted if changes not in self.known]
-        found = poles_together(built(self._board, dict(changes)) for changes in new)
+        found = poles_together(or_error(self._board, dict(changes)) for changes in new)
         self.known |= zip(new, found, strict=True)
         return [self.known[changes] for changes in wanted]
 
