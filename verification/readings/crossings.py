@@ -6,26 +6,25 @@ uncertainty of a crossing's time is the time in which the cubic passes through i
 value, so a shallow crossing is more uncertain than a steep crossing. A peak that reaches the level
 only within its uncertainty counts as well.
 
-Many waveforms (R rows) are searched for many levels (J per row) at once: a few array operations
-work on all the points near a level.
+Many waveforms (R rows) are searched for many levels (J per row) at once. The largest value from
+each point on never rises, so a bisection finds the last point above each level.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from taction.system.array_types import Bools, Floats, Indices
+from taction.system.array_types import Floats, Indices
 
 # The fine grid on which a bracketed crossing is located before a last linear step.
 _GRID = np.linspace(0.0, 1.0, 129)
 _STENCIL = np.arange(4)[:, None]
-_AROUND = np.arange(-1, 2)[:, None]
-_SIGNS = np.array([0.0, -1.0, 1.0])[:, None, None]
-# A peak below this fraction of a positive level's height is not examined between its points.
+_SIGNS = np.array([0.0, -1.0, 1.0])[:, None]
+# A peak whose sample is below this fraction of a positive level does not reach it between points.
 _NEAR = 0.5
-MOST_COMPARED = 4_000_000  # numbers of an array that compares points with levels: 32 MB
 
 
 class Crossing(NamedTuple):
@@ -43,9 +42,8 @@ class Crossings(NamedTuple):
 
 
 class Peaks(NamedTuple):
-    """Local maxima, (M,) each: index, instant, height and uncertainty of the height."""
+    """Local maxima, (M,) each: instant, height and uncertainty of the height."""
 
-    point: Indices
     time: Floats
     height: Floats
     uncertainty: Floats
@@ -90,47 +88,50 @@ def interpolate(
     return cubic, np.maximum(np.abs(middle * d0123) * outer, 0.25 * np.abs(cubic - chord))
 
 
-def peaks(time: Floats, y: Floats, row: Indices, k: Indices, sign: Floats) -> Peaks:
-    """Interpolate those of the points `k` that are local maxima of ``sign * y[row]``, (S,) each."""
-    inner = np.flatnonzero((k > 0) & (k < time.size - 1))
-    around = sign[inner] * y[row[inner], k[inner] + _AROUND]
-    top = np.flatnonzero((around[1] >= around[0]) & (around[1] >= around[2]))
-    left, here, right = around[:, top]
-    point = inner[top]
-    k = k[point]
-    t = time[k]
+def peaks(time: Floats, y: Floats, row: Indices, k: Indices) -> Peaks:
+    """Interpolate the inner points `k` of waveforms `row`, (M,) each, which are local maxima."""
+    t, here = time[k], y[row, k]
     before, after = t - time[k - 1], time[k + 1] - t
-    fall_l, fall_r = (here - left) / before, (here - right) / after
+    fall_l, fall_r = (here - y[row, k - 1]) / before, (here - y[row, k + 1]) / after
     curvature = fall_l + fall_r
     flat = curvature <= 0
     offset = np.where(flat, 0.0, (fall_l * after - fall_r * before) / np.where(flat, 1, curvature))
     at = t + 0.5 * np.minimum(np.maximum(offset, -before), after)
-    value, doubt = interpolate(time, y, row[point], k - (at < t), at[:, None])
-    return Peaks(point, at, np.maximum(sign[point] * value[:, 0], here), doubt[:, 0])
+    value, doubt = interpolate(time, y, row, k - (at < t), at[:, None])
+    return Peaks(at, np.maximum(value[:, 0], here), doubt[:, 0])
 
 
-def highest(time: Floats, y: Floats, sign: float) -> tuple[Floats, Floats]:
-    """Return the maximum of each row of ``sign * y``, a peak between points included.
+def maxima(y: Floats, floor: Floats) -> tuple[Indices, Indices]:
+    """Return the rows and the points of local maxima of y (R, P) above a `floor` (R,).
+
+    Of a stretch of equal values no inner point counts.
+    """
+    here = y[:, 1:-1]
+    rises, falls = here - y[:, :-2], here - y[:, 2:]
+    top = (rises >= 0.0) & (falls >= 0.0) & (rises + falls > 0.0) & (here > floor[:, None])
+    row, k = np.nonzero(top)
+    return row, k + 1
+
+
+def highest(time: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return the maximum of each row, a peak between points included.
 
     Parameters
     ----------
     time, y : ndarray (P,) and (R, P)
         Record, P at least 4.
-    sign : float
-        1.0 or -1.0.
 
     Returns
     -------
     ndarray (R,) and ndarray (R,)
         The maxima and their uncertainty, in the unit of `y`.
     """
-    row = np.arange(len(y))
-    top = y.argmax(axis=1) if sign > 0 else y.argmin(axis=1)
-    heights, doubts = sign * y[row, top], np.zeros(len(y))
-    rows, five = np.repeat(row, 5), np.repeat(top, 5) + np.tile(np.arange(-2, 3), row.size)
-    near = peaks(time, y, rows, five, np.full(rows.size, sign))
-    np.maximum.at(heights, rows[near.point], near.height)
-    np.maximum.at(doubts, rows[near.point], near.uncertainty)
+    heights, doubts = y.max(axis=1), np.zeros(len(y))
+    row, k = maxima(y, np.full(len(y), -np.inf))
+    row, k = (part[np.abs(k - y.argmax(axis=1)[row]) <= 2] for part in (row, k))
+    near = peaks(time, y, row, k)
+    np.maximum.at(heights, row, near.height)
+    np.maximum.at(doubts, row, near.uncertainty)
     return heights, doubts
 
 
@@ -145,38 +146,25 @@ def _last_positive(f: Floats) -> Floats:
     return np.where(here > 0, (i + part) / last, 0.0)
 
 
-class _Sides(NamedTuple):
-    """Columns ``sign * y[row]`` of a search, (C,) each."""
-
-    row: Indices
-    sign: Floats
-
-
-def _falls(
-    time: Floats, y: Floats, row: Indices, sign: Floats, level: Floats, since: Floats
-) -> Crossings:
-    """Locate falls of ``sign * y[row]`` through `level` from `since` to the next point, (S,)."""
+def _falls(time: Floats, y: Floats, row: Indices, level: Floats, since: Floats) -> Crossings:
+    """Locate falls of ``y[row]`` through `level` from `since` to the next point, (S,)."""
     interval = np.minimum(np.searchsorted(time, since, side="right"), time.size - 1) - 1
     rest = time[interval + 1] - since
     value, doubt = interpolate(time, y, row, interval, since[:, None] + rest[:, None] * _GRID)
-    excess = sign[:, None] * value - level[:, None]
+    excess = value - level[:, None]
     part = _last_positive(np.concatenate([excess, excess - doubt, excess + doubt]))
     at, early, late = since + rest * part.reshape(3, -1)
     width = np.maximum(at - early, late - at)
     return Crossings(at, np.maximum(width, np.spacing(np.abs(at))))
 
 
-def _latest(mask: Bools, column: Indices, at: Floats, columns: int) -> Floats:
-    """Return the last of `at` (M,) in each column, (..., C), where `mask` (..., M), or -inf."""
-    latest = np.full((*mask.shape[:-1], columns), -np.inf)
-    level, m = np.divmod(np.flatnonzero(mask), column.size)
-    latest.reshape(-1, columns)[level, column[m]] = at[m]  # the last assignment stays
-    return latest
+def _latest(at: Floats, height: Floats, levels: Floats) -> Floats:
+    """Return the last of the instants `at` (M,) with a `height` (M,) above each level, or -inf."""
+    rising = np.maximum.accumulate(height[::-1])
+    return np.append(at[::-1], -np.inf)[rising.searchsorted(levels, side="right")]
 
 
-def last_crossings(
-    time: Floats, y: Floats, levels: Floats, first: Indices | None = None, *, mirrored: bool = False
-) -> Crossings:
+def last_crossings(time: Floats, y: Floats, levels: Floats) -> Crossings:
     """Find the last instants at which waveforms are above their levels.
 
     Parameters
@@ -185,102 +173,52 @@ def last_crossings(
         Record, P at least 4; s and any unit.
     levels : ndarray (J, R)
         In the unit of `y`.
-    first : ndarray (R,), optional
-        First point of each row that is searched.
-    mirrored : bool
-        Whether ``-y`` is searched as well.
 
     Returns
     -------
     Crossings
-        Shape (J, R), or (J, 2 R) with the crossings of ``-y`` last. NaN for a row that is never
-        above; the last point, with uncertainty 0, for a row that ends above. A later peak that
-        reaches the level only between points, or only within its uncertainty, counts: in the
-        instant if the interpolated peak is above, in the uncertainty in any case.
+        Shape (J, R). NaN for a row that is never above; the last point, with uncertainty 0, for a
+        row that ends above. A later peak that reaches the level only between points, or only within
+        its uncertainty, counts: in the instant if the interpolated peak is above, in the
+        uncertainty in any case.
     """
-    rows, columns = len(y), len(y) * (1 + mirrored)  # all y[n], then all -y[n]
-    sides = _Sides(np.arange(columns) % rows, np.repeat([1.0, -1.0], rows)[:columns])
-    over = _beyond(y, levels.min(axis=0), first, mirrored)
-    floor = levels - (1 - _NEAR) * np.abs(levels)
-    near = _beyond(y, floor.min(axis=0), first, mirrored)
-    near[:, 1:-1] &= _extremes(y, mirrored)
-    if mirrored:
-        levels, floor = (np.concatenate([each, each], axis=1) for each in (levels, floor))
-    column, k = np.divmod(np.flatnonzero(over), time.size)
-    value = sides.sign[column] * y[sides.row[column], k]
-    sampled = np.concatenate(
-        [
-            _latest(value > levels[few][:, column], column, time[k], columns)
-            for few in _blocks(len(levels), column.size)
-        ]
-    )
-    column, k = np.divmod(np.flatnonzero(near), time.size)
-    row, sign = sides.row[column], sides.sign[column]
-    top = peaks(time, y, row, k, sign)
-    value, column = (sign * y[row, k])[top.point], column[top.point]
+    low = levels.min(axis=0)
+    row, k = maxima(y, low - (1 - _NEAR) * np.abs(low))
+    top, value = peaks(time, y, row, k), y[row, k]
     # As interpolated, and with the uncertainty subtracted and added.
     heights = top.height + _SIGNS * top.uncertainty
-    found = []
-    for few in _blocks(len(levels), 3 * column.size):
-        high = value > floor[few][:, column]
-        reached = heights > levels[few][:, column]
-        found.append(_latest(high & reached, column, top.time, columns))
-    starts = np.concatenate(found, axis=1)
-    return _crossings(time, y, sides, levels, np.maximum(sampled, starts))
+    heights = np.minimum(heights, value / np.where(value > 0, _NEAR, 2 - _NEAR))
+    starts = np.empty((3, *levels.shape))
+    ends = row.searchsorted(np.arange(len(y) + 1))
+    for n, (begin, end) in enumerate(pairwise(ends.tolist())):
+        sampled = _latest(time, y[n], levels[:, n])
+        for start, height in zip(starts, heights, strict=True):
+            between = _latest(top.time[begin:end], height[begin:end], levels[:, n])
+            start[:, n] = np.maximum(sampled, between)
+    return _crossings(time, y, levels, starts)
 
 
-def _blocks(levels: int, points: int) -> list[slice]:
-    """Return slices of the levels; in each, `points` make at most `MOST_COMPARED` numbers."""
-    size = max(1, MOST_COMPARED // max(points, 1))
-    return [slice(begin, begin + size) for begin in range(0, levels, size)]
-
-
-def _beyond(y: Floats, low: Floats, first: Indices | None, mirrored: bool) -> Bools:
-    """Mark the points from `first` on at which each row of y, then of -y, is above `low` (R,)."""
-    low = low[:, None]
-    above = np.concatenate([y > low, y < -low]) if mirrored else y > low
-    if first is not None:
-        for n, begin in enumerate(first.tolist()):
-            above[n :: len(y), :begin] = False
-    return above
-
-
-def _extremes(y: Floats, mirrored: bool) -> Bools:
-    """Mark the inner points that are local maxima of y and, if `mirrored`, then of -y."""
-    up, down = y[:, 1:] >= y[:, :-1], y[:, 1:] <= y[:, :-1]
-    maxima = up[:, :-1] & down[:, 1:]
-    return np.concatenate([maxima, down[:, :-1] & up[:, 1:]]) if mirrored else maxima
-
-
-def _crossings(time: Floats, y: Floats, sides: _Sides, levels: Floats, starts: Floats) -> Crossings:
-    """Locate falls after the instants `starts` (3, J, C): likely, and two possible instants."""
+def _crossings(time: Floats, y: Floats, levels: Floats, starts: Floats) -> Crossings:
+    """Locate falls after the instants `starts` (3, J, R): likely, and two possible instants."""
     start = starts[0]
-    ends = sides.sign * y[sides.row, -1] > levels
+    ends = y[:, -1] > levels
     inside = ~ends & (starts > -np.inf)
     at, doubt = np.where(ends, time[-1], np.nan), np.where(ends, 0.0, np.nan)
-
-    def falls(since: Floats, level: Indices, column: Indices) -> Crossings:
-        row, sign = sides.row[column], sides.sign[column]
-        return _falls(time, y, row, sign, levels[level, column], since[level, column])
-
     places = np.nonzero(inside[0])
-    at[places], doubt[places] = falls(start, *places)
+    at[places], doubt[places] = _falls(time, y, places[1], levels[places], start[places])
     rivals = inside[0] & inside & (starts != start)
     for other in np.flatnonzero(rivals.any(axis=(1, 2))):
         places = np.nonzero(rivals[other])
-        rival = falls(starts[other], *places)
+        rival = _falls(time, y, places[1], levels[places], starts[other][places])
         apart = np.abs(rival.time - at[places]) + rival.uncertainty
         doubt[places] = np.maximum(doubt[places], apart)
     return Crossings(at, doubt)
 
 
-def first_crossings(
-    time: Floats, y: Floats, levels: Floats, stop: Indices | None = None
-) -> Crossings:
-    """Find the first instants above; `last_crossings` with time reversed, up to `stop` (R,)."""
-    first = None if stop is None else time.size - stop
-    reversed_time = last_crossings(-time[::-1], y[:, ::-1], levels, first)
-    return Crossings(-reversed_time.time, reversed_time.uncertainty)
+def first_crossings(time: Floats, y: Floats, levels: Floats) -> Crossings:
+    """Find the first instants above; `last_crossings` with time reversed."""
+    found = last_crossings(-time[::-1], y[:, ::-1], levels)
+    return Crossings(-found.time, found.uncertainty)
 
 
 def first_above(time: Floats, y: Floats, level: float) -> Crossing | None:

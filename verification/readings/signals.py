@@ -17,6 +17,7 @@ from taction.verification.readings.crossings import (
     first_crossings,
     highest,
     last_crossings,
+    maxima,
 )
 
 CUBIC = 4  # points: more would magnify rounding where the steps grow from tiny steps
@@ -112,7 +113,6 @@ def resample(
 
 
 FEWEST_POINTS = 8
-_FIRST_STRETCH = 1024  # points that are searched first for a rise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,47 +148,27 @@ class SampledSignal:
 
     def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
         """See `Signal`; the levels are shifted instead of the samples."""
-        moved, place = np.unique(np.maximum(levels - shifts * self.error, 0.0), return_inverse=True)
-        time, errors, widest = self.time, self.errors, moved[-1]
-        channels = len(errors)
-        # Search only from the last point clearly outside, and the four points of a cubic before.
-        outside = (errors > widest) | (errors < -widest)
-        last = np.where(outside.any(axis=1), time.size - 1 - outside[:, ::-1].argmax(axis=1), 0)
-        first = np.minimum(np.maximum(last - 4, 0), time.size - FEWEST_POINTS)
-        begin = int(first.min())
-        every = np.repeat(moved[:, None], channels, axis=1)
-        at, doubt = last_crossings(
-            time[begin:], errors[:, begin:], every, first - begin, mirrored=True
-        )
-        later = np.fmax(at[:, :channels], at[:, channels:])
-        doubt = np.where(later == at[:, channels:], doubt[:, channels:], doubt[:, :channels])
-        return Crossings((later - time[0])[place], np.fmax(doubt, self._rounding)[place])
+        moved = np.maximum(levels - shifts * self.error, 0.0)
+        channels = len(self.errors)
+        both, every = np.concatenate([self.errors, -self.errors]), np.repeat(moved, 2 * channels)
+        at, doubt = last_crossings(self.time, both, every.reshape(-1, 2 * channels))
+        (up, down), (doubt_up, doubt_down) = (np.hsplit(part, 2) for part in (at, doubt))
+        later = np.fmax(up, down)
+        doubt = np.where(later == down, doubt_down, doubt_up)
+        return Crossings(later - self.time[0], np.fmax(doubt, self._rounding))
 
     def first_reached(
         self, rows: Indices, steps: Floats, levels: Floats, shifts: Floats
     ) -> Crossings:
         """See `Signal`; the levels are shifted instead of the samples."""
-        time, errors = self.time, self.errors
         moved = levels[:, None] - shifts[:, None] * (self.error / np.abs(steps))
-        # Search only up to the first point clearly above, and the points that a cubic needs.
-        clear, up = ((moved.max(axis=0) - 1) * steps)[:, None], (steps > 0)[:, None]
-        size = 0
-        while size < time.size:
-            size = min(max(_FIRST_STRETCH, 8 * size), time.size)
-            above = (errors[:, :size][rows] > clear) == up
-            reached = above.any(axis=1)
-            if reached.all():
-                break
-        stop = np.where(reached, np.maximum(above.argmax(axis=1) + 4, FEWEST_POINTS), time.size)
-        stop = np.minimum(stop, time.size)
-        head = int(stop.max())
-        progress = 1 + errors[:, :head][rows] / steps[:, None]
-        at, doubt = first_crossings(time[:head], progress, moved, stop)
+        progress = 1 + self.errors[rows] / steps[:, None]
+        at, doubt = first_crossings(self.time, progress, moved)
         return Crossings(at, np.fmax(doubt, self._rounding))
 
     def _peaks(self, sign: float) -> tuple[Floats, Floats]:
         """Return the maxima of ``sign * error`` and their uncertainty, (N,) each."""
-        return highest(self.time, self.errors, sign)
+        return highest(self.time, sign * self.errors)
 
     @property
     def _rounding(self) -> float:
@@ -280,14 +260,14 @@ class ContinuousSignal(SampledSignal):
         y, time = sign * self.errors, self.time
         heights = y.max(axis=1)
         doubts = np.spacing(np.abs(heights))
-        before, here, after = y[:, :-2], y[:, 1:-1], y[:, 2:]
-        room = 2.0 * here - before - after
-        top = (here >= before) & (here >= after) & (here + room >= heights[:, None])
-        channel, k = np.nonzero(top)
+        channel, k = maxima(y, np.full(len(y), -np.inf))
+        here = y[channel, k]
+        may = 3.0 * here - y[channel, k - 1] - y[channel, k + 1] >= heights[channel]
+        channel, k = channel[may], k[may]
         if not channel.size:
             return heights, doubts
-        first, last = time[k][:, None], time[k + 2][:, None]
-        middle, half = time[k + 1][:, None], np.maximum(last - first, 0.0)
+        first, last = time[k - 1][:, None], time[k + 1][:, None]
+        middle, half = time[k][:, None], np.maximum(last - first, 0.0)
         columns = np.repeat(channel, AROUND.size)
         for _ in range(ROUNDS):
             t = np.clip(middle + half * AROUND, first, last)

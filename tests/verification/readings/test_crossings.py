@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taction.verification.readings import crossings
 from taction.verification.readings.crossings import (
     Crossing,
     first_above,
@@ -71,19 +69,16 @@ def test_many_rows_and_levels_at_once_are_exponentials_crossings(rng):
     assert rising.uncertainty[2, 0] == 0.0
 
 
-def test_mirrored_rows_follow_and_what_is_before_first_does_not_count():
+def test_of_several_falls_and_rises_the_last_and_the_first_count():
     time = np.linspace(0, 2 * np.pi, 401)
     y = np.array([np.sin(time), np.sin(2 * time)])
-    levels = np.full((1, 2), 0.5)
-    found = last_crossings(time, y, levels, mirrored=True)
+    levels = np.full((1, 4), 0.5)
+    found = last_crossings(time, np.concatenate([y, -y]), levels)
     truth = np.pi * np.array([5 / 6, 17 / 12, 11 / 6, 23 / 12])
     assert (np.abs(found.time[0] - truth) <= found.uncertainty[0]).all()
-    later = last_crossings(time, y, levels, np.array([200, 200]), mirrored=True)
-    np.testing.assert_array_equal(later.time[0, 1:], found.time[0, 1:])
-    assert np.isnan(later.time[0, 0])  # the first sine is above only before pi
-    sooner = first_crossings(time, y, levels, np.array([10, 200]))
-    assert np.isnan(sooner.time[0, 0])
-    assert abs(sooner.time[0, 1] - np.pi / 12) <= sooner.uncertainty[0, 1]
+    sooner = first_crossings(time, np.concatenate([y, -y]), levels)
+    truth = np.pi * np.array([1 / 6, 1 / 12, 7 / 6, 7 / 12])
+    assert (np.abs(sooner.time[0] - truth) <= sooner.uncertainty[0]).all()
 
 
 def test_a_peak_between_points_is_seen():
@@ -100,8 +95,8 @@ def test_a_peak_between_points_is_seen():
 def test_highest_finds_the_top_of_a_coarse_sine():
     time = np.linspace(0, 3, 31)
     rows = np.array([np.sin(time), np.cos(time), time])
-    np.testing.assert_allclose(highest(time, rows, 1.0)[0], [1.0, 1.0, 3.0], atol=3e-6)
-    tops, doubts = highest(time, rows, -1.0)
+    np.testing.assert_allclose(highest(time, rows)[0], [1.0, 1.0, 3.0], atol=3e-6)
+    tops, doubts = highest(time, -rows)
     truth = np.array([0.0, -np.cos(3.0), 0.0])
     np.testing.assert_allclose(tops, truth, atol=3e-6)
     assert np.all(np.abs(tops - truth) <= doubts)
@@ -132,14 +127,14 @@ def test_the_uncertainty_covers_the_truth_down_to_seven_points_a_period(
         assert abs(found.time - above[-1]) <= found.uncertainty + 2 * (grid[1] - grid[0])
 
 
-def test_levels_in_blocks_give_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A record of 500,000 points is compared with a few levels at a time."""
+def test_many_levels_give_the_same_bits_as_each_alone() -> None:
     time = np.linspace(0.0, 1.0, 4001)
     y = np.stack([np.exp(-3.0 * time) * np.cos(k * 40.0 * time) for k in (1, 2, 3)])
-    levels = np.linspace(0.02, 0.9, 10)[:, None] * np.ones(3)
-    whole = crossings.last_crossings(time, y, levels, mirrored=True)
-    monkeypatch.setattr(crossings, "MOST_COMPARED", 1000)
-    blocks = crossings.last_crossings(time, y, levels, mirrored=True)
+    y = np.concatenate([y, -y])
+    levels = np.linspace(0.02, 0.9, 10)[:, None] * np.ones(6)
+    whole = last_crossings(time, y, levels)
     assert np.isfinite(whole.time).sum() > 50
-    np.testing.assert_array_equal(blocks.time, whole.time)
-    np.testing.assert_array_equal(blocks.uncertainty, whole.uncertainty)
+    for j in range(len(levels)):
+        alone = last_crossings(time, y, levels[j : j + 1])
+        np.testing.assert_array_equal(alone.time[0], whole.time[j])
+        np.testing.assert_array_equal(alone.uncertainty[0], whole.uncertainty[j])
