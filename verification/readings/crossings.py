@@ -102,13 +102,9 @@ def peaks(time: Floats, y: Floats, row: Indices, k: Indices) -> Peaks:
 
 
 def maxima(y: Floats, floor: Floats) -> tuple[Indices, Indices]:
-    """Return the rows and the points of local maxima of y (R, P) above a `floor` (R,).
-
-    Of a stretch of equal values no inner point counts.
-    """
+    """Return the rows and the inner points of local maxima of y (R, P) above a `floor` (R,)."""
     here = y[:, 1:-1]
-    rises, falls = here - y[:, :-2], here - y[:, 2:]
-    top = (rises >= 0.0) & (falls >= 0.0) & (rises + falls > 0.0) & (here > floor[:, None])
+    top = (here > floor[:, None]) & (here >= y[:, :-2]) & (here >= y[:, 2:])
     row, k = np.nonzero(top)
     return row, k + 1
 
@@ -127,8 +123,10 @@ def highest(time: Floats, y: Floats) -> tuple[Floats, Floats]:
         The maxima and their uncertainty, in the unit of `y`.
     """
     heights, doubts = y.max(axis=1), np.zeros(len(y))
-    row, k = maxima(y, np.full(len(y), -np.inf))
-    row, k = (part[np.abs(k - y.argmax(axis=1)[row]) <= 2] for part in (row, k))
+    five = np.clip(y.argmax(axis=1)[:, None] + np.arange(-2, 3), 1, time.size - 2)
+    row, k = np.repeat(np.arange(len(y)), 5), five.ravel()
+    top = (y[row, k] >= y[row, k - 1]) & (y[row, k] >= y[row, k + 1])
+    row, k = row[top], k[top]
     near = peaks(time, y, row, k)
     np.maximum.at(heights, row, near.height)
     np.maximum.at(doubts, row, near.uncertainty)
@@ -191,7 +189,8 @@ def last_crossings(time: Floats, y: Floats, levels: Floats) -> Crossings:
     starts = np.empty((3, *levels.shape))
     ends = row.searchsorted(np.arange(len(y) + 1))
     for n, (begin, end) in enumerate(pairwise(ends.tolist())):
-        sampled = _latest(time, y[n], levels[:, n])
+        over = np.flatnonzero(y[n] > low[n])
+        sampled = _latest(time[over], y[n, over], levels[:, n])
         for start, height in zip(starts, heights, strict=True):
             between = _latest(top.time[begin:end], height[begin:end], levels[:, n])
             start[:, n] = np.maximum(sampled, between)

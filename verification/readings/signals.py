@@ -262,8 +262,8 @@ class ContinuousSignal(SampledSignal):
         doubts = np.spacing(np.abs(heights))
         channel, k = maxima(y, np.full(len(y), -np.inf))
         here = y[channel, k]
-        may = 3.0 * here - y[channel, k - 1] - y[channel, k + 1] >= heights[channel]
-        channel, k = channel[may], k[may]
+        room = 2.0 * here - y[channel, k - 1] - y[channel, k + 1]
+        channel, k = (part[here + room >= heights[channel]] for part in (channel, k))
         if not channel.size:
             return heights, doubts
         first, last = time[k - 1][:, None], time[k + 1][:, None]
