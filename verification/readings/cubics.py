@@ -1,4 +1,4 @@
-"""Cubics through values and slopes at both ends of intervals: roots, ranges, upper bounds."""
+"""Cubics through values and slopes at both ends of intervals: ranges, upper bounds."""
 
 from __future__ import annotations
 
@@ -8,27 +8,6 @@ from taction.system.array_types import Floats
 
 SLACK = 0.1  # of the height of the tangents above the ends; a cubic's top errs by 0.0013 of it
 STEEP = 0.25  # of the slopes times the width: above 4/27, the most of a cubic, and `SLACK`
-BISECTIONS = 9  # of a first root
-
-
-def cubic_root(here: Floats, after: Floats, first: Floats, last: Floats) -> Floats:
-    """Return where cubics through values and slopes at 0 and 1 are zero, 0 to 1; (Q,).
-
-    Examples
-    --------
-    >>> line = np.array([-0.25]), np.array([0.75]), np.ones(1), np.ones(1)
-    >>> cubic_root(*line).round(2).tolist()
-    [0.25]
-    """
-    delta = after - here
-    square, cube = 3.0 * delta - 2.0 * first - last, first + last - 2.0 * delta
-    low, high = np.zeros(len(here)), np.ones(len(here))
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        value = here + middle * (first + middle * (square + middle * cube))
-        before = np.sign(value) == np.sign(here)
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-    return 0.5 * (low + high)
 
 
 def cubic_ranges(

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.verification.readings.course import FINENESS, Course, Courses
 from taction.verification.readings.crossings import Crossings
-from taction.verification.readings.cubics import STEEP, cubic_ranges, cubic_root, upper_bounds
+from taction.verification.readings.cubics import STEEP, cubic_ranges, upper_bounds
 
 PIECES = 64  # largest number of pieces of a refined interval
 FEW = 4  # most pieces where a bound alone may exclude them: it falls by the fourth power
@@ -236,8 +236,8 @@ class ExactGrid:
     def roots(self, row: Ints, level: Floats, low: Floats, high: Floats, order: int) -> Floats:
         """Solve ``e = level``, or ``e' = level`` with `order` 1, between `low` and `high`; (Q,).
 
-        Newton's method, kept between the ends by bisection; the nearer end where rounding hides a
-        change of sign.
+        Newton's method from the cubic of time over value, kept between the ends by bisection; the
+        nearer end where rounding hides a change of sign.
         """
         width, count = high - low, len(row)
 
@@ -247,8 +247,12 @@ class ExactGrid:
 
         value, slope = evaluate(np.concatenate([low, high]), np.tile(np.arange(count), 2))
         left, right = value.reshape(2, -1)
-        t = low + width * cubic_root(left, right, *slope.reshape(2, -1) * width)
         same = left * right >= 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            part = left / (left - right)
+            first, last = (right - left) / (width * slope.reshape(2, -1))
+            bent = part + part * (1.0 - part) * ((1.0 - part) * (first - 1.0) + part * (1.0 - last))
+        t = low + width * np.where((bent > 0.0) & (bent < 1.0), bent, 0.5)
         t = np.where(same, np.where(np.abs(right) < np.abs(left), high, low), t)
         low, high, active = low.copy(), high.copy(), np.flatnonzero(~same)
         for _ in range(ITERATIONS):
