@@ -75,7 +75,8 @@ def causes(checks: Sequence[Check]) -> Iterator[Cause]:
     failed = [check for check in own if check.outcome is Outcome.FAIL]
     failed.sort(key=lambda check: FIRST.index(check.name) if check.name in FIRST else len(FIRST))
     for number, check in enumerate(failed):
-        yield Cause(check.name, said(check), said(check), () if number else follows)
+        text = said(check)
+        yield Cause(check.name, text, text, () if number else follows)
     alike: dict[str, list[str]] = {}
     for check in own:
         if check.outcome is Outcome.INCONCLUSIVE:

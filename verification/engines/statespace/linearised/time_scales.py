@@ -189,12 +189,7 @@ def time_scales(
     weight = np.ones(space.n)
     if step > 0.0:
         weight = modes.shares(C, deviation).heights.max(axis=0, initial=0.0) / step
-    scales = _scales(modes.poles, weight, modes.rates, error, points)
-    return replace(scales, step=step, complete=not large)
-
-
-def _scales(p: Complexes, weight: Floats, rates: Floats, error: float, points: float) -> TimeScales:
-    relevant = weight >= error
+    p, relevant = modes.poles, weight >= error
     decay = -1.0 / p.real[relevant & (p.real < 0.0)]
     rings = relevant & (p.imag > 0.0) & (-p.real < RINGS * np.abs(p))
     growing = p.real > 0.0
@@ -202,12 +197,14 @@ def _scales(p: Complexes, weight: Floats, rates: Floats, error: float, points: f
     scales = TimeScales(
         poles=p,
         amplitudes=weight,
-        rates=rates,
+        rates=modes.rates,
         slowest=float(decay.max(initial=0.0)),
         ringing=tuple(sorted(_ringing(p[rings], 2.0 * weight[rings]), key=lambda r: r.period)),
         growth_time=float((np.maximum(growth, LEAST) / p.real[growing]).min(initial=math.inf)),
         stop=0.0,
         max_step=0.0,
+        step=step,
+        complete=not large,
     )
     return replace(scales, stop=scales.stop_for(error), max_step=scales.max_step_for(points))
 
