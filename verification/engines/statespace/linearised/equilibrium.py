@@ -3,32 +3,34 @@
 A board with m behavioural amplifiers is a linear network with m nonlinear one-ports. The equation
 of the ports is ``y + H g(y) = a`` with ``y = v_in / v_scale``: H is the DC gain from amplifier
 outputs back to inputs, a the inputs due to the sources alone. H is nearly symmetric and positive
-semidefinite (the network descends an energy), so the solution is unique, and Newton's method damped
-on ``|F|`` converges from any start in ``q = y + diag(H) g(y)`` (see `amplifier_gains`).
+semidefinite (the network descends an energy), so the solution is unique, and `loop_newton` finds it
+from any start.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.amplifier_gains import Gain, gain_of
+from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.structured_solve import Response, Structure
-from taction.verification.engines.statespace.linearised.natural_newton import natural_newton
+from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
 
-MAX_STEPS = 200
-STAGES = 10.0 ** np.arange(0, -17, -2)  # of the homotopy: added diagonal feedback, times H
 POLISHING = 4  # Newton steps on all unknowns
 POLISHED = 1e-13  # residual above which the last steps are taken on all unknowns
 CERTIFICATE = 1e-9  # largest residual accepted, relative to the terms that cancel in it
 # An unknown below this share of the largest counts as if it had it: where only rounding is left
 # (a channel without strain), a residual of 64 units of rounding of the largest is accepted.
 QUIET = 64 * EPS / CERTIFICATE
+FIRST = 1e-3  # of the fastest time constant: the first step in time
+GROWTH = 2.0
+STEPS = 400
+CORRECTIONS = 8  # of Newton's method in a step
+ALIKE = 1e-9  # of the largest unknown: a correction that ends a step
 PROBES, SPREAD = 4, 4.0  # draws of the rounding, and how much more than the largest counts
 
 
@@ -81,43 +83,41 @@ def solve_equilibrium(
     """
     drive, (solve, columns) = descriptor.drive(sources_on=sources_on), response
     z = solve(-drive)
-    devices = descriptor.devices
-    if not devices.count:
-        return Equilibrium(descriptor, z, np.zeros(0), _residual(descriptor, z, drive), 0)
-    gain = gain_of(devices.kinds)
-    H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
-    y, steps = _near_solution(H, z[devices.input] / devices.v_scale, gain)
-    z = solve(-drive) - columns @ (devices.u_scale * gain.value(y))
-    z[devices.input] = devices.v_scale * y
-    z[devices.output] = -devices.u_scale * gain.value(y)
-    residual = _residual(descriptor, z, drive)
-    if residual > POLISHED:
-        z = _polish(descriptor, z, drive)
-        y, residual = z[devices.input] / devices.v_scale, _residual(descriptor, z, drive)
-    if not residual <= CERTIFICATE:
-        message = f"the equilibrium has a relative residual of {residual:.3g}, above {CERTIFICATE}"
-        raise EngineError(message)
-    slopes = -devices.u_scale / devices.v_scale * gain.slope(y)
-    return Equilibrium(descriptor, z, slopes, residual, steps)
+    devices, steps = descriptor.devices, 0
+    if devices.count:
+        gain = gain_of(devices.kinds)
+        H = columns[devices.input] * devices.u_scale / devices.v_scale[:, None]
+        y, steps = solve_loop(H, z[devices.input] / devices.v_scale, gain, near=True)
+        z -= columns @ (devices.u_scale * gain.value(y))
+        z[devices.input] = devices.v_scale * y
+        z[devices.output] = -devices.u_scale * gain.value(y)
+        if _residual(descriptor, z, drive) > POLISHED:
+            z = _polish(descriptor, z, drive)
+    found = _found(descriptor, z, drive, steps)
+    if devices.count and not found.residual <= CERTIFICATE:
+        raise EngineError(
+            f"the equilibrium has a relative residual of {found.residual:.3g}, above {CERTIFICATE}"
+        )
+    return found
 
 
-def _near_solution(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
-    """Return ``y + H g(y) = a`` and the steps, near enough for `_polish`.
+def _found(descriptor: Descriptor, z: Floats, drive: Floats, steps: int) -> Equilibrium:
+    slopes, _ = _linearised(descriptor, z, drive)
+    return Equilibrium(descriptor, z, slopes, _residual(descriptor, z, drive), steps)
 
-    Where rounding of H hides the end, steps of another damping go on from where each stage of the
-    homotopy ended, the last one first: a start far from there may find another solution, as the
-    loop of stages of transistors around op-amps without limits need not be monotone.
+
+def limited_equilibrium(
+    descriptor: Descriptor, z: Floats, *, sources_on: bool
+) -> Equilibrium | None:
+    """Return the equilibrium with limits of op-amps near that without them, or None.
+
+    A small board that rests beyond a limit is followed in time from zero.
     """
-    h, ends = coordinate(H), list[Floats]()
-    for y, steps, done in _stages(H, h, a, gain):
-        if done:
-            return y, steps
-        ends.append(y + h * gain.value(np.minimum(y, gain.upper)))
-    for begin in (*reversed(ends), a, h * gain.value(np.zeros_like(a))):
-        y, taken, done = natural_newton(H, h, a, gain, begin)
-        if done:
-            return y, steps + taken
-    raise _no_equilibrium(steps)
+    near = equilibrium_near(descriptor, z, sources_on=sources_on)
+    if near is None and not descriptor.is_large:
+        there = _settled(descriptor, descriptor.drive(sources_on=sources_on))
+        near = equilibrium_near(descriptor, there, sources_on=sources_on)
+    return near
 
 
 def equilibrium_near(
@@ -128,16 +128,54 @@ def equilibrium_near(
     From the equilibrium without the limits of the op-amps it takes one or two steps, unless the
     board rests beyond a limit.
     """
-    drive, devices = descriptor.drive(sources_on=sources_on), descriptor.devices
+    drive = descriptor.drive(sources_on=sources_on)
     z = _polish(descriptor, z, drive)
     if not np.all(np.isfinite(z)):
         return None
-    residual = _residual(descriptor, z, drive)
-    if not residual <= CERTIFICATE:
-        return None
-    y = z[devices.input] / devices.v_scale
-    slopes = -devices.u_scale / devices.v_scale * gain_of(devices.kinds).slope(y)
-    return Equilibrium(descriptor, z, slopes, residual, POLISHING)
+    found = _found(descriptor, z, drive, POLISHING)
+    return found if found.residual <= CERTIFICATE else None
+
+
+def _settled(descriptor: Descriptor, drive: Floats) -> Floats:
+    """Return the unknowns, (size,), after implicit Euler steps from zero with growing lengths.
+
+    A step whose corrections do not shrink is halved. The steps end where they are so long that
+    the charges no longer count: near the equilibrium, which Newton's method then finds.
+    """
+    M, K = descriptor.dense.mass, descriptor.dense.stiffness
+    weight, pull = np.abs(M).max(axis=1), np.abs(K).max(axis=1)
+    rates = pull[weight > 0.0] / weight[weight > 0.0]
+    slowest = float(rates.min(initial=1.0))
+    z, step = np.zeros(descriptor.size), FIRST / float(rates.max(initial=1.0))
+    for _ in range(STEPS):
+        following = _euler(descriptor, drive, z, step)
+        if following is None:
+            step *= 0.25
+            continue
+        z = following
+        if step * slowest > 1e6:
+            break
+        step *= GROWTH
+    return z
+
+
+def _euler(descriptor: Descriptor, drive: Floats, z: Floats, step: float) -> Floats | None:
+    """Return the unknowns one step later; None if Newton's method does not converge."""
+    mass, x, before = descriptor.dense.mass / step, z, np.inf
+    for _ in range(CORRECTIONS):
+        slopes, F = _linearised(descriptor, x, drive)
+        F -= mass @ (x - z)
+        if not np.all(np.isfinite(F)):
+            return None
+        dx = _newton_step(descriptor, slopes, F[:, None], np.abs(x), mass)[:, 0]
+        x = x + dx
+        size = float(np.abs(dx).max()) / max(float(np.abs(x).max()), 1e-300)
+        if size < ALIKE:
+            return x
+        if size > 2.0 * before:
+            return None
+        before = size
+    return None
 
 
 def tangent(descriptor: Descriptor, z: Floats, *, sources_on: bool = True) -> Equilibrium:
@@ -177,12 +215,14 @@ def _polish(descriptor: Descriptor, z: Floats, drive: Floats) -> Floats:
     return z
 
 
-def _newton_step(descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats) -> Floats:
-    """Solve ``(K + slopes) dz = -F``, F (size, Q), the unknowns counted in their own `size`."""
+def _newton_step(
+    descriptor: Descriptor, slopes: Floats, F: Floats, size: Floats, mass: Floats | float = 0.0
+) -> Floats:
+    """Solve ``(K + slopes - mass) dz = -F``, F (size, Q), the unknowns counted in their `size`."""
     if descriptor.is_large:
         solve = Structure(descriptor, slopes).factor(0.0).solve
         return np.stack([np.asarray(solve(column)) for column in F.T], axis=1)
-    devices, K = descriptor.devices, descriptor.dense.stiffness.copy()
+    devices, K = descriptor.devices, descriptor.dense.stiffness - mass
     K[devices.output, devices.input] += slopes
     size = np.maximum(size, 1e-12 * (size.max() or 1.0))
     K *= size
@@ -236,93 +276,3 @@ def _cancelling(descriptor: Descriptor, z: Floats, drive: Floats) -> tuple[Float
         K = descriptor.dense.stiffness
         kept, size = K @ z, np.abs(K) @ least
     return kept + drive + f, size + np.abs(drive) + np.abs(f)
-
-
-def solve_loop(H: Floats, a: Floats, gain: Gain) -> tuple[Floats, int]:
-    """Solve ``y + H g(y) = a`` by damped Newton steps, with a homotopy where these stall.
-
-    Parameters
-    ----------
-    H : ndarray (m, m)
-        Dimensionless DC feedback.
-    a : ndarray (m,)
-        Inputs without feedback.
-
-    Returns
-    -------
-    tuple of ndarray (m,) and int
-        y, and the Newton steps taken.
-
-    Raises
-    ------
-    EngineError
-        A stage did not converge within `MAX_STEPS`.
-    """
-    for y, steps, done in _stages(H, coordinate(H), a, gain):
-        if done:
-            return y, steps
-    raise _no_equilibrium(steps)
-
-
-def _stages(H: Floats, h: Floats, a: Floats, gain: Gain) -> Iterator[tuple[Floats, int, bool]]:
-    """Yield where Newton's steps end, all steps so far, and whether ``y + H g(y) = a`` there.
-
-    First without homotopy, then each of its stages, the last of which is without it again.
-    """
-    y, steps, done = _newton(H, h, a, gain, a.copy())
-    yield y, steps, done
-    q, rows = a.copy(), np.abs(H).sum(axis=1)
-    for stage in (*STAGES, 0.0):
-        extra = stage * rows
-        y, taken, done = _newton(H + np.diag(extra), h + extra, a, gain, q)
-        steps += taken
-        yield y, steps, done and stage == 0.0
-        q = y + (h + 1e-2 * extra) * gain.value(np.minimum(y, gain.upper))
-
-
-def _no_equilibrium(steps: int) -> EngineError:
-    return EngineError(
-        f"no equilibrium found in {steps} Newton steps: the loop through the signal amplifiers has"
-        " no bounded solution within the range of floats, or is not monotone"
-    )
-
-
-def coordinate(H: Floats) -> Floats:
-    """Return the h of the safe coordinate ``q = y + h g(y)``, (m,)."""
-    return np.asarray(np.maximum(np.diag(H), 1e-12 * np.abs(H).max(initial=1e-300)))
-
-
-def _newton(H: Floats, h: Floats, a: Floats, gain: Gain, q: Floats) -> tuple[Floats, int, bool]:
-    """Damp Newton's method on |F| in q; return whether F is below the rounding of its terms."""
-
-    def evaluate(q: Floats) -> tuple[Floats, Floats, float, bool]:
-        y = gain.from_coordinate(q, h)
-        with np.errstate(over="ignore"):
-            g = gain.value(y)
-        if np.any(y > gain.upper) or not np.all(np.isfinite(g)):
-            return y, np.full_like(y, np.inf), np.inf, False
-        F = y + H @ g - a
-        terms = np.abs(y) + np.abs(H) @ g + np.abs(a)
-        return y, F, float(F @ F), bool(np.all(np.abs(F) <= 1e-14 * (terms + len(y))))
-
-    y, F, merit, done = evaluate(q)
-    for step in range(MAX_STEPS):
-        if done or not np.isfinite(merit):
-            return y, step, done
-        slope = gain.slope(y)
-        share = 1.0 / (1.0 + h * slope)  # dy/dq
-        J = np.diag(share) + H * (slope * share)
-        dq = np.linalg.lstsq(J, -F, rcond=None)[0]
-        damping = 1.0
-        while damping > 1e-14:
-            trial = evaluate(q + damping * dq)
-            if trial[2] < (1.0 - 1e-4 * damping) * merit or trial[3]:
-                break
-            damping *= 0.5
-        else:
-            # F is at its rounding: it no longer decreases along an exact Newton direction.
-            terms = np.abs(y) + np.abs(H) @ gain.value(y) + np.abs(a)
-            return y, step, bool(np.all(np.abs(F) <= 1e-11 * (terms + len(y))))
-        q = q + damping * dq
-        y, F, merit, done = trial
-    return y, MAX_STEPS, False

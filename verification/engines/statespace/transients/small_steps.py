@@ -20,7 +20,7 @@ import numpy as np
 
 from taction.system.array_types import Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.equilibrium import solve_loop
+from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from taction.verification.engines.statespace.transients.steps import (

@@ -20,7 +20,8 @@ from taction.verification.characterise.bench import OUT, Bench
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.equilibrium import rounding, solve_loop
+from taction.verification.engines.statespace.linearised.equilibrium import rounding
+from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from tests.support.boards import IDEAL, board, kernel, paper_board, single_mode, strain, two_pole
 from tests.support.making import make_scene, matrix_problem
