@@ -33,6 +33,7 @@ _QUANTITY = re.compile(
 )
 OHM = re.compile(r"ohm\b")
 MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ/])|(?<=V/)u(?=s\b)")
+PREFIXES = dict(zip(range(-18, 15, 3), ("a", "f", "p", "n", "u", "m", "", *"kMGT"), strict=True))
 NONE = "–"  # in the place of a value
 LONGEST = 100  # characters of a quantity
 EXAMPLES = {
@@ -170,7 +171,15 @@ def show(value: float, unit: str, digits: int = 4) -> str:
         return f"{value:.{digits}g} /s"
     if unit == "V/s":  # as data sheets have it
         return f"{1e-6 * value:.{digits}g} V/us"
-    return str(Quantity(value, unit).render(prec=digits - 1, strip_zeros=True))
+    mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+    above = int(exponent) % 3
+    power = int(exponent) - above
+    number = f"{float(f'{mantissa}e{above}'):.{max(digits - 1 - above, 0)}f}"
+    if "." in number:
+        number = number.rstrip("0").rstrip(".")
+    if power not in PREFIXES:
+        return f"{number}e{power} {unit}".rstrip()
+    return f"{number} {PREFIXES[power]}{unit}" if unit else f"{number}{PREFIXES[power]}"
 
 
 def written(value: float, unit: str) -> str:
