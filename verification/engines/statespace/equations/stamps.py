@@ -1,6 +1,6 @@
 """Stamp the descriptor equations of a `Circuit` (see `descriptor`).
 
-All parts of a kind are stamped at once, as arrays; `opamp_stamps` has the op-amps.
+All parts of a kind are stamped at once, as arrays; `cell_stamps` has the op-amps.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def solve_equilibrium(
 ) -> Equilibrium:
     """Find the DC equilibrium.
 
-    `response` is that of `dc_solve.dense_response`. Without `sources_on` the strain currents are
+    `response` is that of `structured_solve.dense_response`. Without `sources_on` the strain currents are
     zero, but voltage sources stay on. The result contains its certificate (`residual`).
 
     Raises
