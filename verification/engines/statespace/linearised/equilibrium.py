@@ -68,8 +68,9 @@ def solve_equilibrium(
 ) -> Equilibrium:
     """Find the DC equilibrium.
 
-    `response` is that of `structured_solve.dense_response`. Without `sources_on` the strain currents are
-    zero, but voltage sources stay on. The result contains its certificate (`residual`).
+    `response` is that of `structured_solve.dense_response`. Without `sources_on` the strain
+    currents are zero, but voltage sources stay on. The result contains its certificate
+    (`residual`).
 
     Raises
     ------
@@ -222,12 +223,24 @@ def _newton_step(
     if descriptor.is_large:
         solve = Structure(descriptor, slopes).factor(0.0).solve
         return np.stack([np.asarray(solve(column)) for column in F.T], axis=1)
+    J, row, column = scaled_jacobian(descriptor, slopes, size, mass)
+    return np.asarray(column * np.linalg.solve(J, -F / row))
+
+
+def scaled_jacobian(
+    descriptor: Descriptor, slopes: Floats, size: Floats, mass: Floats | float = 0.0
+) -> tuple[Floats, Floats, Floats]:
+    """Return ``(K + slopes - mass) * column.T / row``, row and column, (size, 1) each.
+
+    A column is the `size` of its unknown, (size,), and at least a trace of the largest; a row is
+    the largest element that is left in it.
+    """
     devices, K = descriptor.devices, descriptor.dense.stiffness - mass
     K[devices.output, devices.input] += slopes
-    size = np.maximum(size, 1e-12 * (size.max() or 1.0))
-    K *= size
-    scale = np.abs(K).max(axis=1)
-    return np.asarray(size[:, None] * np.linalg.solve(K / scale[:, None], -F / scale[:, None]))
+    column = np.maximum(size, 1e-12 * (size.max() or 1.0))
+    K *= column
+    row = np.abs(K).max(axis=1, keepdims=True)
+    return K / row, row, column[:, None]
 
 
 def _residual(descriptor: Descriptor, z: Floats, drive: Floats) -> float:

@@ -23,7 +23,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.cell_stamps import gain_stage
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.equilibrium import balance
+from taction.verification.engines.statespace.linearised.equilibrium import balance, scaled_jacobian
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,18 +149,10 @@ class RestSensitivity:
 
 def _dense_adjoint(board: LinearBoard, wanted: Floats) -> Floats:
     """Solve ``adjoint J = wanted'`` with scaled rows and columns; wanted (size, N)."""
-    descriptor, rest = board.descriptor, board.equilibrium
-    J = descriptor.dense.stiffness.copy()
-    J[descriptor.devices.output, descriptor.devices.input] += rest.slopes
-    row, column = np.abs(J).max(axis=1), np.maximum(np.abs(rest.values), _least(rest.values))
-    scaled = J / row[:, None] * column
+    rest = board.equilibrium
+    J, row, column = scaled_jacobian(board.descriptor, rest.slopes, np.abs(rest.values))
     try:
-        solved = np.linalg.solve(scaled.T, wanted * column[:, None])
+        solved = np.linalg.solve(J.T, wanted * column)
     except np.linalg.LinAlgError:
         raise EngineError("the Jacobian of the equilibrium is singular") from None
-    return np.asarray((solved / row[:, None]).T)
-
-
-def _least(values: Floats) -> float:
-    """Return the smallest size of an unknown that counts in the scaling."""
-    return 1e-12 * float(np.abs(values).max(initial=0.0)) or 1.0
+    return np.asarray((solved / row).T)
