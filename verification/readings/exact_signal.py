@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.verification.readings.course import FINENESS, Course, Courses
 from taction.verification.readings.crossings import Crossings
-from taction.verification.readings.cubics import STEEP, cubic_ranges, upper_bounds
+from taction.verification.readings.cubics import SLACK, STEEP, cubic_ranges
 
 PIECES = 64  # largest number of pieces of a refined interval
 FEW = 4  # most pieces where a bound alone may exclude them: it falls by the fourth power
@@ -119,7 +119,8 @@ class ExactGrid:
         """Return bounds that no cap of a board exceeds, V, (boards, N), at a part of the cost.
 
         Before any channel is left out.
-        Between its ends a cubic is at most 4/27 of its slopes times the width above them.
+        Between its ends a cubic is at most 4/27 of its slopes times the width above them, and the
+        slack at most half of `SLACK`.
         """
         inner, last = np.flatnonzero(~self.tail), np.flatnonzero(self.tail)
         tops, width = np.empty_like(self.errors), self.time[inner + 1] - self.time[inner]
@@ -145,21 +146,20 @@ class ExactGrid:
         width = self.time[places + 1] - self.time[places]
         rate = self.courses.rate(self.time[places], self.board[places])
         self.resolved[places] = rate * width <= FINENESS
-        fine, coarse = (places[self.resolved[places] == resolved] for resolved in (True, False))
-        ends, width = self._ends(fine), self.time[fine + 1] - self.time[fine]
-        for side, sign in enumerate((1.0, -1.0)):
-            here, after, rise, fall = (sign * end for end in ends)
-            self.caps[fine, side] = upper_bounds(here, after, rise, fall, width)
+        ends = self._ends(places)
+        self.caps[places] = np.stack(cubic_ranges(*ends, width[:, None]), axis=1)
+        fine, coarse = self.resolved[places], places[~self.resolved[places]]
+        turn = np.stack([np.minimum(ends[2], -ends[3]), np.minimum(-ends[2], ends[3])], axis=1)
+        turn = np.maximum(turn[fine], 0.0) * width[fine, None, None]
+        self.caps[places[fine]] += SLACK * turn
         if not coarse.size:
             return
         begin, end, board = self.time[coarse], self.time[coarse + 1], self.board[coarse]
-        width = end - begin
-        caps = np.stack(cubic_ranges(*self._ends(coarse), width[:, None]), axis=1)
-        room, rings = self.courses.room(begin, width, board)
-        caps += room[:, None, self.chosen]
+        room, rings = self.courses.room(begin, end - begin, board)
+        self.caps[coarse] += room[:, None, self.chosen]
         bounds = self.courses.envelopes(begin[rings], end[rings], board[rings])
-        caps[rings] = np.minimum(caps[rings], bounds[:, :, self.chosen])
-        self.caps[coarse] = caps
+        loud = coarse[rings]
+        self.caps[loud] = np.minimum(self.caps[loud], bounds[:, :, self.chosen])
 
     def _ends(self, places: Ints) -> tuple[Floats, Floats, Floats, Floats]:
         """Return errors at both ends of intervals, then slopes, (Q, N) each."""
