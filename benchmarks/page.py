@@ -138,6 +138,14 @@ trick that is gone, with no more numbers outside their stated error.
   scan that ends at the first unstable board (1.66, `verify --margins` of paper-exponential), poles
   by eigenvalues (1.5 to 2, `onset` and boundaries) in stacks (1.3 to 1.5), the ITP method in place
   of bisection (1.2 to 1.7), and one elimination for all parts of a deck (5.8).
+- Records are searched without windows, mirrored columns and blocks of levels: the largest value
+  from each point on never rises, so that a bisection finds the last point above a level. Every
+  digit is the same, and a record of 20,000 points of seven channels costs 6 ms more of 1,300.
+- Newton's method begins at the cubic of time over value, no longer at nine bisections of a cubic,
+  and caps of resolved intervals come from the cubics of all others, with a slack: a warm point
+  takes 0.94 to 0.98 of its time (minima of 15 to 25, in turns). Newton's method itself stays:
+  with Ridders's method of records a warm point takes 1.02 to 1.25 of it, and with the bound by
+  fourth derivatives in resolved intervals, too, one of paper-breadboard takes 1.17.
 """
 SIZE = (11.0, 4.5)  # of a plot, in inches
 
