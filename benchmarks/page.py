@@ -110,6 +110,10 @@ trick that is gone, with no more numbers outside their stated error.
   board, and a board's modes are projected on its outputs, or on its loads, once: a warm point of
   the README's sweep takes 14.2 ms in place of 16.5, and one of eleven-channel 32.7 in place of 34.5
   (minima of 5 to 8 pairs, in turns, at load 7).
+- Boards of 16 and 32 channels stay with dense matrices. By patterns over the channels a transient
+  takes 49 and 66 ms in place of 17 and 65, but a warm `verify` 305 and 405 ms in place of 74 and
+  234 (`LARGE` at 100 and at 600; processor time, minima of 5). Its margins then take structured
+  solves: 141 factorisations are a third of the 0.97 s of a verdict of 64 channels.
 - A sweep computes its points with the capacitances as the fastest axes, whatever their order in the
   command. So points at which op-amps slew are integrated side by side, and points of one call share
   the spread of their rests: the 651 points of the README's sweep take 6.1 s in place of 7.5
