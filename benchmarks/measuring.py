@@ -184,7 +184,9 @@ def python(code: str, *words: str, accepted: tuple[int, ...] = (0,)) -> Cost:
     """
     before, begun = children_seconds(), time.perf_counter()
     command = [sys.executable, "-c", PEAK + code, *words]
-    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    # A user's Python keeps its bytecode; without it a command compiles all its modules each time.
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    run = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=False)
     seconds = time.perf_counter() - begun
     if run.returncode not in accepted:
         raise RuntimeError(f"{' '.join(words)} ended with {run.returncode}: {run.stderr[-500:]}")
