@@ -26,7 +26,7 @@ import numpy as np
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.port_response import PortResponse
+from taction.verification.stability.port_response import PortResponse, eliminate_together
 
 SPACING = 0.5  # of the first frequencies: times the distance to the nearest pole
 TINY = 1e-9  # relative distance of a pole from the axis below which steps get no shorter
@@ -87,6 +87,7 @@ def trace_together(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
     """
     found: dict[int, Edges | EngineError] = {}
     grids: dict[int, dict[int, Floats]] = {}
+    eliminate_together(one.ports for one in searches)
     for place, one in enumerate(searches):
         try:
             omega = _frequencies(one.ports.poles.tobytes(), one.low, one.high)

@@ -6,7 +6,7 @@ in the matrices as a product of a column and a row.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,9 +17,16 @@ from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp_together
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.state_space import driven, linear_matrices
+from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
+from taction.verification.engines.statespace.linearised.state_space import (
+    StateSpace,
+    driven,
+    driven_together,
+    linear_matrices,
+)
 
 WELL_CONDITIONED = 1e-8  # largest defect of the modes that are used for the response
 
@@ -158,7 +165,7 @@ class PortResponse:
         EngineError
             The time derivative of an input would be needed: a capacitor at the output of a source.
         """
-        return _eliminated([self])
+        return _of_inputs(driven(*_inputs([self])))
 
     @cached_property
     def _residues(self) -> tuple[Complexes, Complexes, Floats]:
@@ -183,19 +190,36 @@ def share_elimination(responses: Sequence[PortResponse]) -> None:
     """
     if len(responses) < 2 or responses[0].board.descriptor.is_large:
         return
-    B, C, D = _eliminated(responses)
+    B, C, D = _of_inputs(driven(*_inputs(responses)))
     first = 0
     for each in responses:
         taken = slice(first, first := first + each.count)
         vars(each)["_reduced"] = B[:, taken], C, D[:, taken]
 
 
-def _eliminated(responses: Sequence[PortResponse]) -> tuple[Floats, Floats, Floats]:
-    """Return B, C and D of a board with the currents into the rows of all responses as inputs.
+def eliminate_together(responses: Iterable[PortResponse]) -> None:
+    """Eliminate the unknowns without charge of several boards together, of those that have none.
+
+    Each has the digits that it has alone. What fails says why where it is asked.
+    """
+    new = [r for r in responses if "_reduced" not in vars(r) and not r.board.descriptor.is_large]
+    with suppress(EngineError):
+        for each, space in zip(new, driven_together([_inputs([r]) for r in new]), strict=True):
+            if not isinstance(space, EngineError):
+                vars(each)["_reduced"] = _of_inputs(space)
+
+
+def _inputs(
+    responses: Sequence[PortResponse],
+) -> tuple[Descriptor, Equilibrium | None, Floats]:
+    """Return a board with the currents into the rows of its responses as inputs.
 
     The first two inputs of a state space are steps, here without effect.
     """
     board = responses[0].board
     rows = np.hstack([np.zeros((board.descriptor.size, 2)), *(each.rows for each in responses)])
-    space = driven(board.descriptor, board.operating_point, rows)
+    return board.descriptor, board.operating_point, rows
+
+
+def _of_inputs(space: StateSpace) -> tuple[Floats, Floats, Floats]:
     return space.B[:, 2:], space.C, space.D[:, 2:]

@@ -12,6 +12,7 @@ import pytest
 from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
@@ -21,7 +22,7 @@ from taction.verification.stability import port_response as module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.loci import LociSearch, _Trace, trace_together
 from taction.verification.stability.poles import count_unstable, poles
-from taction.verification.stability.port_response import PortResponse
+from taction.verification.stability.port_response import PortResponse, eliminate_together
 from tests.support.boards import lag_board, single_mode, window
 from tests.support.paths import SCENES
 
@@ -115,6 +116,17 @@ def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
         board = LinearBoard(circuit.turned("C", share * circuit.value("C")))
         assert poles(board).unstable_count == found.unstable_at(share)
     assert count_unstable(board) == found.unstable_at(share)
+
+
+def test_responses_of_several_boards_have_the_digits_that_each_has_alone() -> None:
+    made = [load_scene(SCENES / f"{name}.toml") for name in ("tuned-breadboard", "custom-matrix")]
+    scenes = [made[0], with_values(made[0], {"design.capacitance": 3e-11}), made[1], made[1]]
+    together, omega = [capacitors(synthesise(each)) for each in scenes], np.geomspace(1e2, 1e8, 7)
+    eliminate_together(together)
+    for one, scene in zip(together, scenes, strict=True):
+        assert "_reduced" in vars(one)
+        alone = capacitors(synthesise(scene))
+        assert one.at(omega).tobytes() == alone.at(omega).tobytes()
 
 
 @pytest.mark.parametrize("name", ["tuned-breadboard", "eleven-channel"])
