@@ -65,7 +65,7 @@ trick that is gone, with no more numbers outside their stated error.
   times `eig` in place of 4.6 on paper-breadboard (processor time, in turns with the commit
   before). Chords and envelopes stay where a ringing has several periods between two instants:
   without them `stable-by-1e-4` takes 5.8 s in place of 0.09.
-- Crossings of all loci are found at once, and boards of a sweep
+- Crossings of all loci are found at once, with responses in real matrices, and boards of a sweep
   that differ in the knob of the margin alone are confirmed once by the poles beside its edge: a
   warm point over C takes 5.2 times `eig` in place of 7.2 on eleven-channel, and 5.5 in place of
   7.8 on tuned-breadboard (other work on the machine). Edges that such boards shared brought 4.0
@@ -132,16 +132,17 @@ trick that is gone, with no more numbers outside their stated error.
 - Stay: stacks of stamps and eliminations (a map of poles takes 1.3 to 1.4 times as long without
   either), the poles of boards without their modes (1.6 times), and one equilibrium for boards that
   differ in capacitances alone (1.5 times a point of lasso, 1.3 times a map of paper-exponential).
-- Even and odd loci of margins, the elimination that the boards of a batch shared for them,
-  parabolas as first guesses of their crossings, and scans, climbs and brackets that ran side by
-  side are gone. Without all of them a warm point of eleven-channel with its margin takes 3 to 10 %
-  more and one of tuned-breadboard 6 to 8 %, a boundary over C and bandwidth 14 % and the poles of
-  an onset over it 10 % (minima of 3 runs of 3 to 6, in turns); each alone brought 0 to 9 %. What
+- Even and odd loci of margins, parabolas as first guesses of their crossings, and scans, climbs and
+  brackets that ran side by side are gone. Without all of them a warm point of eleven-channel with
+  its margin takes 1 to 4 % more, one of tuned-breadboard 3 to 9 %, and the poles of an onset or of
+  a boundary up to 10 % (minima of 4, in turns, at load 6); each alone brought 0 to 9 %. What
   stays, by what a command takes without it: the values at which the boards of a sweep share their
   confirmations (1.47 times the time of a warm point of tuned-breadboard, 1.24 of eleven-channel), a
   scan that ends at the first unstable board (1.66, `verify --margins` of paper-exponential), poles
   by eigenvalues (1.5 to 2, `onset` and boundaries) in stacks (1.3 to 1.5), the ITP method in place
-  of bisection (1.2 to 1.7), and one elimination for all parts of a deck (5.8).
+  of bisection (1.2 to 1.7), and one elimination for all parts of a deck (5.8). The elimination that
+  the boards of a batch share for their margins, and responses in real matrices, stay together:
+  without both a warm point of tuned-breadboard takes some 9 % more.
 - Records are searched without windows, mirrored columns and blocks of levels: the largest value
   from each point on never rises, so that a bisection finds the last point above a level. Every
   digit is the same, and a record of 20,000 points of seven channels costs 6 ms more of 1,300.

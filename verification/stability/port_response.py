@@ -115,7 +115,9 @@ class PortResponse:
             return np.stack([self.exact(1j * each) for each in omega.tolist()])
         poles, residues, direct = self._residues
         own, other = (1.0 / (1j * omega[:, None] - p) for p in (poles, poles.conj()))
-        pairs = own @ residues + other @ residues.conj()
+        # ``R / (s - p) + R* / (s - p*)`` of a pair in real matrices.
+        gain = np.concatenate([own + other, -1j * (own - other)], axis=1)
+        pairs = gain.real @ residues + 1j * (gain.imag @ residues)
         response = pairs.reshape(-1, *direct.shape) + direct
         return np.asarray(1j * omega[:, None, None] * response if self.reactive else response)
 
@@ -168,14 +170,18 @@ class PortResponse:
         return _of_inputs(driven(*_inputs([self])))
 
     @cached_property
-    def _residues(self) -> tuple[Complexes, Complexes, Floats]:
-        """Poles (m,), one of each pair, their residues (m, K²), and what has no pole, (K, K)."""
+    def _residues(self) -> tuple[Complexes, Floats, Floats]:
+        """Poles (m,), one of each pair, their residues, and what has no pole, (K, K).
+
+        Real parts of the residues are above the imaginary parts, (2 m, K²).
+        """
         (B, C, D), modes = self._reduced, self.board.state_space.modes
         upper = np.flatnonzero(modes.poles.imag >= 0.0)
         seen, left = self.columns.T @ C @ modes.right[:, upper], modes.left[upper] @ B
         residues = (seen.T[:, :, None] * left[:, None, :]).reshape(len(upper), self.count**2)
         residues[modes.poles[upper].imag == 0.0] *= 0.5
-        return modes.poles[upper], residues, self.columns.T @ D
+        parts = np.concatenate([residues.real, -residues.imag])
+        return modes.poles[upper], parts, self.columns.T @ D
 
 
 def share_elimination(responses: Sequence[PortResponse]) -> None:
