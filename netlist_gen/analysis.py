@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
+
+from taction.system.frozen import frozen
 
 # An exponential board that starts from nothing with a larger first step can make the first
 # iteration of an antilog stage overflow: one scene did at 250 points a period and at no other
@@ -12,7 +14,7 @@ from typing import Literal
 FIRST_STEP = 1e-3  # of the maximum step
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class SimulatorTolerances:
     """Tolerances of ngspice; they follow from the scene's scales, not from ngspice's defaults."""
 
@@ -24,7 +26,7 @@ class SimulatorTolerances:
     junction: float  # parallel conductance of junctions, S
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Transient:
     """A transient from t = 0.
 
@@ -69,12 +71,12 @@ class Transient:
         return FIRST_STEP * self.max_step if self.first_step is None else self.first_step
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class OperatingPoint:
     """The equilibrium with the strain applied."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NoiseBand:
     """Frequencies in geometric progression.
 
@@ -96,14 +98,14 @@ class NoiseBand:
         return float(self.start * 10.0 ** (self.steps / self.density))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NoiseAnalysis:
     """The noise at the equilibrium with the strain applied, over `bands` that follow each other."""
 
     bands: tuple[NoiseBand, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class SmallSignal:
     """The response at the operating point to the AC sources, over a band of frequencies."""
 

@@ -16,6 +16,7 @@ from taction.netlist_gen.deck.ltspice import LIBRARY, plain_cards, spelt
 from taction.spice_models.foreign_devices import Line, RefusedError, logical_lines
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from taction.system.frozen import frozen
 
 KEPT = (
     *(".subckt", ".ends", ".model", ".param", ".func", ".global"),
@@ -49,7 +50,7 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?[a-z]*")
 _QUOTED = re.compile(r"'([^'{}]*)'")
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Card:
     """A card of a deck: the file and the line where it begins, and its text in lower case."""
 
@@ -72,7 +73,7 @@ class Card:
         return InputError(self.file, complaint)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ForeignDeck:
     """A checked deck.
 
@@ -239,7 +240,7 @@ LINEAR = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Include(Card):
     """A card that names a file, and the section of a library."""
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 from taction.spice_models.foreign_expressions import DEEPEST, number, polynomial
+from taction.system.frozen import frozen
 
 Probe = tuple[str, ...]
 """``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source."""
@@ -46,7 +47,7 @@ def without_poly(text: str) -> str:
     return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Affine:
     """``constant + sum of terms``: a coefficient for each probe."""
 

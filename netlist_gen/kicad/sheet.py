@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
 from taction.netlist_gen.kicad.symbols import LIBRARY, Point, Symbol
+from taction.system.frozen import frozen
 
 VERSION = 20231120  # of the format: KiCad 8 and newer
 NAMES = uuid.UUID("6ba7b812-9dad-11d1-80b4-00c04fd430c8")  # the namespace of OIDs
@@ -61,7 +62,7 @@ def _atom(value: str | float) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class SymbolPart:
     """A symbol with its reference, its value and its other fields."""
 
@@ -72,7 +73,7 @@ class SymbolPart:
     unit: int = 1
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Placed:
     """A part on a sheet; `reference` and `value` are the middles of these texts, hidden if None."""
 
@@ -94,7 +95,7 @@ class Placed:
         return self.at[0] + x / GRID, self.at[1] - y / GRID
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Label:
     """A text on a sheet; `at` is its left end, its middle, or its right end.
 
@@ -130,7 +131,7 @@ class Label:
         return [shared, Quoted(self.text), ["shape", self.kind], where, _effects(*side)]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Below:
     """A sheet as a box on the sheet above it: its nets are pins, inputs left and outputs right."""
 

@@ -7,7 +7,7 @@ voltages: a channel, or a sensor row. So every topology can be drawn, also one o
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,13 +20,14 @@ from taction.netlist_gen.board.parts import (
     SignalAmplifier,
     TransistorCell,
 )
+from taction.system.frozen import frozen
 
 Passive = Resistor | Capacitor
 Cell = OpAmpCell | SignalAmplifier
 Rung = tuple[str, Resistor | Capacitor | CurrentSource]  # the node at the other end, and the part
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Stage:
     """An amplifier with the parts at its input.
 
@@ -60,7 +61,7 @@ class Stage:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class DrawnBranch:
     """A channel or a sensor row: chains of stages that follow each other, and all other parts."""
 

@@ -7,8 +7,6 @@ its operating point (`VendorBench`), and only as a deck.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SmallSignal, Transient
 from taction.netlist_gen.board.circuit import GROUND, NEEDED, Circuit, Output, common_facts
 from taction.netlist_gen.board.parts import CurrentSource, OpAmpCell, Resistor, VoltageSource
@@ -18,6 +16,7 @@ from taction.spice_models.foreign_netlist import Subcircuit
 from taction.spice_models.imported import instance
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
+from taction.system.frozen import frozen
 
 OHMS = 1.0  # of the source of a step
 IN, OUT = "in", "out"
@@ -42,7 +41,7 @@ LOAD = 10e3  # ohm, of a vendor's op-amp at its largest output
 _UNITS = common_facts(**dict.fromkeys(NEEDED, 1.0))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Bench:
     """One op-amp on a test bench.
 
@@ -111,7 +110,7 @@ class Bench:
         return _deck([*lines, TIGHT], analysis, (OUT,))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class VendorBench:
     """A vendor's subcircuit at the operating point of a follower, with open loop otherwise.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts
@@ -25,6 +25,7 @@ from taction.system.errors import (
     SimulatorNotFound,
     SimulatorTooOld,
 )
+from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
 from taction.verification.design.choice_plan import CAPACITANCE, GAIN, OPAMP, TOPOLOGY
@@ -46,7 +47,7 @@ VIEWS = "taction.verification.report.views.choose"
 BEST = 3  # designs that ngspice confirms
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ChosenDesign(Trial):
     """The trial of one design of a choice: op-amp, C and gain.
 
@@ -110,7 +111,7 @@ class ChosenDesign(Trial):
         return not self.good, self.outcome != "pass", left, self.worst, self.settling_time
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Confirmation:
     """What ngspice says about a design; `outcome` is None without ngspice, then with `reason`."""
 
@@ -120,7 +121,7 @@ class Confirmation:
     verdict: Verdict | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class BestDesign:
     """One of the best designs, with what ngspice says."""
 
@@ -134,7 +135,7 @@ class BestDesign:
     file: str | None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Choice(Result):
     """The best designs of a grid, and what ngspice says about them.
 

@@ -10,7 +10,7 @@ import math
 import os
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -30,6 +30,7 @@ from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
+from taction.system.frozen import frozen
 from taction.system.quantities import fraction
 from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, Scaling, scale
@@ -128,7 +129,7 @@ def next_round_value(value: float) -> float:
     return next((float(f"{m * decade:.1g}") for m in ROUND if m * decade >= value), 0.0)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class FreshPruning:
     """A fraction for ``design.prune``, and what it changes.
 
@@ -205,7 +206,7 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> FreshPruning:
     return FreshPruning()
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class FreshScene:
     """A new scene and the files that belong to it.
 
@@ -230,7 +231,7 @@ class FreshScene:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NewScene(Result):
     """The files of a new scene, and for a matrix the scaling and the verdict."""
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
+from taction.system.frozen import frozen
 from taction.system.quantities import spaced
 from taction.verification.design.explorer_settings import Control, Settings, Start
 from taction.verification.design.trials import BARE
@@ -15,7 +16,7 @@ from taction.verification.verdict.verify import verify
 CELLS = 9  # of a slider: one verdict in the middle of each
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Spot:
     """A value of one slider; all others are as they stand."""
 

@@ -31,6 +31,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, EngineError, InputError
+from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.design.search import search_range
 from taction.verification.design.stable_ranges import stable_ranges
@@ -131,7 +132,7 @@ def _product(scene: Scene, unit: float) -> float:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Scaling:
     """Scalings that were found.
 
@@ -160,7 +161,7 @@ class Scaling:
         return float(ohms.min()), float(ohms.max())
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Scaled(Result):
     """The scalings, and the verdict of the board with them."""
 

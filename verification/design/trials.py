@@ -13,7 +13,7 @@ import math
 import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, ClassVar
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
@@ -24,6 +24,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import EngineError, InputError, NoVerdictError
+from taction.system.frozen import frozen
 from taction.verification.design.screening import Outline, estimated_checks, outlines
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
@@ -42,7 +43,7 @@ class OutOfTimeError(Exception):
     """The time limit of a search is over; no result of the search is wrong."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Trial:
     """What the checks say about one design.
 

@@ -22,6 +22,7 @@ from taction.netlist_gen.scene.checks import ExcursionCheck, StabilityCheck
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
+from taction.system.frozen import frozen
 from taction.system.quantities import percent, show
 from taction.system.results import Result
 from taction.verification.design.ranges import SearchRange, parse_ranges
@@ -41,7 +42,7 @@ RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's 
 INFEASIBLE = 1e6  # added to the objective for every check that does not pass
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Tuning:
     """Result of a search."""
 
@@ -66,7 +67,7 @@ class Tuning:
         return {path: edge for path, edge in edges.items() if edge is not None}
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Tuned(Result):
     """A search, and the verdict of the best design."""
 

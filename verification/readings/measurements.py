@@ -8,11 +8,12 @@ is within its physical range is read. A settling time is given only if the recor
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from taction.system.array_types import Bools, Floats
+from taction.system.frozen import frozen
 from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
 from taction.verification.readings.envelope import Envelope, envelope
@@ -36,7 +37,7 @@ from taction.verification.readings.signals import (
 NO_STEP = "no channel has a step (target equals start): a band in % of it has no width"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class ChannelMeasure:
     """Measurements of one channel.
 
@@ -97,7 +98,7 @@ class ChannelMeasure:
         return {name: found for name, found in self.readings.items() if found and found.fragile}
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Measurements:
     """Measurements of a transient.
 
@@ -238,7 +239,7 @@ def describe_states(measurements: Measurements) -> str:
     return "; ".join(parts)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class SoundPart:
     """The part of a record before any channel leaves its physical range."""
 
@@ -367,7 +368,7 @@ def measure(
     return summary(amplitude, band, modes, channels)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class _Record:
     """The sound part of a record and the results that all channels share."""
 

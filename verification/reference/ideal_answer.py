@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system import plugins
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
+from taction.system.frozen import frozen
 from taction.verification.reference import networks
 from taction.verification.reference.dynamics import (
     AtOnce,
@@ -37,7 +38,7 @@ ENERGY_STRIDE = 20  # every 20th instant of the response, whose instants are 1 %
 CACHED_SOLUTIONS = 64  # the points of a grid with one lambda share one solution
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class TransientFigures:
     """Figures of the ideal transient."""
 
@@ -45,7 +46,7 @@ class TransientFigures:
     energy_residual: float  # see `taction.verification.reference.dynamics.ScaledNetwork`
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class IdealAnswer:
     """Steady state and transient of the ideal network.
 
@@ -226,7 +227,7 @@ def _linear_residual(network: IdealNetwork, response: Response) -> float:
 INSTANTS = 2000
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class EnergyRise:
     """Largest rise of the energy above its least earlier value."""
 

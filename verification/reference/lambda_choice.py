@@ -7,13 +7,14 @@ Every rule minimises a score over lam. The sensitivity of the solution is exact:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from operator import itemgetter
 
 import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
+from taction.system.frozen import frozen
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.solve import solve
@@ -27,7 +28,7 @@ PER_DECADE = 3
 _PRECISION = 1e-5  # of the exponent of lam
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class RuleInputs:
     """Data beside the problem that some rules need."""
 
@@ -36,7 +37,7 @@ class RuleInputs:
     tau: float = TAU  # factor of the discrepancy principle
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class LambdaTrial:
     """The solution for one lam, with the quantities that the scores use."""
 
@@ -103,7 +104,7 @@ def _squared_error(trial: LambdaTrial, inputs: RuleInputs) -> float:
     return float(np.sum((trial.solution.u - np.asarray(inputs.truth)) ** 2))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LambdaRule:
     """A score to minimise over lam, and the inputs that the score needs."""
 
@@ -124,7 +125,7 @@ RULES: dict[str, LambdaRule] = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class LambdaChoice:
     """A chosen lam, which is ``solution.lam``, with the grid that was searched."""
 

@@ -9,17 +9,18 @@ Quantities are written with µ and Ω; the terminal writes them as SPICE does.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from taction.system.after_result import attempt
+from taction.system.frozen import frozen
 from taction.verification.report.charts import Chart, Outcome
 
 if TYPE_CHECKING:
     from taction.netlist_gen.kicad.picture import Strokes
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Cell:
     """A cell of a table: its text, the number it sorts by (None: its text), and an outcome."""
 
@@ -43,7 +44,7 @@ LETTER, SHORT = 0.085, 12  # width of a letter, inches; letters that have room b
 ALIKE = 3  # rows with the same value, which `Table.folded` says once
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Table:
     """A table; the first cell of a row is its header.
 
@@ -119,7 +120,7 @@ class Table:
         return replace(self, rows=self.rows[:-left], note=note)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Bar:
     """A value beside its limit.
 
@@ -182,7 +183,7 @@ MANY, LEAST = 10.0, 1e-4
 LITTLE = f"below {100 * LEAST:g} % of the limit"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Bars:
     """Values beside their limits; `drawn`: a terminal draws a bar a line, without the reasons."""
 
@@ -207,7 +208,7 @@ class Bars:
         return Table.of(self.title, self.rows, columns, self.note)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Range:
     """The spread of a quantity; places are fractions of the width, from 0 to 1."""
 
@@ -220,7 +221,7 @@ class Range:
     texts: tuple[str, ...]  # the least, the typical and the largest value, and the limits
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Ranges:
     """Spreads of several quantities."""
 
@@ -240,7 +241,7 @@ class Ranges:
         return Table.of(self.title, self.rows, columns, self.note)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Shares:
     """Numbers by outcome, as one bar."""
 
@@ -249,7 +250,7 @@ class Shares:
     rows: tuple[tuple[Outcome, int], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Drawing:
     """A drawing of lines, circles and texts."""
 
@@ -259,7 +260,7 @@ class Drawing:
     summary: str
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Facts:
     """Names and values."""
 
@@ -268,7 +269,7 @@ class Facts:
     rows: tuple[tuple[str, str], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Code:
     """A text to copy."""
 
@@ -278,7 +279,7 @@ class Code:
     note: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Notes:
     """Sentences; with an outcome, they are shown in its colour."""
 
@@ -293,7 +294,7 @@ TERMINAL, PAGE, NOTEBOOK = "terminal", "page", "notebook"
 BOTH, EVERYWHERE = (TERMINAL, PAGE), (TERMINAL, PAGE, NOTEBOOK)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Section:
     """A part of a page with a heading; sections without blocks are left out.
 
@@ -336,7 +337,7 @@ class Section:
         return tuple(self.blocks() if callable(self.blocks) else self.blocks)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Sheet:
     """What a picture shows: blocks below each other, in columns.
 
@@ -393,7 +394,7 @@ def _names_width(block: Block) -> float:
     return LETTER * max((len(name) for name in names if len(name) > SHORT), default=0)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Page:
     """A whole result.
 

@@ -7,12 +7,13 @@ failed check is a failure, an undecided one an error, and what was not run is sk
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
 from taction.system.foreign_text import escaped, visible, visible_lines
+from taction.system.frozen import frozen
 from taction.verification.evidence.stress.case_names import FOLDER
 from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.texts import value_text
@@ -36,7 +37,7 @@ WITHOUT_VERDICT: dict[Status, End] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class JUnitTest:
     """One test: its end (empty for a success), a message, a longer text, its time in s."""
 
@@ -47,7 +48,7 @@ class JUnitTest:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class JUnitSuite:
     """The tests of one file; `properties` are shown with it."""
 

@@ -14,7 +14,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -23,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import FOLDERS
 from taction.system.foreign_text import shortened
+from taction.system.frozen import frozen
 from taction.system.processes import guard
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ LARGEST = 64_000_000  # bytes of a document
 TYPES = {"integer": "integer", "number": "number", "boolean": "boolean"}  # others are strings
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Tool:
     """A command as a tool: its words, and the options that a program may give."""
 
@@ -71,7 +71,7 @@ def commands() -> dict[str, dict[str, Any]]:
     return {name: known[tool.command] for name, tool in TOOLS.items()}
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Tools:
     """The tools of a folder.
 

@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import groupby
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
+from taction.system.frozen import frozen
 
 Range = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Edge:
     """A value of a knob with a pole, or a complex pair, on the imaginary axis.
 
@@ -57,7 +58,7 @@ class Edge:
         return min(self.below, self.above) == 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Edges:
     """Every edge between two values of a knob.
 
@@ -132,7 +133,7 @@ class Edges:
         return tuple(ranges)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class Sample:
     """Poles at one value."""
 
@@ -180,7 +181,7 @@ class Sample:
         return float(self.poles.real[k]) if k < self.known else -math.inf
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Scan(Edges):
     """Edges between samples, which are in increasing order of the value."""
 

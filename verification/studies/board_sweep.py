@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps
 from taction.system.errors import EngineError, InputError
+from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.readings.readings import Reading
 from taction.verification.stability.edges import Edge, Edges
@@ -22,7 +23,7 @@ Build = Callable[[Sequence[Mapping[str, float]]], Sequence[Circuit | InputError]
 """Returns the circuit at some values of ``.param`` cards, or why there is none."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PointRow:
     """A value of a sweep: the rightmost pole, and readings of all outputs."""
 
@@ -37,7 +38,7 @@ class PointRow:
     failure: str = ""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Sweep:
     """A board over one value: every crossing of the imaginary axis, and readings at the values."""
 

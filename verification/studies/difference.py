@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,6 +17,7 @@ from taction.system.array_types import Floats
 from taction.system.documents import Inline, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
 from taction.verification.verdict.checks import Check
@@ -33,7 +34,7 @@ FIGURES = ("growth_rate", "frequency", "step_amplitude")
 CHANNEL_FIGURES = ("equilibrium", *READINGS)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class KeyDifference:
     """A key of the scenes that differs; None where a scene does not have the key."""
 
@@ -44,7 +45,7 @@ class KeyDifference:
     content: bool = False  # the same name of a file, with another content
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class VerdictDifference(Result):
     """The differences of two boards.
 
@@ -105,7 +106,7 @@ def compare_verdicts(
     return VerdictDifference(*names, keys, readings, curves=curves)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class StoredKey:
     """A key of a scene, or a value of a deck."""
 
@@ -114,13 +115,13 @@ class StoredKey:
     sha256: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _StoredStability:
     rightmost_pole: tuple[float, float]
     rightmost_pole_uncertainty: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _StoredChannel:
     index: int
     state: str
@@ -128,7 +129,7 @@ class _StoredChannel:
     uncertainties: dict[str, float | None] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _StoredVerdict:
     """What is compared of the document of a verdict, of version 1 or 2."""
 

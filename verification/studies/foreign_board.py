@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -49,6 +49,7 @@ from taction.spice_models.foreign_expressions import number
 from taction.spice_models.imported import ROLES, ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import Complaint, DidNotLoad, InputError, SimulationError
+from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.listing import expand, expand_and_wait
 from taction.verification.engines.ngspice.process import Run
@@ -66,7 +67,7 @@ ORDERS = (ROLES, (*ROLES[:2], ROLES[4], *ROLES[2:4]))
 """Orders of the ports + - V+ V- out, and of those with out before the supplies."""
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class ForeignBoard:
     """A deck that has been read.
 

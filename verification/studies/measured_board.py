@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Literal
 
@@ -17,6 +17,7 @@ import numpy as np
 from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, InputError
+from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
@@ -54,7 +55,7 @@ UNSTABLE = "the board is not stable"
 Start = Literal["zero", "rest"]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class MeasuredBoard:
     """A linear board, its poles, and the step of its outputs against their own equilibrium.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from taction.netlist_gen.board.circuit import Knob
 from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError, TactionError
+from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
 from taction.verification.stability.edges import Edges
@@ -26,7 +27,7 @@ ITERATIONS = 3
 MOVED = 1e-5  # relative change of a value for a sensitivity
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PartRow:
     """A part: what it does to the rightmost pole, and where the board becomes unstable.
 
@@ -140,7 +141,7 @@ def influences(
     return _least(board, nearest, found), tuple(rows)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Nearest:
     """The nearest edges below and above a value; a doubt, and the factor up to which is none."""
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from taction.netlist_gen.deck.flat_cards import CardError, shown
 from taction.spice_models.foreign_expressions import number
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import SimulationError
+from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import simulate, start
 
@@ -39,7 +40,7 @@ _MODEL = re.compile(r"^\.model (\S+) (\S+?)\s*(?:\((.*)\)|\s(.*))?$")
 _VALUE = re.compile(r"(\w+)\s*=\s*([^\s()]+)")
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _SmallSignalDevice:
     """A card: its name, the nodes of its terminals, and what follows them."""
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from taction.system.errors import Complaint, InputError
+from taction.system.frozen import frozen
 from taction.system.quantities import fraction, parse
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class Expected(NamedTuple):
     tolerance: float  # accepted deviation, V
 
 
-@dataclass(frozen=True)
+@frozen(slots=False)
 class Wanted:
     """What is to be checked.
 

@@ -13,12 +13,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import SolverError
+from taction.system.frozen import frozen
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.problem import Solution
 from taction.verification.verdict.checks import Check, Evidence, Outcome
@@ -42,7 +43,7 @@ def worst_channel(errors: Floats) -> int:
     return int(np.argmax(sizes >= (1.0 - ALIKE) * sizes.max(initial=0.0)))
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class AnswerError:
     """The errors of an answer, in one unit.
 

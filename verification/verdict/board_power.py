@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -10,11 +10,12 @@ from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class BoardPower:
     """Power in W and current in A; ideal antilog stages take part in neither.
 
@@ -45,7 +46,7 @@ class BoardPower:
         return self.quiescent + self.outputs + self.resistors
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PartsList(Result):
     """The parts of a board to buy, and its power at rest."""
 

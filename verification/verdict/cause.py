@@ -7,9 +7,9 @@ for one cause. Every medium names the cause by this module.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 
+from taction.system.frozen import frozen
 from taction.system.quantities import show, spaced
 from taction.verification.verdict.checks import Check, Outcome
 
@@ -29,7 +29,7 @@ SAYING = {
 VALUELESS = ("headroom",)  # the reason has the value and the limit of the op-amp
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Cause:
     """Why a verdict is no pass.
 

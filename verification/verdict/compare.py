@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
+from taction.system.frozen import frozen
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import CHANNEL_FIGURES, FIGURES, Figure, Record, finite
 
@@ -20,7 +21,7 @@ Group = str
 GROUPS: tuple[Group, ...] = ("outcome", "checks", "values", "states", "figures", "channels")
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Difference:
     """One quantity of two records.
 

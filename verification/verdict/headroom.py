@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Literal, cast
 
 import numpy as np
@@ -14,6 +13,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import OpAmpCell
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
+from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
@@ -32,7 +32,7 @@ Quantity = Literal["voltage", "slope", "current"]
 UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A"}
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Load:
     """What one op-amp has to do.
 
@@ -118,7 +118,7 @@ def _sorted(loads: Iterable[Load]) -> tuple[Load, ...]:
     return tuple(sorted(loads, key=lambda load: (-load.share, load.part, load.quantity)))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Row:
     """One quantity as weights of node voltages (or of their slopes), in parts of its limit."""
 
@@ -153,7 +153,7 @@ def _behind_the_output(circuit: Circuit, cell: OpAmpCell) -> tuple[tuple[str, ..
     return (cell.noninverting, cell.inverting), [model.dc_gain, -model.dc_gain]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class _Loads:
     """Rows (K,) of a board as weights of node voltages and of their slopes, one for each place."""
 
@@ -311,7 +311,7 @@ def _sampled(loads: _Loads, time: Floats, values: Floats) -> Iterator[Load]:
     yield from (load for load in found if load.share >= min(worst[load.quantity], FULL))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class PartLoads:
     """The loads of the op-amps of a board.
 

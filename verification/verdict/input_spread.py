@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from taction.netlist_gen.board.variation import (
 from taction.spice_models.input_errors import CHANGES
 from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
+from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 
@@ -34,7 +35,7 @@ KNOWN = 64  # spreads of boards that are kept
 NO_SPREAD = 1e-30  # V: a channel with less is beyond a distance, or it is not
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class InputSpread:
     """The outputs at rest of boards whose op-amps differ in their input errors.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
+from taction.system.frozen import frozen
 from taction.system.reading_definitions import FOUND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
@@ -24,7 +25,7 @@ from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.transient_plan import TransientPlan
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class PlannedBoard:
     """A board, its problem, and the plan of its simulation.
 
@@ -102,7 +103,7 @@ class PlannedBoard:
         return self.board.circuit
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class SteadyState:
     """The equilibrium of a board at its outputs.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
+from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.reference.changed_matrix import change_bound
 from taction.verification.reference.dynamics import IdealNetwork
@@ -21,7 +22,7 @@ from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.problem import Solution
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class PruningEffect:
     """The steady state without the small entries of T.
 
@@ -72,7 +73,7 @@ def pruning_effect(
     return PruningEffect(entries, after.u * network.U0, change * network.U0, bound * network.U0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Pruning:
     """The pruned board beside the board of the whole T.
 

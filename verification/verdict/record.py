@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
 from taction.system.documents import Inline, plain, read
+from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.readings.readings import Reading
@@ -30,7 +31,7 @@ MAX_REASON = 4000  # characters
 STATES = tuple(ChannelState)  # the best first; of several channels the worst state counts
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class FigureRule(Generic[T]):
     """How a figure is read from a verdict or from a channel."""
 
@@ -55,7 +56,7 @@ class FigureRule(Generic[T]):
         return finite(self.read(source))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Figure:
     """A number that a verdict states.
 
@@ -158,7 +159,7 @@ Bounds = dict[str, float | None]
 """By the name of a figure."""
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Channel:
     """Figures of one output; `index` counts from 1, as the node names do."""
 
@@ -189,7 +190,7 @@ class Channel:
         return _figure(self, name, CHANNEL_UNITS)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Record:
     """A verdict as flat data, or why there is none.
 

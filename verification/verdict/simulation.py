@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -32,6 +32,7 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
+from taction.system.frozen import frozen
 from taction.system.plugins import OpenTable
 from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -47,7 +48,7 @@ HALVED = 0.5  # of the difference to twice the steps: error of the record if it 
 HALVINGS = 3  # most, where the error of a record is above what is wanted
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class StateSpaceError:
     """The error of a record of the state-space engine.
 
@@ -118,7 +119,7 @@ SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not s
 GROWING = 20_000  # least number of points in the record of an unstable board
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Pending:
     """A simulation whose process may still run; `result` waits for the end.
 
@@ -154,7 +155,7 @@ class Pending:
             return replace(waveforms, flags=(note, *waveforms.flags))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Engine:
     """One engine.
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
+from taction.system.frozen import frozen
 from taction.system.own_folders import remove_own_folder
 from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.board import (
@@ -48,7 +49,7 @@ from taction.verification.verdict.verify import (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Request:
     """What `verify` gets."""
 
@@ -105,7 +106,7 @@ def _gains(unplanned: UnplannedBoard) -> bool:
     return together is not None or unplanned.board.circuit.is_linear
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class _Planned:
     """A request whose board is planned."""
 

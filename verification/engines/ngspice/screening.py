@@ -19,6 +19,7 @@ from typing import Protocol
 
 from taction.netlist_gen.analysis import Analysis
 from taction.system.errors import DidNotLoad, SingularCircuit
+from taction.system.frozen import frozen
 
 
 class ScreenedDeck(Protocol):
@@ -63,7 +64,7 @@ _COMMAND = re.compile(r"\n[^\S\n]*(\*(?:#|ng_script).*)")
 _PIECE = re.compile(r"\n[^\S\n]*(\S)[^\n]*(?:\n[^\S\n]*\1[^\n]*)*")
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class _Device:
     """Least number of fields; terminals whose voltage the device sets (`held`) and does not set."""
 

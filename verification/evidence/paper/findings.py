@@ -6,13 +6,14 @@ import enum
 import math
 import string
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.frozen import frozen
 from taction.system.quantities import UNITS, show
 from taction.verification.evidence.paper.pictures import Picture
 from taction.verification.readings.readings import Reading
@@ -31,7 +32,7 @@ class ClaimOutcome(enum.Enum):
     NOT_RUN = "could not be run"
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Claim:
     """One entry of ``claims.toml``.
 
@@ -52,7 +53,7 @@ class Claim:
     quick: bool = True
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Finding:
     """The result for the claim `id`: `run` and `ours` as sentences, `values` in SI base units."""
 
@@ -63,7 +64,7 @@ class Finding:
     values: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Chapter:
     """The findings of one chapter, and its pictures."""
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
+from taction.system.frozen import frozen
 
-@dataclass(frozen=True, slots=True)
+
+@frozen
 class TrueValues:
     """The true readings of a case's board.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
@@ -13,6 +13,7 @@ from taction.system.documents import (
     plain,
 )
 from taction.system.error_document import Failure
+from taction.system.frozen import frozen
 from taction.verification.stability.margin import Margin
 from taction.verification.verdict.active_sets import VisitedSet
 from taction.verification.verdict.checked_laws import CheckedLaw
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from taction.verification.studies.verify_files import VerifiedFiles
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class BudgetPart:
     """One part of the error budget, V; the total has `sum` and `solves`, too.
 
@@ -46,7 +47,7 @@ class BudgetPart:
     solves: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class VerdictBody:
     """A verdict."""
 
@@ -177,7 +178,7 @@ def budget_parts(budget: ErrorBudget) -> dict[str, BudgetPart]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class WithoutVerdict:
     """A file without a verdict."""
 
@@ -186,7 +187,7 @@ class WithoutVerdict:
     error: Annotated[Failure | None, OPTIONAL] = None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class VerifyFilesDocument:
     """``taction verify`` with several scenes or a folder."""
 
@@ -203,7 +204,7 @@ class VerifyFilesDocument:
         return cast(tuple[VerdictBody | WithoutVerdict, ...], self.files.documents)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NewMatrixDocument:
     """``taction new FILE --matrix``: the scene, its scalings and its verdict."""
 
@@ -220,7 +221,7 @@ class NewMatrixDocument:
         return cls(found.file, found.fresh.rule, tuple(found.fresh.notes), found.scaled)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class NewDocument:
     """``taction new FILE``."""
 

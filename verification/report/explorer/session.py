@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from taction.system.documents import read
 from taction.system.errors import EngineError, InputError, TactionError
+from taction.system.frozen import frozen
 from taction.system.quantities import readable
 from taction.verification.design.exploration import Judgement, judge, view_boundary, view_limits
 from taction.verification.design.explorer_settings import STEPS, Settings, Start, read_value
@@ -43,7 +44,7 @@ SLOW = 2.0  # s of a verdict, above which the sliders show no checks
 PATIENCE = 3.0  # s that a verdict on values that have moved on may still take
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Move:
     """What a page asks for: places of sliders from 0 to `STEPS`, typed texts, an op-amp."""
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from taction.netlist_gen.board.parts import CurrentSource
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, InputError, SimulationError
+from taction.system.frozen import frozen
 from taction.system.quantities import show, show_rate
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import Simulator
@@ -48,7 +49,7 @@ RELTOL = 1e-8  # ngspice's reltol
 Boards = Callable[[float], LinearBoard]
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Side:
     """The pole and the fitted transient on one side of a crossing."""
 
@@ -77,7 +78,7 @@ class Side:
         return abs(self.predicted.imag) / (2.0 * math.pi)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class TransientTest:
     """Both sides of a crossing; `confirmed` is None if the transients are inconclusive."""
 
@@ -87,7 +88,7 @@ class TransientTest:
     above: Side | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class _Side:
     """A board on one side, its pole, and the transient along the mode, before it runs."""
 

@@ -10,7 +10,7 @@ import json
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,6 +25,7 @@ from taction.system.document_schema import unknown_keys
 from taction.system.documents import INLINE, plain, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, read_bounded
+from taction.system.frozen import frozen
 from taction.system.quantities import written
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.regression.baseline_file import (
@@ -46,7 +47,7 @@ CHANNEL_ALWAYS = ("reference",)
 CHANNEL_STABLE = ("final", *READINGS)
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Entry:
     """The stored results of one scene.
 
@@ -109,7 +110,7 @@ Baseline = Mapping[str, Entry]
 """Entries by the name of the scene's file."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Observation:
     """A scene's entry, with the full record from which its samples were taken."""
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.frozen import frozen
 from taction.system.quantities import percent
 from taction.system.results import Result
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
@@ -28,7 +29,7 @@ QUANTILES = (0.05, 0.5, 0.95)
 CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity of another name
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Remedy:
     """Smaller tolerances, and the yield that they give.
 
@@ -77,7 +78,7 @@ def _together(names: list[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class QuantitySpread:
     """Distribution of a quantity over the samples.
 
@@ -95,7 +96,7 @@ class QuantitySpread:
     missing: int  # samples without the quantity
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class Sensitivity:
     """Correlation of a quantity with the deviation of a component over the samples.
 
@@ -114,7 +115,7 @@ class Sensitivity:
     lost: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, repr=False)
+@frozen(repr=False)
 class YieldReport(Result):
     """Yield of a Monte Carlo study, its interval, and what is behind it.
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
+from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
 from taction.verification.engines.statespace.equations.mirror_symmetry import DenseMatrix, Halves
@@ -29,7 +30,7 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import De
 LARGE = 600  # unknowns above which structured solves replace dense ones
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Triplets:
     """A sparse matrix as ``(row, column, value)``; values at one place add up."""
 
@@ -48,7 +49,7 @@ class Triplets:
         return sums.astype(np.float64, copy=False).reshape(size, size)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Coupling:
     """Conductances between driving nodes and summing nodes, off the diagonal.
 
@@ -64,7 +65,7 @@ class Coupling:
     loaded: Bools
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Devices:
     """Behavioural amplifiers ``z[output] = -u_scale g(z[input] / v_scale)``, m each.
 
@@ -97,7 +98,7 @@ class Devices:
         return Devices(kinds, *places, *scales)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class Descriptor:
     """The equations of one board, ``M z' = K z + b + f(z)``.
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.block import (
     Block,
     complex_form,
@@ -149,7 +150,7 @@ def is_narrow(centre: complex, inner: Complexes) -> bool:
     return float(np.abs(np.linalg.eigvals(inner)).max(initial=0.0)) < NARROW * abs(centre.real)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class MatrixPart:
     """Some modes with their columns and rows; of pairs, the first ones, then the second ones."""
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
+from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.alike import agreed, alone
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
@@ -91,7 +91,7 @@ def taken(A: Floats, rows: Ints, columns: Ints) -> Floats:
     return A.take(rows, axis=1).take(columns, axis=2)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class ReducedEquations:
     """``x' = A x + B u``, ``z = C x + D u`` and ``x = charge z + offset``.
 
@@ -245,7 +245,7 @@ def _with_impulses(
     return own - pull @ inner_factor.solve(jumps, names, "a step has no bounded current through")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Terms:
     """Sizes of the terms that add up to M and K, (B, size, size) each."""
 
@@ -313,7 +313,7 @@ def _terms(M: Floats, K: Floats, f: Ints, o: Ints, inverse: ScaledInverse, P: Fl
     return Terms(*(taken(each, f, f) + taken(each, f, o) @ size for each in (M, K)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class Split:
     """The unknowns that carry charge, and the equations in the basis that shows them.
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.block import Block
 from taction.verification.engines.statespace.linearised.decomposition import decompose_block
 from taction.verification.engines.statespace.linearised.real_modes import Joined
@@ -34,7 +35,7 @@ def direct_sum(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     return whole
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class Modes:
     """``A = right (diag(poles) + couplings within blocks) left`` with ``left right = 1``.
 
@@ -132,7 +133,7 @@ class Modes:
         return ModeShares(self, seen, dual, size)
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class ModeShares:
     """The shares of the modes in the rows (K,) of ``C x``, the rightmost mode first.
 

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
+from taction.system.frozen import frozen
 
 
 def both(kept: NDArray[Any], real: int, axis: int = -1) -> NDArray[Any]:
@@ -76,7 +76,7 @@ SWEEPS = 60  # largest number of sweeps over the couplings within blocks
 FINER = 1e-3  # of the largest turn: a smaller change ends the sweeps
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class Joined:
     """Modes of one block: ``exp(A t)`` acts in their space as ``exp(centre t) exp(inner t)``.
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
+from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.alike import in_groups
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
@@ -41,7 +42,7 @@ UNBOUNDED = 1e30  # factor on the rounding of a matrix of whose poles nothing is
 LOST = "rounding leaves nothing of the circuit's poles: parts cancel to the last digit"
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class StateSpace:
     """A board as ``x' = A x + B [on, 1]``, ``z = C x + D [on, 1]``.
 
@@ -230,7 +231,7 @@ def open_loop(closed: StateSpace) -> StateSpace:
     return _single(*_state_spaces([LinearEquations(descriptor, board, b)]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@frozen(eq=False)
 class LinearEquations:
     """Linear equations of a board, with the inputs b (size, k) of their state space."""
 

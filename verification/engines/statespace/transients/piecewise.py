@@ -15,13 +15,13 @@ from __future__ import annotations
 import functools
 import time as clock
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import EPS, Floats, Indices
 from taction.system.errors import DivergesError, EngineError
+from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
@@ -48,7 +48,7 @@ def is_piecewise(board: LinearBoard) -> bool:
     return not board.descriptor.is_large and breaks_of(board.descriptor.devices) is not None
 
 
-@dataclass(frozen=True, slots=True)
+@frozen
 class LimitCycle:
     """A transient that repeats itself.
 
@@ -69,7 +69,7 @@ class LimitCycle:
     multiplier: float
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class PiecewiseCurve:
     """Voltages of the reported nodes over time, piece by piece.
 

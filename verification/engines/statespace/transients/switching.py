@@ -13,12 +13,13 @@ continuous, the board then errs by the slack times the change of slope, which `P
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
+from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, Gain
 from taction.verification.engines.statespace.equations.descriptor import Descriptor, Devices
 from taction.verification.engines.statespace.linearised.equilibrium import (
@@ -48,7 +49,7 @@ def breaks_of(devices: Devices) -> list[Floats] | None:
     return [np.array(breaks) * scale for breaks, scale in scales]
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class ActiveSet:
     """A board while every amplifier stays on one of its straight pieces: a linear board.
 
@@ -163,7 +164,7 @@ def _one(gain: Gain, name: str, y: float) -> float:
     return float(getattr(gain, name)(np.array([y]))[0])
 
 
-@dataclass(frozen=True, eq=False)
+@frozen(eq=False, slots=False)
 class Piece:
     """A stretch of a transient on one active set.
 
