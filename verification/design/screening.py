@@ -25,7 +25,7 @@ from taction.verification.engines.statespace.linearised.board import (
     Initial,
     LinearBoard,
     initial_unknowns,
-    solve_together,
+    linearise_boards,
 )
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.reference.ideal_answer import IdealAnswer
@@ -105,7 +105,8 @@ def outlines(boards: Sequence[LinearBoard], initial: Initial) -> list[Outline | 
     >>> one.final.tolist() == other.final.tolist() == one.at([1.0])[0].tolist()
     True
     """
-    solve_together(boards)
+    if len(boards) > 1:
+        linearise_boards(boards)
     starts = [_BoardAtStart.of(board, initial) for board in boards]
     blocks = [block for start in starts if start is not None for block in start.blocks]
     modes = iter(_decomposed(blocks))
@@ -160,10 +161,14 @@ class _BoardAtStart:
         signs = np.array([out.sign for out in outputs])
         C = signs[:, None] * space.rows([out.node for out in outputs])[0]
         x = space.state_of(initial_unknowns(board, initial)) - space.state_of(rest.values)
+        rows: Sequence[Floats] = (C,)
+        parts: Sequence[Floats] = (x,)
+        if space.halves is not None:
+            rows, parts = space.halves[1].split_rows(C), space.halves[1].split_vectors(x)
         small = FAINT / DEFECTIVE * float(np.abs(x).max(initial=0.0))
         blocks = [
             _PartAtStart(block.A, row, part, bool(np.abs(part).max(initial=0.0) <= small))
-            for block, row, part in zip(space.blocks, space.parted(C), space.parted(x), strict=True)
+            for block, row, part in zip(space.blocks, rows, parts, strict=True)
         ]
         if not all(np.isfinite(block.A).all() for block in blocks):
             return None

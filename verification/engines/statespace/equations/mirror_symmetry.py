@@ -13,7 +13,7 @@ import re
 
 import numpy as np
 
-from taction.system.array_types import EPS, Bools, Floats, Ints
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.system.frozen import frozen
 
 _NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
@@ -94,9 +94,23 @@ class Halves:
         first = np.concatenate([lower, fixed])
         return cls(first, mirror[first], len(lower), mirror)
 
+    def within(self, chosen: Ints) -> tuple[Ints, Halves]:
+        """Return the places that a choice among `first` represents, and the exchange among them."""
+        first, second = self.first[chosen], self.second[chosen]
+        places = np.sort(np.concatenate([first, second[chosen < self.pairs]]))
+        first, second = np.searchsorted(places, first), np.searchsorted(places, second)
+        mirror = np.empty_like(places)
+        mirror[first], mirror[second] = second, first
+        return places, Halves(first, second, len(places) - len(first), mirror)
+
     def commute_with(self, A: Floats) -> bool:
         """Whether a matrix is the same to the bit after the exchange of rows and columns."""
         return np.array_equal(A[self.first], A[self.second][:, self.mirror])
+
+    @property
+    def share(self) -> Floats:
+        """Weight of each place in an even row: 1/2 if the row represents two, (len(first),)."""
+        return np.where(np.arange(len(self.first)) < self.pairs, 0.5, 1.0)
 
     def split(self, A: Floats) -> tuple[Floats, Floats]:
         """Return the matrices that act on even and on odd vectors."""
@@ -122,6 +136,15 @@ class Halves:
         whole[self.second[: self.pairs]] -= odd
         return whole
 
+    def join_rows(self, even: Floats, odd: Floats) -> Floats:
+        """Undo `split_rows`."""
+        whole = np.empty((len(even), len(self.mirror)))
+        whole[:, self.first] = even
+        half = 0.5 * even[:, : self.pairs]
+        whole[:, self.first[: self.pairs]] = half + 0.5 * odd
+        whole[:, self.second[: self.pairs]] = half - 0.5 * odd
+        return whole
+
     @functools.cached_property
     def _rank(self) -> tuple[Ints, Floats]:
         """For every place: its index in `first`, and the sign of an odd vector there."""
@@ -136,6 +159,16 @@ class Halves:
         """Return the contributions of a matrix's two parts to its rows at some places."""
         rank, sign = (each[places] for each in self._rank)
         return even[rank], odd[np.minimum(rank, self.pairs - 1)] * sign[:, None]
+
+    def join(self, even: Complexes, odd: Complexes) -> Complexes:
+        """Return even, then odd vectors (columns) on all places."""
+        whole = np.zeros((len(self.first) + self.pairs,) * 2, dtype=np.complex128)
+        count = even.shape[1]
+        whole[self.first, :count] = even
+        whole[self.second, :count] = even
+        whole[self.first[: self.pairs], count:] = odd
+        whole[self.second[: self.pairs], count:] = -odd
+        return whole
 
 
 @frozen(eq=False, slots=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,9 @@ LINKED = 0.25  # of the distance of two modes: with a larger coupling, rounding 
 @frozen(eq=False, slots=False)
 class Block:
     """Modes of ``A = right (diag(centres) + inner) left``, as real columns and rows.
+
+    The arrays may have a leading axis: then they are a stack, the modes of several matrices with as
+    many real modes. Joined modes have different sizes, so a stack with joined modes is one of one.
 
     Attributes
     ----------
@@ -62,20 +65,15 @@ class Block:
         """Eigenvalues of all modes, 1/s, (n,)."""
         values = self.kept.copy()
         for block in self.joined:
-            values[block.members] += np.linalg.eigvals(block.inner)
+            values[..., block.members] += np.linalg.eigvals(block.inner)
         return both(values, self.real)
-
-    @property
-    def centres(self) -> Complexes:
-        """Eigenvalues of all modes, for joined modes their common centre, 1/s, (n,)."""
-        return both(self.kept, self.real)
 
     @property
     def alone(self) -> Bools:
         """Whether each of all modes is a block of its own, (n,)."""
-        alone = np.ones(len(self.kept), dtype=np.bool_)
+        alone = np.ones(self.kept.shape, dtype=np.bool_)
         for block in self.joined:
-            alone[block.members] = False
+            alone[..., block.members] = False
         return both(alone, self.real)
 
     @property
@@ -83,28 +81,31 @@ class Block:
         """Rate of the envelope of each of all modes, 1/s, (n,)."""
         rates = self.kept.real.copy()
         for block in self.joined:
-            rates[block.members] += block.scale(self.centre(block))
+            rates[..., block.members] += block.scale(self.centre(block))
         return both(rates, self.real)
-
-    @property
-    def mates(self) -> Ints:
-        """Place of the complex conjugate of each of all modes, its own of a real one, (n,)."""
-        own, count = np.arange(len(self.right)), len(self.kept)
-        return np.concatenate([own[: self.real], own[count:], own[self.real : count]])
 
     def centre(self, block: Joined) -> complex:
         """Return the common centre of joined modes, 1/s."""
-        return complex(self.kept[block.members[0]])
+        return complex(self.kept[..., block.members[0]].item())
+
+    def shares(self, C: Floats, deviation: Floats) -> BlockShares:
+        """Return the shares of the modes in the rows ``C x`` (K, n) from ``x = deviation``, (n,).
+
+        Those of a stack have leading axes.
+        """
+        moved = self.left @ deviation[..., None]
+        dual = complex_rows(moved, self.real, self.kept.shape[-1])[..., 0]
+        return BlockShares(self, complex_columns(C @ self.right, self.real), both(dual, self.real))
 
     def grown(self, X: Floats, *, transposed: bool = True) -> Floats:
-        """Multiply the rows of X, (n, ...), at joined modes by the growth within their blocks."""
+        """Multiply the rows of X at joined modes by the growth within their blocks."""
         if not self.joined:
             return X
-        grown, shift = X.copy(), len(self.kept) - self.real
+        grown, shift = X.copy(), self.kept.shape[-1] - self.real
         for block, G in zip(self.joined, self._growths, strict=True):
             factor = G.T if transposed else G
             for at in (block.members, block.members + shift)[: 1 + (block.members[0] >= self.real)]:
-                grown[at] = factor @ X[at]
+                grown[..., at, :] = factor @ X[..., at, :]
         return grown
 
     @functools.cached_property
@@ -122,26 +123,26 @@ class Block:
 
         An error of charges is one of ``x'``, which a slow mode has little of.
         """
-        right = column_sizes(self.right, self.real)
-        speeds = np.abs(self.centres) + self.rates - self.centres.real
-        return np.stack([right, right * speeds])
+        right, centres = column_sizes(self.right, self.real), both(self.kept, self.real)
+        speeds = np.abs(centres) + self.rates - centres.real
+        return np.stack([right, right * speeds[..., None, :]], axis=-3)
 
     @functools.cached_property
     def rest(self) -> Floats:
         """``1 - left right``, (n, n)."""
         with np.errstate(invalid="ignore", over="ignore"):
-            return np.asarray(np.eye(len(self.right)) - self.left @ self.right)
-
-    @functools.cached_property
-    def defect(self) -> float:
-        """Largest element of ``left right - 1``; infinite where the modes are defective."""
-        off = float(np.abs(self.rest).max(initial=0.0))
-        return off if math.isfinite(off) else math.inf
+            return np.asarray(np.eye(self.right.shape[-1]) - self.left @ self.right)
 
     @property
-    def is_refinable(self) -> bool:
-        """Whether Newton's steps converge: the rows are close to the inverse of the columns."""
-        return self.defect * len(self.right) < 1.0
+    def defect(self) -> Floats:
+        """Largest element of ``left right - 1``, (); infinite where the modes are defective."""
+        off = np.abs(self.rest).max(axis=(-2, -1), initial=0.0)
+        return np.where(np.isfinite(off), off, np.inf)
+
+    @property
+    def is_refinable(self) -> Bools:
+        """Whether Newton's steps converge, (): the rows are close to the inverse of the columns."""
+        return np.asarray(self.defect * self.right.shape[-1] < 1.0)
 
     @functools.cached_property
     def rounding(self) -> Floats:
@@ -153,30 +154,36 @@ class Block:
         if self.measured is not None:
             return self.measured
         with np.errstate(over="ignore", invalid="ignore"):
-            squares = self.left_sizes**2 @ (self.size**2 @ self.moving**2).sum(axis=0)
+            squares = self.left_sizes**2 @ (self.size**2 @ self.moving**2).sum(axis=-3)
         return np.asarray(EPS * np.sqrt(np.where(np.isnan(squares), np.inf, squares)))
 
     @functools.cached_property
+    def error(self) -> Floats:
+        """Bound on the elements of ``left A right`` beside those of the modes, (n, n), 1/s."""
+        E, own = self.rounding.copy(), np.abs(both(self.kept, self.real))
+        diagonal(E)[...] += 2.0 * EPS * own + both(self.coupled, self.real)
+        return E
+
+    @functools.cached_property
     def couplings(self) -> tuple[tuple[Floats, Floats], ...]:
-        """What errors of ``left A right`` add to modes, from left and right, (n, n), by the time.
+        """What `error` adds to modes, from the left and from the right, (n, n) each, by the time.
 
         The first pair grows with the time; the second is between modes that are far from one
         another, of which only its ratio to their distance counts.
         """
-        E, centres = self.rounding.copy(), self.centres
-        diagonal(E)[...] += 2.0 * EPS * np.abs(centres) + both(self.coupled, self.real)
+        E, centres = self.error.copy(), both(self.kept, self.real)
         diagonal(E)[...] *= 0.5  # it counts once
-        gap = np.abs(centres[:, None] - centres)
-        near = gap <= np.abs(centres.real)
+        gap = np.abs(centres[..., :, None] - centres[..., None, :])
+        near = gap <= np.abs(centres.real)[..., None, :]
         if self.joined:
-            near |= near.T
+            near |= near.swapaxes(-1, -2)
         wide = np.where(near, 0.0, 2.0 / np.where(near, 1.0, gap))
-        return (E * near, E * near.T), (E * wide, E * wide.T)
+        return (E * near, E * near.swapaxes(-1, -2)), (E * wide, E * wide.swapaxes(-1, -2))
 
     @functools.cached_property
     def missing(self) -> Floats:
         """Magnitudes of what the rows lack to the inverse of the columns, (n, n)."""
-        return np.asarray(np.abs(both(complex_form(self.rest, self.real), self.real, axis=-2)))
+        return np.asarray(np.abs(both(complex_form(self.rest, self), self.real, axis=-2)))
 
     @functools.cached_property
     def pole_errors(self) -> Floats:
@@ -187,30 +194,35 @@ class Block:
         is not small beside their distance are taken together, and couplings to others, of which
         only the product of both directions counts, are added.
         """
-        if self.defect == math.inf:
-            return np.full(len(self.right), np.inf)
-        count, centres = len(self.kept), self.centres
+        count, finite = self.kept.shape[-1], np.isfinite(self.defect)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             if self.measured is None:
-                E = UNITS * EPS * (self.left_sizes @ (self.size @ self.moving).sum(axis=0))
+                E = UNITS * EPS * (self.left_sizes @ (self.size @ self.moving).sum(axis=-3))
             else:
                 E = self.measured.copy()
             diagonal(E)[...] += both(self.coupled, self.real)
-            gap = np.abs(self.kept[:, None] - centres)
-            mutual = E[:count] * E.T[:count]
+            centres = both(self.kept, self.real)
+            gap = np.abs(centres[..., :count, None] - centres[..., None, :])
+            mutual = E[..., :count, :] * E.swapaxes(-1, -2)[..., :count, :]
             linked = mutual >= (LINKED * gap) ** 2
             diagonal(linked)[...] = False
             for block in self.joined:
-                linked[block.places] = True
+                linked[(..., *block.places)] = True
             second = np.where(linked | (gap == 0.0), 0.0, 2.0 * mutual / gap).sum(axis=-1)
-        # Of a pole at zero: products of two.
-        errors = diagonal(E)[:count] + second + EPS**2 * np.abs(centres).max(initial=0.0)
-        self._add_groups(errors, linked, E, second)
+            errors = diagonal(E)[..., :count] + second
+            # Of a pole at zero: products of two.
+            errors += EPS**2 * np.abs(centres).max(axis=-1, initial=0.0, keepdims=True)
+        for at in np.ndindex(finite.shape) if linked.any() else ():
+            if finite[at]:
+                self._add_groups(errors[at], linked[at], E[at], centres[at], second[at])
+        errors[~finite] = np.inf
         return both(errors, self.real)
 
-    def _add_groups(self, errors: Floats, linked: Bools, E: Floats, second: Floats) -> None:
-        """Write the errors, (k,), of linked modes into `errors`."""
-        count, centres = len(errors), self.centres
+    def _add_groups(
+        self, errors: Floats, linked: Bools, E: Floats, centres: Complexes, second: Floats
+    ) -> None:
+        """Write the errors, (k,), of linked modes of one matrix into `errors`."""
+        count = len(errors)
         inner = np.zeros((count, count))
         for block in self.joined:
             inner[block.places] = np.abs(block.inner)
@@ -235,38 +247,128 @@ class Block:
 
     def rows(self) -> Complexes:
         """Return the dual vectors, (n, n)."""
-        return both(complex_rows(self.left, self.real), self.real, axis=-2)
+        rows = complex_rows(self.left, self.real, self.kept.shape[-1])
+        return both(rows, self.real, axis=-2)
 
-    def seen(self, C: Floats) -> Complexes:
-        """Return ``C right`` of all modes for rows C (K, n)."""
-        return complex_columns(C @ self.right, self.real)
+    def taken(self, places: int | Ints) -> Block:
+        """Return some matrices of a stack, or one without leading axis, with what is known."""
+        measured = None if self.measured is None else self.measured[places]
+        found = Block(
+            self.kept[places],
+            self.real,
+            self.right[places],
+            self.left[places],
+            self.coupled[places],
+            self.size[places],
+            self.joined,
+            measured,
+        )
+        known = self.__dict__
+        found.__dict__.update((n, _part(known[n], places)) for n in KNOWN if n in known)
+        return found
 
-    def dual(self, deviation: Floats) -> Complexes:
-        """Return ``left deviation`` of all modes, (n,)."""
-        return both(complex_rows(self.left @ deviation[:, None], self.real)[:, 0], self.real)
+    def those(self, chosen: Bools) -> Block:
+        """Return the chosen matrices of a stack, with what is known."""
+        return self if chosen.all() else self.taken(np.flatnonzero(chosen))
 
-    def share_bounds(self, seen: Complexes, dual: Complexes) -> tuple[Floats, Floats]:
-        """Bound ``C right`` (K, n) and ``left x(0)`` (n,) at any time, over ``exp(rates t)``."""
-        return self.grown(np.abs(seen).T).T, self.grown(np.abs(dual), transposed=False)
 
-    def share_errors(self, seen: Complexes, dual: Complexes) -> Floats:
-        """Return bounds a, b, (2, K, n), on the error of ``C x`` by mode i, to first order.
+KNOWN = ("left_sizes", "moving", "rest", "rounding", "error", "couplings", "missing", "pole_errors")
+"""Cached parts of a block that a stack computes for all its matrices."""
+SHARING = ("left_sizes", "couplings", "missing")
+"""Those that the errors of shares need."""
+
+
+def _part(value: Any, places: int | Ints) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_part(each, places) for each in value)
+    return value[places]
+
+
+def stack_blocks(blocks: Sequence[Block]) -> Block:
+    """Return blocks of one size and as many real modes, none joined or measured, as a stack."""
+    first = blocks[0]
+    parts = ([getattr(b, n) for b in blocks] for n in ("kept", "right", "left", "coupled", "size"))
+    kept, right, left, coupled, size = map(np.stack, parts)
+    stack = Block(kept, first.real, right, left, coupled, size)
+    for name in ("left_sizes", "moving", "rest"):
+        if all(name in block.__dict__ for block in blocks):
+            stack.__dict__[name] = np.stack([block.__dict__[name] for block in blocks])
+    return stack
+
+
+def compute_together(blocks: Sequence[Block], names: Sequence[str]) -> None:
+    """Compute some of the parts `KNOWN` of blocks; stacks of equal sizes take one call each.
+
+    The results have the same digits as those that a block computes alone.
+    """
+    groups: dict[tuple[int, int], list[Block]] = {}
+    for block in blocks:
+        known = all(name in vars(block) for name in names)
+        if not (known or block.joined) and block.measured is None:
+            groups.setdefault((block.right.shape[-1], block.real), []).append(block)
+    for group in groups.values():
+        if len(group) > 1:
+            stack = stack_blocks(group)
+            for name in names:
+                getattr(stack, name)
+            for place, block in enumerate(group):
+                block.__dict__.update(
+                    (n, _part(value, place)) for n, value in stack.__dict__.items() if n in KNOWN
+                )
+
+
+@frozen(eq=False, slots=False)
+class BlockShares:
+    """The shares of a block's modes in rows of ``C x``: ``seen * dual``.
+
+    Attributes
+    ----------
+    seen : ndarray (K, n)
+        ``C right``.
+    dual : ndarray (n,)
+        ``left x(0)``.
+    """
+
+    block: Block
+    seen: Complexes
+    dual: Complexes
+
+    @property
+    def values(self) -> Complexes:
+        """The shares at t = 0, (K, n)."""
+        return np.asarray(self.seen * self.dual[..., None, :])
+
+    @functools.cached_property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Bounds on both factors at any time, over ``exp(rates t)``."""
+        grown = self.block.grown
+        seen = grown(np.abs(self.seen).swapaxes(-1, -2)).swapaxes(-1, -2)
+        return seen, grown(np.abs(self.dual)[..., None], transposed=False)[..., 0]
+
+    def terms(self, size: Floats) -> Floats:
+        """Return the sizes of the sums in the shares of deviations of a `size`, (K, n)."""
+        spread = (self.block.left_sizes @ size[..., None])[..., None, :, 0]
+        return np.asarray(self.bounds[0] * spread)
+
+    @functools.cached_property
+    def errors(self) -> tuple[Floats, Floats]:
+        """Bounds a, b (K, n) on the error of ``C x`` by mode i, to first order.
 
         The error is at most ``sum_i (a_i t + b_i) exp(rates_i t)``: a change D of A changes ``C x``
         by ``sum_ij (C right)_j (left D right)_ji (left deviation)_i`` times the divided difference
         of the exponentials, which is at most t, and at most 2 over the distance of the poles. What
         the rows lack to the inverse of the columns is an error of `dual`.
         """
-        shape = (2, *seen.shape)
-        if self.defect == math.inf:
-            return np.full(shape, np.inf)
-        sizes, starts = self.share_bounds(seen, dual)
-        found = np.empty(shape)
+        finite = np.isfinite(self.block.defect)[..., None, None]
+        seen, dual = self.bounds
         with np.errstate(invalid="ignore", over="ignore"):
-            for bound, (left, right) in zip(found, self.couplings, strict=True):
-                bound[...] = (sizes @ left) * starts + sizes * (right @ starts)
-            found[1] += sizes * (self.missing @ starts)
-        return found
+            lag, vague = (
+                (seen @ left) * dual[..., None, :]
+                + seen * (right @ dual[..., None])[..., None, :, 0]
+                for left, right in self.block.couplings
+            )
+            vague = vague + seen * (self.block.missing @ dual[..., None])[..., None, :, 0]
+        return np.where(finite, lag, np.inf), np.where(finite, vague, np.inf)
 
 
 def spectral_radius(X: Floats) -> float:
@@ -274,12 +376,12 @@ def spectral_radius(X: Floats) -> float:
     return float(np.abs(np.linalg.eigvals(X)).max(initial=0.0))
 
 
-def complex_form(X: Floats, real: int) -> Complexes:
+def complex_form(X: Floats, block: Block) -> Complexes:
     """Return a matrix between real columns as one between modes, without conjugate rows, (k, n)."""
-    return complex_columns(complex_rows(X, real), real)
+    return complex_columns(complex_rows(X, block.real, block.kept.shape[-1]), block.real)
 
 
 def diagonal(X: NDArray[Any]) -> NDArray[Any]:
-    """Return the diagonal of the first columns of a matrix as a view."""
-    view: NDArray[Any] = np.einsum("ii->i", X[:, : len(X)])
+    """Return the diagonal of the first columns of a matrix, or of each of a stack, as a view."""
+    view: NDArray[Any] = np.einsum("...ii->...i", X[..., : X.shape[-2]])
     return view

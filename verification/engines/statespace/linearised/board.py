@@ -33,6 +33,7 @@ from taction.verification.engines.statespace.linearised.equilibrium import (
 )
 from taction.verification.engines.statespace.linearised.state_space import (
     StateSpace,
+    find_modes,
     linearise,
     linearise_together,
     open_loop,
@@ -130,7 +131,7 @@ class LinearBoard:
     @functools.cached_property
     def open_loop(self) -> StateSpace:
         """The state space with the amplifiers' outputs as inputs."""
-        return open_loop(self.state_space)
+        return open_loop(self.descriptor)
 
     @functools.cached_property
     def structure(self) -> Structure:
@@ -151,11 +152,7 @@ def parts_of(board: LinearBoard) -> int:
 
 
 def solve_together(boards: Sequence[LinearBoard]) -> None:
-    """Compute equations, equilibria and state spaces of boards, of one structure together.
-
-    Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
-    the digits that it has alone. A board that has no state space, and a large one, stays as it is,
-    and says why where it is asked.
+    """Compute equations, state spaces and modes of boards; see `linearise_boards`.
 
     Examples
     --------
@@ -168,12 +165,23 @@ def solve_together(boards: Sequence[LinearBoard]) -> None:
     True
     """
     if len(boards) > 1:
-        state_spaces(boards)
-        _share_rests(boards)
+        find_modes([space for space in linearise_boards(boards) if space is not None])
+
+
+def linearise_boards(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
+    """Compute equations, equilibria and state spaces of boards, of one structure together.
+
+    Boards that differ in capacitances alone have one equilibrium, computed once. Every board has
+    the digits that it has alone. A board that has no state space, and a large one, stays as it is,
+    and says why where it is asked: None in its place.
+    """
+    spaces = state_spaces(boards)
+    _share_rests(boards)
+    return spaces
 
 
 def state_spaces(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
-    """Compute as `solve_together`, and only equilibria that count; None for no state space."""
+    """Compute equations and state spaces as `linearise_boards`, and only equilibria that count."""
     small = [board for board in boards if parts_of(board) <= LARGE and board.equations is None]
     unstamped = [board for board in small if "descriptor" not in vars(board)]
     stamped = stamp_together([board.circuit for board in unstamped])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +16,7 @@ from taction.verification.engines.statespace.linearised.block import (
 )
 from taction.verification.engines.statespace.linearised.real_modes import (
     Joined,
+    both,
     mode_groups,
     turns,
     unmodal,
@@ -31,48 +30,97 @@ STALLED = 0.1  # of the last turn: a larger one is rounding
 NARROW = 0.25  # of the decay rate: poles so close to their centre may be one block
 
 
-def decompose_block(A: Floats, size: Floats) -> Block:
-    """Decompose a matrix, (n, n), 1/s; the rounding of its elements is relative to `size`.
+def decompose_blocks(A: Floats, size: Floats) -> list[Block]:
+    """Decompose each of a stack A, (B, n, n); the rounding of its elements is relative to `size`.
 
     The eigensolver's error is ``eps |A|``, which the fastest mode determines. `_refine` reduces it
     to the rounding of each mode by itself, which is smaller by orders of magnitude for slow modes.
-    `size` (2, n, n) is that of `Block`.
+    A matrix has the same digits beside others as alone.
+
+    Parameters
+    ----------
+    A : ndarray (B, n, n)
+        Matrices, 1/s.
+    size : ndarray (B, 2, n, n)
+        See `Block`.
 
     Raises
     ------
     LinAlgError
-        The matrix is not finite.
+        A matrix is not finite.
     """
-    kept, right, real = _real_columns(*np.linalg.eig(A))
+    poles, vectors = np.linalg.eig(A)
+    columns, found = list(map(_real_columns, poles, vectors)), dict[int, Block]()
+    for real in sorted({number for _, _, number in columns}):
+        places = np.array([k for k, (_, _, number) in enumerate(columns) if number == real])
+        kept, right = (np.stack([columns[k][part] for k in places.tolist()]) for part in (0, 1))
+        stack = _basis(kept, right, real, _some(size, places))
+        well = _worst_condition(stack, np.ones(A.shape[-1])) < ILL
+        for k, place in zip(np.flatnonzero(~well).tolist(), places[~well].tolist(), strict=True):
+            block, scale = stack.taken(k), balance(A[place])
+            if not _worst_condition(block, scale) < ILL:
+                block = joined_basis(A[place], block, scale)
+            (found[place],) = _refined(A[place, None], _stack_of_one(block))
+        if well.any():
+            blocks = _refined(_some(A, places[well]), stack.those(well))
+            found.update(zip(places[well].tolist(), blocks, strict=True))
+    return [found[place] for place in range(len(A))]
+
+
+def _some(X: Floats, places: Ints) -> Floats:
+    """Return some of a stack, without a copy if it is all."""
+    return X if len(places) == len(X) else X[places]
+
+
+def _stack_of_one(block: Block) -> Block:
+    kept, right, left = block.kept[None], block.right[None], block.left[None]
+    return Block(kept, block.real, right, left, block.coupled[None], block.size[None], block.joined)
+
+
+def _refined(A: Floats, stack: Block, first: int = 0) -> list[Block]:
+    """Take Newton's steps on a stack until each matrix has its modes; `first` were taken before."""
+    found, places, before = dict[int, Block](), np.arange(len(A)), np.full(len(A), np.inf)
+    staying = stack.is_refinable
+    found.update((k, stack.taken(k)) for k in np.flatnonzero(~staying).tolist())
+    for step in range(first, STEPS):
+        if not staying.any():
+            break
+        if not staying.all():
+            A, places, stack = A[staying], places[staying], stack.those(staying)
+            before, staying = before[staying], staying[staying]
+        refined, turned, wider = _refine(A, stack)
+        refinable, stalled = refined.is_refinable, turned > STALLED * before
+        rounded = (stalled | (step == STEPS - 1)) & (turned > IDLE)
+        staying = ~(stalled | rounded | (turned < CONVERGED)) & refinable
+        staying[list(wider)] = False
+        for k in np.flatnonzero(~staying).tolist():
+            following = refined.taken(k) if refinable[k] else stack.taken(k)
+            if rounded[k]:
+                one, _, joined = _refine(A[k, None], stack.taken(np.array([k])), rounded=True)
+                following = _refinable(joined.get(0) or one.taken(0), stack, k)
+            elif k in wider:
+                following = _refinable(wider[k], stack, k)
+                if following is wider[k]:
+                    (following,) = _refined(A[k, None], _stack_of_one(following), step + 1)
+            found[int(places[k])] = following
+        stack, before = refined, turned
+    last = zip(places.tolist(), staying.tolist(), strict=True)
+    found.update((place, stack.taken(k)) for k, (place, stays) in enumerate(last) if stays)
+    return [found[place] for place in range(len(found))]
+
+
+def _refinable(block: Block, stack: Block, place: int) -> Block:
+    """Return a block, or what it followed in a stack where no step can follow it."""
+    return block if block.is_refinable else stack.taken(place)
+
+
+def _basis(kept: Complexes, R: Floats, real: int, size: Floats) -> Block:
+    """Return columns as a block; its rows are infinite where the columns are dependent."""
     # Row scaling makes the pivots independent of the states' amplitudes.
-    scale = np.abs(right).max(axis=1, initial=0.0)
+    scale = np.abs(R).max(axis=-1, initial=0.0)
     scale[scale == 0.0] = 1.0
-    left = _inverse(right / scale[:, None]) / scale
-    block, scale = Block(kept, real, right, left, np.zeros(len(kept)), size), np.ones(len(A))
-    if not _worst_condition(block, scale) < ILL:
-        scale = balance(A)
-        if not _worst_condition(block, scale) < ILL:
-            block = joined_basis(A, block, scale)
-    return _refined(A, block)
-
-
-def _refined(A: Floats, block: Block) -> Block:
-    """Take Newton's steps as long as they converge."""
-    before = math.inf
-    for step in range(STEPS):
-        if not block.is_refinable:
-            return block
-        refined, turned = _refine(A, block)
-        stalled = turned > STALLED * before
-        if (stalled or step == STEPS - 1) and turned > IDLE:
-            refined, _ = _refine(A, block, rounded=True)
-            return refined if refined.is_refinable else block
-        if not refined.is_refinable:
-            return block
-        if stalled or turned < CONVERGED:
-            return refined
-        block, before = refined, turned
-    return block
+    inverse = _inverse(R / scale[..., None])
+    return Block(kept, real, R, inverse / scale[..., None, :], np.zeros(kept.shape), size)
 
 
 def _real_columns(poles: Complexes, vectors: Complexes) -> tuple[Complexes, Floats, int]:
@@ -86,57 +134,65 @@ def _real_columns(poles: Complexes, vectors: Complexes) -> tuple[Complexes, Floa
 
 def _inverse(X: Floats) -> Floats:
     """Return the inverse; infinite elements for a singular matrix."""
-    with suppress(np.linalg.LinAlgError):
+    try:
         inverse = np.asarray(np.linalg.inv(X), dtype=np.float64)
-        if np.isfinite(inverse).all():
-            return inverse
-    return np.full_like(X, np.inf)
+    except np.linalg.LinAlgError:
+        if X.ndim > 2:
+            return np.stack([_inverse(each) for each in X])
+        return np.full_like(X, np.inf)
+    finite = np.isfinite(inverse).all(axis=(-2, -1), keepdims=True)
+    return np.where(finite, inverse, np.inf)
 
 
-def _refine(A: Floats, block: Block, *, rounded: bool = False) -> tuple[Block, float]:
-    """Take one Newton step on all modes at once; return how far it turns them, too.
+def _refine(
+    A: Floats, block: Block, *, rounded: bool = False
+) -> tuple[Block, Floats, dict[int, Block]]:
+    """Take one Newton step on all modes of a stack at once; return how far it turns them, too.
 
-    Modes too close for a step are joined, after which another step must follow (infinite turn). A
-    coupling that is left is an error (`Block.coupled`): with `rounded` those that are only
-    rounding, which the next step would turn back.
+    Modes too close for a step are joined, after which another step must follow (infinite turn): the
+    matrices of such modes, by their places in the stack, are returned last. A coupling that is left
+    is an error (`Block.coupled`): with `rounded` those that are only rounding, which the next step
+    would turn back.
     """
     R, L, real, rest = block.right, block.left, block.real, block.rest
-    count = len(block.kept)
-    acting = complex_form(L @ (A @ R), real)
-    left_over = complex_form(rest, real)
-    acting += left_over * block.centres
+    count = block.kept.shape[-1]
+    acting = complex_form(L @ (A @ R), block)
+    left_over = complex_form(rest, block)
+    acting += left_over * both(block.kept, real)[..., None, :]
     shift = count - real
     for each in block.joined:
         at = each.members
-        acting[:, at] += left_over[:, at] @ each.inner
+        acting[..., at] += left_over[..., at] @ each.inner
         if at[0] >= real:
-            acting[:, at + shift] += left_over[:, at + shift] @ each.inner.conj()
+            acting[..., at + shift] += left_over[..., at + shift] @ each.inner.conj()
     kept, reduced, joined = diagonal(acting).copy(), acting.copy(), []
     diagonal(reduced)[...] = 0.0
     for each in block.joined:
-        centre, inner = _centred(acting[each.places])
+        centre, inner = _centred(acting[0][each.places])
         joined.append(Joined(each.members, inner))
-        kept[each.members], reduced[each.places] = centre, 0.0
+        kept[..., each.members], reduced[0][each.places] = centre, 0.0
     turn, close = turns(reduced, kept, real, joined)
     if rounded:
-        least = ROUNDED * block.rounding[:count]
+        least = ROUNDED * block.rounding[..., :count, :]
         idle = (np.abs(turn) > IDLE) & (np.abs(reduced) <= least)
         turn[idle], close = 0.0, close | idle
-    coupled = np.zeros(turn.shape)
-    coupled[close] = np.abs(reduced[close])
-    turning = unmodal(turn, real)
+    coupled = np.where(close, np.abs(reduced), 0.0)
+    turning = unmodal(turn, real, count)
     R, L = R + R @ turning, L + (rest - turning) @ L
-    L = L + (np.eye(len(A)) - L @ R) @ L
-    refined = Block(kept, real, R, L, coupled.sum(axis=1), block.size, tuple(joined))
-    if coupled.any() and (linked := coupled > ROUNDED * block.rounding[:count]).any():
-        joint = join(refined, acting, linked)
-        if joint is not refined:
-            return joint, math.inf
+    L = L + (np.eye(A.shape[-1]) - L @ R) @ L
+    refined = Block(kept, real, R, L, coupled.sum(axis=-1), block.size, tuple(joined))
     # The next step would correct a pole by products of two couplings.
-    second = np.abs((turn[:, :count] * reduced[:, :count].T).sum(axis=1))
+    second = np.abs((turn[..., :count] * reduced[..., :count].swapaxes(-1, -2)).sum(axis=-1))
     with np.errstate(divide="ignore", invalid="ignore"):
         off = np.sqrt(second / np.abs(kept))
-    return refined, float(np.fmax(np.abs(turn).max(initial=0.0), off.max(initial=0.0)))
+    turned = np.fmax(np.abs(turn).max(axis=(-2, -1), initial=0.0), off.max(axis=-1, initial=0.0))
+    wider: dict[int, Block] = {}
+    for k in np.flatnonzero(coupled.any(axis=(-2, -1))).tolist():
+        linked = coupled[k] > ROUNDED * block.taken(k).rounding[:count]
+        own = refined.taken(k)
+        if linked.any() and (joint := join(own, acting[k], linked)) is not own:
+            wider[k], turned[k] = joint, np.inf
+    return refined, turned, wider
 
 
 def _centred(acting: Complexes) -> tuple[complex, Complexes]:
@@ -172,7 +228,7 @@ def join(block: Block, acting: Complexes, linked: Bools) -> Block:
     linked = linked.copy()
     for each in block.joined:
         linked[each.places] = True
-    whole = unmodal(acting, real)
+    whole = unmodal(acting, real, count)
     reals: list[MatrixPart] = []
     pairs: list[MatrixPart] = []
     alone = np.ones(count, dtype=np.bool_)
@@ -253,16 +309,20 @@ def balance(A: Floats) -> Floats:
     return np.asarray(np.exp2(np.round(np.log2(scale))))
 
 
-def _worst_condition(block: Block, scale: Floats) -> float:
-    """Return the largest condition number of a mode, in states over their sizes."""
-    real, count = block.real, len(block.kept)
+def conditions(block: Block, scale: Floats) -> Floats:
+    """Return the condition numbers of the modes, (k,), in states over their sizes."""
+    real, count = block.real, block.kept.shape[-1]
     with np.errstate(invalid="ignore", over="ignore"):
-        rows = ((block.left * scale) ** 2).sum(axis=1)
-        columns = ((block.right / scale[:, None]) ** 2).sum(axis=0)
+        rows = ((block.left * scale) ** 2).sum(axis=-1)
+        columns = ((block.right / scale[:, None]) ** 2).sum(axis=-2)
         for squares in (rows, columns):
-            squares[real:count] += squares[count:]
-        rows[real:count] *= 0.25
-        return float((np.sqrt(rows[:count]) * np.sqrt(columns[:count])).max(initial=0.0))
+            squares[..., real:count] += squares[..., count:]
+        rows[..., real:count] *= 0.25
+        return np.asarray(np.sqrt(rows[..., :count]) * np.sqrt(columns[..., :count]))
+
+
+def _worst_condition(block: Block, scale: Floats) -> Floats:
+    return np.asarray(conditions(block, scale).max(axis=-1, initial=0.0))
 
 
 def joined_basis(A: Floats, block: Block, scale: Floats) -> Block:

@@ -59,15 +59,16 @@ class _Lead:
         first = int(np.lexsort((-every.imag, -every.real))[0])
         lead = complex(every[first])
         same = (every == lead) | (every == lead.conjugate())
-        parts = space.blocks
+        sizes = space.parts.rounded
         rivals = every.real[~same] >= lead.real - 2.0 * searched
         rivalled = bool(rivals.any()) or int(same.sum()) > 1 + (lead.imag > 0.0)
         near_axis = 0.0 < lead.imag <= 2.0 * searched  # and so near its conjugate
-        if rivalled or near_axis or not all(_is_sharp(part.A, part.size) for part in parts):
+        if rivalled or near_axis or not all(map(_is_sharp, space.parts.matrices, sizes)):
             return None
-        part = parts[0 if first < len(values[0]) else 1]
+        part = 0 if first < len(values[0]) else 1
         aside = max(ASIDE * abs(lead), LEAST * fastest)
-        return cls(part.A, part.size, lead, aside, every[~same], searched)
+        A = space.blocks[part].A
+        return cls(A, sizes[part], lead, aside, every[~same], searched)
 
     def joined(self, pole: complex, error: float) -> LeadPole:
         """Return all poles with the better value of the rightmost one, and its bound."""

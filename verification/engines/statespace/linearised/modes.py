@@ -3,71 +3,55 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.frozen import frozen
-from taction.verification.engines.statespace.linearised.block import Block
-from taction.verification.engines.statespace.linearised.decomposition import decompose_block
-from taction.verification.engines.statespace.linearised.real_modes import Joined
-
-
-def parted(X: Floats, sizes: Sequence[int]) -> list[Floats]:
-    """Return the parts of the states along the last axis of X, given the number of each part."""
-    ends = np.cumsum(sizes).tolist()
-    return [X[..., end - size : end] for end, size in zip(ends, sizes, strict=True)]
-
-
-def direct_sum(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return the block diagonal matrix of square parts."""
-    if len(parts) == 1:
-        return parts[0]
-    whole, begin = np.zeros((sum(map(len, parts)),) * 2, dtype=parts[0].dtype), 0
-    for part in parts:
-        end = begin + len(part)
-        whole[begin:end, begin:end] = part
-        begin = end
-    return whole
+from taction.verification.engines.statespace.equations.alike import of_one_kind
+from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
+from taction.verification.engines.statespace.linearised.block import (
+    SHARING,
+    Block,
+    BlockShares,
+    compute_together,
+)
+from taction.verification.engines.statespace.linearised.decomposition import decompose_blocks
+from taction.verification.engines.statespace.linearised.real_modes import Joined, both
 
 
 @frozen(eq=False, slots=False)
 class Modes:
     """``A = right (diag(poles) + couplings within blocks) left`` with ``left right = 1``.
 
-    `blocks` are the modes of each part of the states, on which A acts by itself; `poles` are the
+    `blocks` are the modes of A, or with `halves` those of its even and odd part; `poles` are the
     eigenvalues, 1/s, rightmost first.
     """
 
     blocks: tuple[Block, ...]
-
-    @functools.cached_property
-    def _all_poles(self) -> Complexes:
-        return np.concatenate([block.poles for block in self.blocks])
-
-    @functools.cached_property
-    def order(self) -> Ints:
-        """Places of the modes of the blocks, rightmost first, (n,)."""
-        return np.lexsort((-self._all_poles.imag, -self._all_poles.real))
-
-    @functools.cached_property
-    def poles(self) -> Complexes:
-        """Eigenvalues, 1/s, (n,)."""
-        return self._all_poles[self.order]
+    halves: Halves | None
+    poles: Complexes
+    order: Ints
 
     @functools.cached_property
     def right(self) -> Complexes:
         """Basis vectors as columns, (n, n): eigenvectors where `alone`."""
-        return direct_sum([block.columns() for block in self.blocks])[:, self.order]
+        parts = [block.columns() for block in self.blocks]
+        whole = parts[0] if self.halves is None else self.halves.join(*parts)
+        return whole[:, self.order]
 
     @functools.cached_property
     def left(self) -> Complexes:
         """Dual vectors as rows, (n, n)."""
-        return direct_sum([block.rows() for block in self.blocks])[self.order]
+        parts = [block.rows().T for block in self.blocks]
+        if self.halves is not None:
+            even, odd = parts
+            parts = [self.halves.join(even * self.halves.share[:, None], 0.5 * odd)]
+        return parts[0].T[self.order]
 
     def corrected(self, shifts: Complexes, between: Floats) -> Modes:
         """Return the modes of one block with poles moved by `shifts` (n,), 1/s.
@@ -80,57 +64,58 @@ class Modes:
         moved[self.order] = shifts
         moved = moved[: len(block.kept)]
         moved[: block.real].imag = 0.0
-        return Modes((replace(block, kept=block.kept + moved, measured=measured),))
+        return _ordered((replace(block, kept=block.kept + moved, measured=measured),), None)
 
     @property
     def defect(self) -> float:
         """Largest element of ``left right - 1``; infinite where the modes are defective."""
-        return max(block.defect for block in self.blocks)
-
-    def _of_each(self, of: Callable[[Block], NDArray[Any]]) -> NDArray[Any]:
-        """Return what blocks say of their modes, in the order of the modes."""
-        return np.concatenate([of(block) for block in self.blocks])[self.order]
+        return max(float(block.defect) for block in self.blocks)
 
     @functools.cached_property
     def alone(self) -> Bools:
         """Whether each mode has a direction of its own, (n,)."""
-        return self._of_each(lambda block: block.alone)
+        return np.concatenate([block.alone for block in self.blocks])[self.order]
 
     @functools.cached_property
     def mates(self) -> Ints:
         """Place of the complex conjugate of each mode, its own of a real one, (n,)."""
-        begins = np.cumsum([0, *(len(block.right) for block in self.blocks)]).tolist()
-        pairs = zip(self.blocks, begins, strict=False)
-        places = np.concatenate([begin + block.mates for block, begin in pairs])
-        return np.asarray(np.argsort(self.order)[places[self.order]])
+        places: list[Ints] = []
+        for block in self.blocks:
+            count = len(block.kept)
+            own, first = np.arange(len(block.right)), sum(map(len, places))
+            twins = np.concatenate([own[: block.real], own[count:], own[block.real : count]])
+            places.append(first + twins)
+        inverse = np.empty_like(self.order)
+        inverse[self.order] = np.arange(len(inverse))
+        return inverse[np.concatenate(places)[self.order]]
 
     @property
     def centres(self) -> Complexes:
         """Poles, and for joined modes their common centre, 1/s, (n,)."""
-        return self._of_each(lambda block: block.centres)
+        parts = [both(block.kept, block.real) for block in self.blocks]
+        return np.concatenate(parts)[self.order]
 
     @functools.cached_property
     def rates(self) -> Floats:
         """Rate of the envelope of each mode, 1/s, (n,)."""
-        return self._of_each(lambda block: block.rates)
+        return np.concatenate([block.rates for block in self.blocks])[self.order]
 
     @functools.cached_property
     def pole_errors(self) -> Floats:
         """Bound on the rounding error of each pole, 1/s, (n,)."""
-        return self._of_each(lambda block: block.pole_errors)
+        return np.concatenate([block.pole_errors for block in self.blocks])[self.order]
 
     def shares(self, C: Floats, deviation: Floats) -> ModeShares:
         """Return the shares of the modes in the rows of ``C x`` for ``x(0) = deviation``."""
-        sizes = [len(block.right) for block in self.blocks]
-        starts = parted(deviation, sizes)
-        pairs = zip(self.blocks, parted(C, sizes), starts, strict=True)
-        seen = tuple(block.seen(rows) for block, rows, _ in pairs)
-        dual = tuple(map(Block.dual, self.blocks, starts))
-        # The states of a further part are differences of what those of the first are sums of.
-        size = np.abs(starts[0])
-        for start in starts[1:]:
-            np.maximum(size[: len(start)], np.abs(start), out=size[: len(start)])
-        return ModeShares(self, seen, dual, size)
+        size = np.abs(deviation)
+        rows: tuple[Floats, ...] = (C,)
+        parts: tuple[Floats, ...] = (deviation,)
+        if self.halves is not None:
+            rows, parts = self.halves.split_rows(C), self.halves.split_vectors(deviation)
+            size, _ = self.halves.split_vectors(size)  # the terms of an odd part add up too
+        blocks = zip(self.blocks, rows, parts, strict=True)
+        found = tuple(block.shares(some, part) for block, some, part in blocks)
+        return ModeShares(found, self.order, size)
 
 
 @frozen(eq=False, slots=False)
@@ -139,21 +124,20 @@ class ModeShares:
 
     Attributes
     ----------
-    seen, dual : tuple of ndarray (K, n), and of ndarray (n,)
-        ``C right`` and ``left x(0)`` of each block.
+    parts : tuple of BlockShares
+        Those of each block.
+    order : ndarray (n,)
+        Places of the modes of the blocks, rightmost first.
     size : ndarray
         Size of the states at t = 0.
     """
 
-    modes: Modes
-    seen: tuple[Complexes, ...]
-    dual: tuple[Complexes, ...]
+    parts: tuple[BlockShares, ...]
+    order: Ints
     size: Floats
 
-    def _of_each(self, of: Callable[[Block, Complexes, Complexes], NDArray[Any]]) -> NDArray[Any]:
-        """Return what blocks say of their modes, (..., n), in the order of the modes."""
-        found = map(of, self.modes.blocks, self.seen, self.dual)
-        return np.concatenate(list(found), axis=-1)[..., self.modes.order]
+    def _ordered(self, found: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate(list(found), axis=1)[:, self.order]
 
     @property
     def amplitudes(self) -> Complexes:
@@ -161,45 +145,66 @@ class ModeShares:
 
         ``C x(t) = sum_i amplitudes[:, i] exp(poles[i] t)`` where every mode is alone.
         """
-        return self._of_each(lambda block, seen, dual: seen * dual)
+        return self._ordered(part.values for part in self.parts)
 
     @property
     def heights(self) -> Floats:
         """Height of each mode's envelope in each row, (K, n)."""
-        return self._of_each(
-            lambda block, seen, dual: np.abs(seen) * block.share_bounds(seen, dual)[1]
-        )
+        return self._ordered(np.abs(part.seen) * part.bounds[1] for part in self.parts)
 
     @property
     def terms(self) -> Floats:
         """Sizes of the sums in `amplitudes`: ``|C right| |left| |deviation|``, (K, n)."""
-
-        def of(block: Block, seen: Complexes, dual: Complexes) -> Floats:
-            spread = block.left_sizes @ self.size[: len(dual)]
-            return block.share_bounds(seen, dual)[0] * spread
-
-        return self._of_each(of)
+        return self._ordered(part.terms(self.size[: len(part.dual)]) for part in self.parts)
 
     @property
-    def errors(self) -> Floats:
-        """Bounds on the error of each mode's part of a row, (2, K, n); see `Block.share_errors`."""
-        return self._of_each(Block.share_errors)
+    def errors(self) -> tuple[Floats, Floats]:
+        """Bounds on the error of each mode's part of a row, (K, n); see `BlockShares.errors`."""
+        lag, vague = map(self._ordered, zip(*(part.errors for part in self.parts), strict=True))
+        return lag, vague
 
     def joined(self) -> Iterator[tuple[complex, Joined, Complexes, Complexes]]:
         """Yield the centre of joined modes, the modes, ``C right`` and ``left deviation``.
 
         One of each conjugate pair, with twice its share.
         """
-        for block, seen, dual in zip(self.modes.blocks, self.seen, self.dual, strict=True):
-            for each in block.joined:
-                at, twice = each.members, 1.0 + (each.members[0] >= block.real)
-                yield block.centre(each), each, twice * seen[:, at], dual[at]
+        for part in self.parts:
+            for each in part.block.joined:
+                at, twice = each.members, 1.0 + (each.members[0] >= part.block.real)
+                yield part.block.centre(each), each, twice * part.seen[:, at], part.dual[at]
 
 
-def decompose(matrices: Sequence[Floats], sizes: Sequence[Floats] | None = None) -> Modes:
-    """Decompose the parts of a block diagonal matrix, a dense eigenproblem (25 n³ flops) each.
+class Decomposable(NamedTuple):
+    """A matrix to decompose, (n, n), 1/s; or the even and the odd part of one with `halves`.
 
     `sizes` are those of `Block`, by default of the elements themselves.
+    """
+
+    matrices: Sequence[Floats]
+    halves: Halves | None = None
+    sizes: Sequence[Floats] | None = None
+
+    @property
+    def rounded(self) -> list[Floats]:
+        """The sizes to which the rounding of the elements of each part is relative, (2, n, n)."""
+        if self.sizes is None:
+            sizes = [np.stack([np.abs(A), 0.0 * A]) for A in self.matrices]
+        else:
+            sizes = list(self.sizes)
+        if self.halves is not None:  # elements of both are a sum or difference of the same two
+            even, odd = sizes
+            even = even.copy()
+            paired = even[:, : self.halves.pairs, : self.halves.pairs]
+            np.maximum(paired, odd, out=paired)
+            sizes = [even, paired]
+        return sizes
+
+
+def decompose_together(wanted: Sequence[Decomposable]) -> list[Modes]:
+    """Decompose matrices, one dense eigenproblem (about 25 n³ flops) each.
+
+    With halves, two eigenproblems of half the size cost a quarter. Matrices of one size are
+    decomposed as a stack; each has the same digits beside others as alone.
 
     Raises
     ------
@@ -208,8 +213,55 @@ def decompose(matrices: Sequence[Floats], sizes: Sequence[Floats] | None = None)
 
     Examples
     --------
-    >>> decompose([np.diag([-2.0, -1.0]), -3.0 * np.eye(1)]).poles.real.tolist()
-    [-1.0, -2.0, -3.0]
+    >>> matrices = np.diag([-2.0, -1.0]), -3.0 * np.eye(1)
+    >>> one, other = decompose_together([Decomposable([each]) for each in matrices])
+    >>> one.poles.real.tolist(), other.poles.real.tolist()
+    ([-1.0, -2.0], [-3.0])
     """
-    sizes = [np.stack([np.abs(A), 0.0 * A]) for A in matrices] if sizes is None else sizes
-    return Modes(tuple(map(decompose_block, matrices, sizes)))
+    sizes = [each.rounded for each in wanted]
+    lengths = {
+        (place, part): len(matrix)
+        for place, each in enumerate(wanted)
+        for part, matrix in enumerate(each.matrices)
+    }
+    found: dict[tuple[int, int], Block] = {}
+    for same in of_one_kind(lengths):
+        A, size = (
+            of[0][None] if len(same) == 1 else np.stack(of)
+            for of in (
+                [wanted[place].matrices[part] for place, part in same],
+                [sizes[place][part] for place, part in same],
+            )
+        )
+        found.update(zip(same, decompose_blocks(A, size), strict=True))
+    modes = list[Modes]()
+    for place, each in enumerate(wanted):
+        blocks = tuple(found[place, part] for part in range(len(each.matrices)))
+        modes.append(_ordered(blocks, each.halves))
+    return modes
+
+
+def _ordered(blocks: tuple[Block, ...], halves: Halves | None) -> Modes:
+    poles = np.concatenate([block.poles for block in blocks])
+    order = np.lexsort((-poles.imag, -poles.real))
+    return Modes(blocks, halves, poles[order], order)
+
+
+def find_pole_errors(several: Sequence[Modes]) -> None:
+    """Compute the errors of the poles of several matrices, those of one size as a stack."""
+    compute_together([block for modes in several for block in modes.blocks], ["pole_errors"])
+
+
+def find_share_errors(several: Sequence[Modes]) -> None:
+    """Compute what the errors of their shares need, of matrices of one size as a stack."""
+    compute_together([block for modes in several for block in modes.blocks], SHARING)
+
+
+def decompose(
+    matrices: Sequence[Floats],
+    halves: Halves | None = None,
+    sizes: Sequence[Floats] | None = None,
+) -> Modes:
+    """Decompose one matrix, shape (n, n), or its `halves`; see `decompose_together`."""
+    (modes,) = decompose_together([Decomposable(matrices, halves, sizes)])
+    return modes

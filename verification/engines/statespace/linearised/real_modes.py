@@ -8,6 +8,8 @@ A real mode stays real, and no rounding separates a pair. Real columns ``a, b`` 
 vectors ``a - ib, a + ib`` of a conjugate pair, and real rows ``p, q`` their duals ``(p + iq) / 2,
 (p - iq) / 2``. The real modes come first, then the first of every pair, then the second of every
 pair, so that slices select them.
+
+Functions of matrices take stacks of them, too: leading axes, of matrices with as many real modes.
 """
 
 from __future__ import annotations
@@ -25,49 +27,57 @@ from taction.system.frozen import frozen
 
 def both(kept: NDArray[Any], real: int, axis: int = -1) -> NDArray[Any]:
     """Append the conjugates of the pairs, along an axis, -1 or -2."""
-    pairs = kept[..., real:] if axis == -1 else kept[real:]
+    pairs = kept[..., real:] if axis == -1 else kept[..., real:, :]
     return np.concatenate([kept, pairs.conj()], axis=axis)
 
 
 def complex_columns(X: NDArray[Any], real: int) -> Complexes:
     """Return complex columns for real ones."""
-    V, count = X.astype(np.complex128), (X.shape[1] + real) // 2
-    turned = 1j * X[:, count:]
-    V[:, count:] = V[:, real:count] + turned
-    V[:, real:count] -= turned
+    V, count = X.astype(np.complex128), (X.shape[-1] + real) // 2
+    turned = 1j * X[..., count:]
+    V[..., count:] = V[..., real:count] + turned
+    V[..., real:count] -= turned
     return V
 
 
 def column_sizes(X: Floats, real: int) -> Floats:
     """Return the magnitudes of the complex columns for real ones."""
-    sizes, count = np.abs(X), (X.shape[1] + real) // 2
-    sizes[:, real:count] = sizes[:, count:] = np.hypot(X[:, real:count], X[:, count:])
+    with np.errstate(over="ignore"):
+        squares, count = X**2, (X.shape[-1] + real) // 2
+    squares[..., real:count] += squares[..., count:]
+    squares[..., count:] = squares[..., real:count]
+    sizes = np.asarray(np.sqrt(squares))
+    finite = np.isfinite(sizes).all(axis=(-2, -1), keepdims=True)
+    if not np.all(finite):  # the square of a vector of any size may be too large
+        others = np.abs(X)
+        pairs = np.hypot(X[..., real:count], X[..., count:])
+        others[..., real:count] = others[..., count:] = pairs
+        sizes = np.where(finite, sizes, others)
     return sizes
 
 
 def row_sizes(X: Floats, real: int) -> Floats:
     """Return the magnitudes of the complex rows for real ones."""
-    sizes = column_sizes(X.T, real).T
-    sizes[real:] *= 0.5
+    sizes = column_sizes(X.swapaxes(-1, -2), real).swapaxes(-1, -2)
+    sizes[..., real:, :] *= 0.5
     return sizes
 
 
-def complex_rows(X: Floats, real: int) -> Complexes:
+def complex_rows(X: Floats, real: int, count: int) -> Complexes:
     """Return complex rows for real ones, without their conjugates."""
-    count = (len(X) + real) // 2
-    V = X[:count].astype(np.complex128)
-    V.imag[real:] = X[count:]
-    V[real:] *= 0.5
+    V = X[..., :count, :].astype(np.complex128)
+    V.imag[..., real:, :] = X[..., count:, :]
+    V[..., real:, :] *= 0.5
     return V
 
 
-def unmodal(V: Complexes, real: int) -> Floats:
+def unmodal(V: Complexes, real: int, count: int) -> Floats:
     """Invert `complex_columns` and `complex_rows`."""
-    count = len(V)
-    first, second = V[:, real:count], V[:, count:]
-    Z = np.concatenate([V[:, :real], 0.5 * (first + second), 0.5j * (first - second)], axis=1)
-    X = np.concatenate([Z.real, Z.imag[real:]])
-    X[real:] *= 2.0
+    first, second = V[..., real:count], V[..., count:]
+    parts = [V[..., :real], 0.5 * (first + second), 0.5j * (first - second)]
+    Z = np.concatenate(parts, axis=-1)
+    X = np.concatenate([Z.real, Z.imag[..., real:, :]], axis=-2)
+    X[..., real:, :] *= 2.0
     return np.asarray(X)
 
 
@@ -120,11 +130,11 @@ SPARE = 1.05  # for what lies between the instants
 def turns(
     reduced: Complexes, kept: Complexes, real: int, joined: Sequence[Joined] = ()
 ) -> tuple[Complexes, Bools]:
-    """Return the turns (k, n) of a Newton step, and which modes are too close for a step.
+    """Return the turns (..., k, n) of a Newton step, and which modes are too close for a step.
 
     Where modes are joined, the turn Z solves ``Z (gap) = reduced + inner Z - Z inner``, by sweeps.
     """
-    gap = both(kept, real) - kept[:, None]
+    gap = both(kept, real)[..., None, :] - kept[..., None]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         turn = reduced / gap
         close = ~(turn.real**2 + turn.imag**2 < SEPARABLE**2)  # and each to itself
@@ -146,13 +156,13 @@ def turns(
 
 def _coupled(Z: Complexes, joined: Sequence[Joined], real: int) -> Complexes:
     """Return ``inner Z - Z inner`` of the turns (k, n)."""
-    moved, shift = np.zeros_like(Z), len(Z) - real
+    moved, shift = np.zeros_like(Z), (Z.shape[-1] + real) // 2 - real
     for block in joined:
         at, inner = block.members, block.inner
-        moved[at] += inner @ Z[at]
-        moved[:, at] -= Z[:, at] @ inner
+        moved[..., at, :] += inner @ Z[..., at, :]
+        moved[..., at] -= Z[..., at] @ inner
         if at[0] >= real:
-            moved[:, at + shift] -= Z[:, at + shift] @ inner.conj()
+            moved[..., at + shift] -= Z[..., at + shift] @ inner.conj()
     return moved
 
 

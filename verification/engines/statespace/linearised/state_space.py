@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -31,10 +32,11 @@ from taction.verification.engines.statespace.linearised.elimination import (
 )
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.linearised.modes import (
+    Decomposable,
     Modes,
     decompose,
-    direct_sum,
-    parted,
+    decompose_together,
+    find_pole_errors,
 )
 from taction.verification.engines.statespace.linearised.pencil_check import pole_residuals
 
@@ -51,11 +53,10 @@ class StateSpace:
     states : tuple of str
         Names of x.
     blocks : tuple of ReducedEquations
-        The parts of x, one after the other, on each of which A acts by itself: the board; or, if
-        the board is its own mirror image, its even and its odd part: working on the two parts costs
-        a quarter.
-    mirror : Halves, or None
-        The exchange of the unknowns z that makes the parts.
+        The board; or, if the board is its own mirror image, its even and its odd part: working on
+        the two parts costs a quarter.
+    halves : tuple of Halves, or None
+        The exchange of the unknowns z, and of the states x.
     A, B : ndarray (n, n) and (n, 2)
         1/s, and V/s.
     C, D : ndarray (size, n) and (size, 2)
@@ -65,7 +66,7 @@ class StateSpace:
     descriptor: Descriptor
     states: tuple[str, ...]
     blocks: tuple[ReducedEquations, ...]
-    mirror: Halves | None
+    halves: tuple[Halves, Halves] | None
 
     @property
     def n(self) -> int:
@@ -80,22 +81,32 @@ class StateSpace:
     @functools.cached_property
     def modes(self) -> Modes:
         """Eigenvalues of A with their vectors."""
-        return decompose([part.A for part in self.blocks], [part.size for part in self.blocks])
+        return decompose(*self.parts)
 
     @property
     def has_modes(self) -> bool:
         """Whether the modes have been computed."""
         return "modes" in vars(self)
 
+    @property
+    def parts(self) -> Decomposable:
+        """The matrices of the blocks, with the sizes of their rounding."""
+        matrices, sizes = ([part.A for part in self.blocks], [part.size for part in self.blocks])
+        return Decomposable(matrices, self.halves and self.halves[1], sizes)
+
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        return direct_sum([part.A for part in self.blocks])
+        if self.halves is None:
+            return self.blocks[0].A
+        _, states = self.halves
+        return states.join_rows(*states.rows_at(slice(None), *(part.A for part in self.blocks)))
 
     @functools.cached_property
     def B(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        return np.concatenate([part.B for part in self.blocks])
+        parts = [part.B for part in self.blocks]
+        return parts[0] if self.halves is None else self.halves[1].join_vectors(*parts)
 
     @functools.cached_property
     def C(self) -> Floats:  # noqa: N802 - as every textbook has it
@@ -112,13 +123,10 @@ class StateSpace:
 
         z need not be consistent: at z = 0 everything is discharged.
         """
-        parts = (z,) if self.mirror is None else self.mirror.split_vectors(z)
+        parts = (z,) if self.halves is None else self.halves[0].split_vectors(z)
         pairs = zip(self.blocks, parts, strict=True)
-        return np.concatenate([block.charge @ part + block.offset for block, part in pairs])
-
-    def parted(self, X: Floats) -> list[Floats]:
-        """Return the states of each part, along the last axis of X, (..., n)."""
-        return parted(X, [len(part.A) for part in self.blocks])
+        states = [block.charge @ part + block.offset for block, part in pairs]
+        return states[0] if self.halves is None else self.halves[1].join_vectors(*states)
 
     def rows(self, names: Sequence[str]) -> tuple[Floats, Floats]:
         """Return the rows of C and D of nodes, zeros for ground; EngineError for unknown nodes."""
@@ -132,13 +140,12 @@ class StateSpace:
 
     def _rows(self, places: slice | list[int]) -> tuple[Floats, Floats]:
         """Return rows of C and D."""
-        if self.mirror is None:
+        if self.halves is None:
             return self.blocks[0].C[places], self.blocks[0].D[places]
-        C, D = (
-            self.mirror.rows_at(places, *(getattr(part, name) for part in self.blocks))
-            for name in ("C", "D")
-        )
-        return np.concatenate(C, axis=1), D[0] + D[1]
+        unknowns, states = self.halves
+        C = unknowns.rows_at(places, *(part.C for part in self.blocks))
+        even, odd = unknowns.rows_at(places, *(part.D for part in self.blocks))
+        return states.join_rows(*C), even + odd
 
 
 def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
@@ -186,6 +193,20 @@ def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseM
     return descriptor.dense.with_stiffness(K)
 
 
+def find_modes(spaces: Sequence[StateSpace]) -> None:
+    """Compute the modes of state spaces that lack them, with the errors of their poles, together.
+
+    Every state space has the digits that it has alone. Where a matrix is not finite, all stay as
+    they are, and the one says why where it is asked.
+    """
+    new = [space for space in spaces if not space.has_modes]
+    with suppress(np.linalg.LinAlgError):
+        found = decompose_together([space.parts for space in new])
+        find_pole_errors(found)
+        for space, modes in zip(new, found, strict=True):
+            vars(space)["modes"] = modes
+
+
 def driven(descriptor: Descriptor, point: Equilibrium | None, inputs: Floats) -> StateSpace:
     """Return the state space with other inputs: currents (or voltages) into rows, (size, k).
 
@@ -209,11 +230,10 @@ def driven_together(
     )
 
 
-def open_loop(closed: StateSpace) -> StateSpace:
+def open_loop(descriptor: Descriptor) -> StateSpace:
     """Return the state space with the outputs of the m behavioural amplifiers as further inputs.
 
-    B and D then have ``2 + m`` columns: ``z = C x + D [on, 1, v_out]``. The states are those of the
-    board with closed loops, if that has as many.
+    B and D then have ``2 + m`` columns: ``z = C x + D [on, 1, v_out]``.
 
     Raises
     ------
@@ -221,14 +241,11 @@ def open_loop(closed: StateSpace) -> StateSpace:
         As `linearise`; also for a capacitor at such an output, whose current would need the
         output's time derivative.
     """
-    descriptor = closed.descriptor
-    devices, board = descriptor.devices, descriptor.dense
+    devices = descriptor.devices
     b = np.zeros((descriptor.size, 2 + devices.count))
     b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
-    if closed.mirror is None:
-        board = replace(board, halves=None)
-    return _single(*_state_spaces([LinearEquations(descriptor, board, b)]))
+    return _single(*_state_spaces([LinearEquations(descriptor, descriptor.dense, b)]))
 
 
 @frozen(eq=False)
@@ -278,7 +295,7 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
     descriptor, board = system.descriptor, system.board
     if not descriptor.has_branches or all(block.decided for block in found.blocks):
         return found
-    if found.mirror is not None:
+    if found.halves is not None:
         (found,) = _whole([system])
     devices = descriptor.devices
     slopes = (board.stiffness - descriptor.dense.stiffness)[devices.output, devices.input]
@@ -328,16 +345,12 @@ def _eliminated(systems: Sequence[LinearEquations]) -> list[StateSpace]:
         return _whole(systems)
     if even[0].places is None or odd[0].places is None:
         return _whole(systems)
-    paired = even[0].places[even[0].places < halves.pairs]
-    if not (len(paired) and np.array_equal(paired, odd[0].places)):
+    places, states = halves.within(even[0].places)
+    if not (states.pairs > 0 and np.array_equal(even[0].places[: states.pairs], odd[0].places)):
         return _whole(systems)
-    names = [first_names[place] for place in even[0].places.tolist()]
-    states = *names, *(f"odd {name}" for name in names[: len(paired)])
-    for one, other in zip(even, odd, strict=True):  # elements are sums, differences of the same two
-        both = one.size[:, : len(paired), : len(paired)]
-        other.size[...] = np.maximum(both, other.size, out=both)
+    charged = tuple(descriptor.names[place] for place in places.tolist())
     return [
-        StateSpace(system.descriptor, states, parts, halves)
+        StateSpace(system.descriptor, charged, parts, (halves, states))
         for system, parts in zip(systems, zip(even, odd, strict=True), strict=True)
     ]
 

@@ -8,24 +8,18 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Circuit, Output
+from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.state_space import StateSpace
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.simulate import simulate
 from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain
 from tests.support.precise import precise_step
 
 TAU = 1e-6
-
-
-def voltages_of(circuit: Circuit) -> StateSpace:
-    """Return a state space whose states are voltages, and not those of an even and an odd part."""
-    return LinearBoard(circuit, replace(stamp(circuit), mirror=None)).state_space
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +31,7 @@ def fifty_digits() -> tuple[list[float], Floats]:
 def test_seven_channels_against_fifty_digits(fifty_digits: tuple[list[float], Floats]) -> None:
     times, precise = fifty_digits
     circuit = paper_board()
-    states = voltages_of(circuit).states
+    states = LinearBoard(circuit).state_space.states
     nodes = (*circuit.signal_nodes, "c3", "xXw3.p1")
     wanted = precise[:, [states.index(name) for name in nodes]]
     solution = exact_solution(circuit, nodes=nodes)
@@ -114,7 +108,7 @@ def test_modes_that_have_faded_are_not_missed() -> None:
 
 def test_a_start_along_a_mode_shows_only_that_mode() -> None:
     circuit = paper_board(5e-12)
-    space = voltages_of(circuit)
+    space = LinearBoard(circuit).state_space
     poles, vectors = np.linalg.eig(space.A)
     lead = int(np.argmax(poles.real))
     quiet = replace(circuit, currents=())
