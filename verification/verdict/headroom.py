@@ -166,7 +166,7 @@ class _Loads:
 
     @classmethod
     def of(cls, board: LinearBoard, rows: tuple[_Row, ...]) -> _Loads:
-        nodes = watched_nodes(board.circuit)
+        nodes = _nodes(rows)
         place = {node: k for k, node in enumerate(nodes)}
         counts = [len(row.nodes) for row in rows]
         places = (
@@ -260,7 +260,11 @@ def _instants(transient: Transient) -> Floats:
 
 def watched_nodes(circuit: Circuit) -> tuple[str, ...]:
     """Return the nodes whose voltages give the loads of a circuit."""
-    return tuple(dict.fromkeys(node for row in _rows(circuit) for node in row.nodes))
+    return _nodes(_rows(circuit))
+
+
+def _nodes(rows: Iterable[_Row]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(node for row in rows for node in row.nodes))
 
 
 def _by_steps(

@@ -320,10 +320,10 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
     from taction.verification.engines.statespace.transients.simulate import simulate
 
     board, plan = design.board, design.plan
-    analysis, beside = plan.transient, watched_nodes(board.circuit)
+    analysis = plan.transient
 
     def fill() -> Waveforms:
-        times = plan.instants(board)
+        times, beside = plan.instants(board), watched_nodes(board.circuit)
         return simulate(board, analysis, times=times, tolerance=plan.tolerance, beside=beside)
 
     if plan.growing:
