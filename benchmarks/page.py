@@ -97,8 +97,8 @@ trick that is gone, with no more numbers outside their stated error.
   78 ms in place of 88 (minima of 14, in turns, at load 8). All classes share the methods that need
   no compiled text, and 110 of 222 classes compile `__init__`, at their first object.
 - The imports of `verify` were 1.8 times those of the baseline, and are 1.1 times with both changes
-  (0.23 s over 0.21, medians of 9 pairs on a quiet machine). Before, 71 ms were the standard library,
-  38 numpy, 27 pydantic with what it needs, 11 rich, 7 quantiphy, and 150 our own 210 modules, 90
+  or less (medians of 9 and 3 pairs: 1.09, 0.99). Before, 71 ms were the standard library, 38 numpy,
+  27 pydantic with what it needs, 11 rich, 7 quantiphy, and 150 our own 210 modules, 90
   of them for the classes. The baseline has 40 ms of scipy and 28 more of numpy. Some 35 modules of
   ours are imported and not called, 5 ms together. Models whose validators are built at their first
   use, and pydantic without its search for plug-ins, save 0 and 5 ms.
@@ -132,10 +132,11 @@ trick that is gone, with no more numbers outside their stated error.
 - Stay: stacks of stamps and eliminations (a map of poles takes 1.3 to 1.4 times as long without
   either), the poles of boards without their modes (1.6 times), and one equilibrium for boards that
   differ in capacitances alone (1.5 times a point of lasso, 1.3 times a map of paper-exponential).
-- Even and odd loci of margins, parabolas as first guesses of their crossings, and scans, climbs and
-  brackets that ran side by side are gone. Without all of them a warm point of eleven-channel with
-  its margin takes 1 to 4 % more, one of tuned-breadboard 3 to 9 %, and the poles of an onset or of
-  a boundary up to 10 % (minima of 4, in turns, at load 6); each alone brought 0 to 9 %. What
+- Parabolas as first guesses of the crossings of loci, and scans, climbs and brackets that ran side
+  by side are gone. Without them and without even and odd loci a warm point of eleven-channel with
+  its margin took 5 to 10 % more, one of tuned-breadboard 4 to 11 %, and the poles of an onset or of
+  a boundary up to 10 %; each alone brought 0 to 9 %. Even and odd loci are back: without them a
+  warm point takes 1.07 times on eleven-channel and 1.04 on tuned-breadboard (of 3 pairs). What
   stays, by what a command takes without it: the values at which the boards of a sweep share their
   confirmations (1.47 times the time of a warm point of tuned-breadboard, 1.24 of eleven-channel), a
   scan that ends at the first unstable board (1.66, `verify --margins` of paper-exponential), poles

@@ -86,12 +86,12 @@ def trace_together(searches: Sequence[LociSearch]) -> list[Edges | EngineError]:
     channels: 5 ms); for a large board, one structured factorisation at each of them.
     """
     found: dict[int, Edges | EngineError] = {}
-    grids: dict[int, dict[int, Floats]] = {}
+    grids: dict[tuple[int, ...], dict[int, Floats]] = {}
     eliminate_together(one.ports for one in searches)
     for place, one in enumerate(searches):
         try:
             omega = _frequencies(one.ports.poles.tobytes(), one.low, one.high)
-            grids.setdefault(one.ports.count, {})[place] = omega
+            grids.setdefault(one.ports.sizes, {})[place] = omega
         except EngineError as error:
             found[place] = error
     for group in grids.values():
@@ -126,7 +126,7 @@ class _Trace:
 
     def __init__(self, searches: Sequence[LociSearch]) -> None:
         self.searches = searches
-        self.count = searches[0].ports.count
+        self.sizes = searches[0].ports.sizes
         self.low = np.array([math.log(one.low) for one in searches])  # ends of the intervals
         self.high = np.array([math.log(one.high) for one in searches])
         self.crossings: list[list[Crossing]] = [[] for _ in searches]
@@ -145,20 +145,21 @@ class _Trace:
 
     def loci(self, omega: Floats, board: Ints) -> Complexes:
         """Return the logarithms of the shares at frequencies (P,) of boards (P,), shape (P, K)."""
-        W = np.zeros((len(omega), self.count, self.count), dtype=np.complex128)
+        responses = [np.zeros((len(omega), n, n), np.complex128) for n in self.sizes]
         for k, some in _each(board):
             try:
-                W[some] = self._response(k, omega[some])
+                for W, own in zip(responses, self._response(k, omega[some]), strict=True):
+                    W[some] = own
             except EngineError as error:
                 self.failed[k] = error
-        w = np.linalg.eigvals(W)
+        w = np.concatenate([np.linalg.eigvals(W) for W in responses], axis=1)
         shares = 1.0 - 1.0 / np.where(np.abs(w) < SMALLEST, SMALLEST, w)
         return np.log(np.where(np.abs(shares) < SMALLEST, SMALLEST, shares))
 
-    def _response(self, k: int, omega: Floats) -> Complexes:
-        """Return the response of a board at frequencies; EngineError where it has no value."""
+    def _response(self, k: int, omega: Floats) -> list[Complexes]:
+        """Return the responses of a board at frequencies; EngineError where they have no value."""
         found = self.searches[k].ports.at(omega)
-        if not np.all(np.isfinite(found)):
+        if not all(np.isfinite(each).all() for each in found):
             raise EngineError("a pole of the board is on the imaginary axis")
         return found
 

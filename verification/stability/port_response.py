@@ -1,11 +1,14 @@
 """Admittance of some parts times the impedance at their terminals, over frequency.
 
 It is the W(s) of the characteristic loci (`loci`): that of equal parts, or of one part that stands
-in the matrices as a product of a column and a row.
+in the matrices as a product of a column and a row. The parts of a board that is its own mirror
+image have one W for currents that are even under the exchange, and one for odd ones: without them a
+point of a sweep with its margin takes up to 9 % more.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from functools import cached_property
@@ -18,6 +21,7 @@ from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
 from taction.verification.engines.statespace.equations.stamps import stamp_together
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
@@ -106,20 +110,49 @@ class PortResponse:
         board = self.board.coarse if self.board.descriptor.is_large else self.board
         return board.state_space.modes.poles
 
-    def at(self, omega: Floats) -> Complexes:
-        """Return the matrices at angular frequencies (P,), 1/s, whose eigenvalues are the loci.
+    def at(self, omega: Floats) -> list[Complexes]:
+        """Return the matrices of each of `bases` at angular frequencies (P,), 1/s; (P, k, k) each.
 
-        Their shape is (P, K, K).
+        The eigenvalues of all of them are the loci.
         """
         if not self._modes_suffice:
-            return np.stack([self.exact(1j * each) for each in omega.tolist()])
-        poles, residues, direct = self._residues
+            whole = np.stack([self.exact(1j * each) for each in omega.tolist()])
+            return [basis.T @ whole @ basis for basis in self.bases]
+        poles, parts = self._residues
         own, other = (1.0 / (1j * omega[:, None] - p) for p in (poles, poles.conj()))
         # ``R / (s - p) + R* / (s - p*)`` of a pair in real matrices.
-        gain = np.concatenate([own + other, -1j * (own - other)], axis=1)
-        pairs = gain.real @ residues + 1j * (gain.imag @ residues)
-        response = pairs.reshape(-1, *direct.shape) + direct
-        return np.asarray(1j * omega[:, None, None] * response if self.reactive else response)
+        gain, found = np.concatenate([own + other, -1j * (own - other)], axis=1), list[Complexes]()
+        for residues, direct in parts:
+            pairs = gain.real @ residues + 1j * (gain.imag @ residues)
+            response = pairs.reshape(-1, *direct.shape) + direct
+            weighted = 1j * omega[:, None, None] * response if self.reactive else response
+            found.append(np.asarray(weighted))
+        return found
+
+    @cached_property
+    def bases(self) -> tuple[Floats, ...]:
+        """Orthogonal bases (K, k) of currents that do not meet: even and odd ones, or all.
+
+        Under an exchange of the parts, and of what they are, by that of the board.
+        """
+        every, small = np.eye(self.count), not self.board.descriptor.is_large
+        if self.count == 1 or not small or (halves := self.board.state_space.halves) is None:
+            return (every,)
+        alike = (self.columns[halves[0].mirror][:, :, None] == self.columns[:, None]).all(axis=0)
+        sizes = np.abs(self.rows).max(axis=0)
+        alike &= sizes[:, None] == sizes
+        image = alike.argmax(axis=1)
+        if not np.all(alike.sum(axis=1) == 1) or np.array_equal(image, np.arange(self.count)):
+            return (every,)
+        exchange = Halves.of(image)
+        lone, pairs = every[:, exchange.first[exchange.pairs :]], exchange.first[: exchange.pairs]
+        one, other = every[:, pairs] * math.sqrt(0.5), every[:, image[pairs]] * math.sqrt(0.5)
+        return np.hstack([one + other, lone]), one - other
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number of loci of each of `bases`."""
+        return tuple(basis.shape[1] for basis in self.bases)
 
     def exact(self, s: complex) -> Complexes:
         """Return the matrix at s, 1/s, by a solve of the whole equations, shape (K, K).
@@ -170,18 +203,22 @@ class PortResponse:
         return _of_inputs(driven(*_inputs([self])))
 
     @cached_property
-    def _residues(self) -> tuple[Complexes, Floats, Floats]:
-        """Poles (m,), one of each pair, their residues, and what has no pole, (K, K).
+    def _residues(self) -> tuple[Complexes, list[tuple[Floats, Floats]]]:
+        """Poles (m,), one of each pair; of each of `bases` residues, and what has no pole, (k, k).
 
-        Real parts of the residues are above the imaginary parts, (2 m, K²).
+        Real parts of the residues are above the imaginary parts, (2 m, k²).
         """
         (B, C, D), modes = self._reduced, self.board.state_space.modes
         upper = np.flatnonzero(modes.poles.imag >= 0.0)
         seen, left = self.columns.T @ C @ modes.right[:, upper], modes.left[upper] @ B
-        residues = (seen.T[:, :, None] * left[:, None, :]).reshape(len(upper), self.count**2)
-        residues[modes.poles[upper].imag == 0.0] *= 0.5
-        parts = np.concatenate([residues.real, -residues.imag])
-        return modes.poles[upper], parts, self.columns.T @ D
+        found = list[tuple[Floats, Floats]]()
+        for basis in self.bases:
+            outer = (basis.T @ seen).T[:, :, None] * (left @ basis)[:, None, :]
+            residues = outer.reshape(len(upper), basis.shape[1] ** 2)
+            residues[modes.poles[upper].imag == 0.0] *= 0.5
+            parts = np.concatenate([residues.real, -residues.imag])
+            found.append((parts, basis.T @ self.columns.T @ D @ basis))
+        return modes.poles[upper], found
 
 
 def share_elimination(responses: Sequence[PortResponse]) -> None:

@@ -126,18 +126,31 @@ def test_responses_of_several_boards_have_the_digits_that_each_has_alone() -> No
     for one, scene in zip(together, scenes, strict=True):
         assert "_reduced" in vars(one)
         alone = capacitors(synthesise(scene))
-        assert one.at(omega).tobytes() == alone.at(omega).tobytes()
+        for found, wanted in zip(one.at(omega), alone.at(omega), strict=True):
+            assert found.tobytes() == wanted.tobytes()
 
 
 @pytest.mark.parametrize("name", ["tuned-breadboard", "eleven-channel"])
 def test_loci_by_modes_are_those_of_solves_of_the_equations(name: str) -> None:
     ports = capacitors(synthesise(load_scene(SCENES / f"{name}.toml")))
     omega = np.geomspace(1e2, 1e9, 15)
+    assert ports.sizes == (ports.count // 2 + 1, ports.count // 2)
     solved = np.stack([ports.exact(1j * each) for each in omega.tolist()])
-    whole, modal = np.linalg.eigvals(solved), np.linalg.eigvals(ports.at(omega))
+    whole = np.linalg.eigvals(solved)
+    modal = np.concatenate([np.linalg.eigvals(part) for part in ports.at(omega)], axis=1)
     apart = np.abs(whole[:, :, None] - modal[:, None])
     for nearest in (apart.min(axis=1), apart.min(axis=2)):
         assert np.all(nearest < 1e-9 * np.abs(whole).max(axis=1, keepdims=True))
+
+
+def test_parts_that_are_not_exchanged_have_one_response() -> None:
+    circuit = synthesise(load_scene(SCENES / "tuned-breadboard.toml"))
+    first, second, *_, last = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
+    board = LinearBoard(circuit)
+    larger = replace(last, farads=2.0 * last.farads)
+    assert board.state_space.halves is not None
+    for parts, sizes in (((first, second), (2,)), ((first, last), (1, 1)), ((first, larger), (2,))):
+        assert PortResponse.of_parts(board, parts).sizes == sizes
 
 
 def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,7 +165,8 @@ def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> 
         with monkeypatch.context() as patch:
             patch.setattr(module, "WELL_CONDITIONED", 0.0)
             solved = PortResponse.of_parts(board, parts).at(omega)
-            assert modal == pytest.approx(solved, rel=1e-8, abs=1e-8 * np.abs(modal).max())
+            for one, other in zip(modal, solved, strict=True):
+                assert one == pytest.approx(other, rel=1e-8, abs=1e-8 * np.abs(one).max())
 
 
 def test_a_large_board_has_the_crossings_of_the_dense_one(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,10 +208,10 @@ def test_a_share_of_zero_is_far_below_every_interval() -> None:
     """Where the parts alone carry the current, w is 1 and the share ``1 - 1/w`` is 0."""
 
     class AllCurrent:
-        count = 2
+        sizes = (2,)
 
-        def at(self, omega: np.ndarray) -> np.ndarray:
-            return np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2))
+        def at(self, omega: np.ndarray) -> list[np.ndarray]:
+            return [np.broadcast_to(np.eye(2, dtype=complex), (len(omega), 2, 2))]
 
     trace = _Trace([LociSearch(AllCurrent(), 1e-3)])  # type: ignore[arg-type]
     loci = trace.loci(np.array([1.0, 2.0]), np.zeros(2, dtype=np.int64))
