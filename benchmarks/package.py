@@ -26,7 +26,6 @@ from benchmarks.measuring import (
 
 ROUNDS = {Extent.TINY: 1, Extent.QUICK: 7, Extent.FULL: 20}
 NAME = "taction"
-OWN = ("system", "spice_models", "netlist_gen", "verification", "cli", "taction")  # below taction
 DEVELOPMENT = "dev"
 SCENE = SCENES / "paper-breadboard.toml"
 LARGE = ("numpy", "scipy")
@@ -119,7 +118,7 @@ def closure(name: str, extras: frozenset[str]) -> frozenset[str]:
 def size(name: str) -> int:
     """Return the size of the files of an installed package, bytes; bytecode does not count."""
     if name == NAME:  # here the checkout itself
-        own = (file for folder in OWN for file in (ROOT / folder).rglob("*"))
+        own = (file for file in (ROOT / "taction").rglob("*"))
     else:
         own = (Path(str(file.locate())) for file in metadata.files(name) or ())
     return sum(

@@ -91,7 +91,7 @@ trick that is gone, with no more numbers outside their stated error.
   0.62, and a usage error of `onset` 63 ms in place of 75 (medians of 10 pairs, at load 12).
 - No collection of garbage falls into a short command: with a threshold of 100,000 one of 28 ms
   fell into the imports of `verify`. The workers' imports have the command's threshold, too.
-- Frozen values are made by `frozen` (`system/frozen.py`), which compiles no method at the import.
+- Frozen values are made by `frozen` (`taction/system/frozen.py`), which compiles no method at the import.
   Everywhere in place of `dataclass`, `verify` of paper-breadboard by state space takes 0.36 s in
   place of 0.43, a sweep of five points 0.39 in place of 0.49, and a scene file that is missing
   78 ms in place of 88 (minima of 14, in turns, at load 8). All classes share the methods that need

@@ -63,6 +63,7 @@ def tests_of(files: Iterable[str]) -> list[Path]:
             places[path] = 0
             continue
         module = name.removesuffix(".py").replace("/", ".")
+        mirrored = (ROOT / "tests" / name.removeprefix("taction/")).parent
         if name in names:
             module = f"taction.{names[name].removeprefix('door.')}"
         python = path.suffix == ".py"
@@ -70,7 +71,7 @@ def tests_of(files: Iterable[str]) -> list[Path]:
             if module in imports[file] if python else path.name in file.read_text("utf-8"):
                 mirror = file.name in {f"test_{path.stem}.py", f"test_{path.parent.name}.py"}
                 places[file] = min(places.get(file, 2), 1 if mirror else 2)
-            elif name in names and file.parent == (ROOT / "tests" / name).parent:
+            elif name in names and file.parent == mirrored:
                 places.setdefault(file, 3)
     return sorted(places, key=lambda file: (places[file], file.stat().st_size))
 

@@ -27,8 +27,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 RECORD = ROOT / "docs" / "nightly.toml"
 HEAD = "# Written by `make nightly`; `.ci/run` says which steps are not green with its sources.\n"
-PACKAGE = ("taction", "cli", "system", "netlist_gen", "spice_models", "verification")
-PACKAGE += ("scenes", "requirements", "pyproject.toml")
+PACKAGE = ("taction", "requirements", "pyproject.toml")
 SOURCES = (*PACKAGE, "tests", "scripts")
 STEPS = {
     "processors": ("make", "test-processors"),

@@ -13,7 +13,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 
-# The folders of the top level that are packages below `taction` (pyproject.toml, package-dir).
+PACKAGE = ROOT / "taction"
+# The folders of the package; the files beside them are the room `door`.
 FOLDERS = ("system", "spice_models", "netlist_gen", "verification", "cli")
 
 # The floors of the house, the lowest first, and the rooms on each. A room imports from itself and
@@ -46,11 +47,10 @@ def modules() -> dict[str, Path]:
     The files of the folder `taction` itself are the room `door`.
     """
     found = {}
-    for package in (*FOLDERS, "taction"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            parts = path.relative_to(ROOT).with_suffix("").parts
-            parts = ("door", *parts[1:]) if package == "taction" else parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(PACKAGE).with_suffix("").parts
+        parts = parts if parts[0] in FOLDERS else ("door", *parts)
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
@@ -115,7 +115,7 @@ def lines() -> dict[str, int]:
         room = room_of(module)
         if room is not None:
             found[room] += len(path.read_text("utf-8").splitlines())
-    page = ROOT / "verification" / "report"
+    page = PACKAGE / "verification" / "report"
     for path in page.rglob("*"):
         if path.suffix in {".css", ".js", ".html"}:
             found["verification.report"] += len(path.read_text("utf-8").splitlines())

@@ -135,15 +135,15 @@ def test_a_step_of_the_night_is_stale_until_it_is_green_with_these_sources() -> 
 
 
 def test_a_check_before_a_commit_runs_the_tests_of_what_changed() -> None:
-    found = check.tests_of(["verification/verdict/verify.py", "tests/cli/test_files.py"])
+    found = check.tests_of(["taction/verification/verdict/verify.py", "tests/cli/test_files.py"])
     names = [file.relative_to(ROOT / "tests").as_posix() for file in found]
     assert names[0] == "cli/test_files.py"
     assert names[1].startswith("verification/verdict/test_verify")
     assert "verification/studies/test_sweep.py" not in names[:3]
     # No test imports this module: the command loads it when it runs.
-    commands = {file.parent for file in check.tests_of(["cli/verify_scene.py"])}
+    commands = {file.parent for file in check.tests_of(["taction/cli/verify_scene.py"])}
     assert commands == {ROOT / "tests" / "cli"}
-    views = [file.name for file in check.tests_of(["verification/report/views/verdict_screen.py"])]
+    views = [file.name for file in check.tests_of(["taction/verification/report/views/verdict_screen.py"])]
     assert views[0] == "test_verdict_screen.py"
 
 

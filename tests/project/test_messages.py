@@ -66,4 +66,4 @@ def pattern(index: ModuleType, text: str) -> re.Pattern[str]:
 
 
 def _source() -> str:
-    return (ROOT / "system" / "errors.py").read_text("utf-8")
+    return (ROOT / "taction" / "system" / "errors.py").read_text("utf-8")

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import sysconfig
 import tarfile
-import tomllib
 import zipfile
 from pathlib import Path
 
@@ -16,10 +15,11 @@ import pytest
 from packaging.metadata import Metadata
 
 from taction.verification.studies.running.versions import own_code
-from tests.support.archives import FILES, MOVED, PACKAGES, build_archives
+from tests.support.archives import FILES, LINKS, build_archives
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT
 
+FOLDERS = ("cli", "netlist_gen", "spice_models", "system", "verification")
 SHIPPED = (".py", ".toml", ".json", ".typed", ".html", ".css", ".js")
 RIVAL_TEST = """
 import sys
@@ -89,17 +89,14 @@ def installed(site: Path, folder: Path, *words: str) -> subprocess.CompletedProc
 
 def sources() -> dict[str, Path]:
     """The files of a wheel: their names in it, and where they are in the checkout."""
-    files = [path for package in PACKAGES for path in (ROOT / package).rglob("*")]
-    files = [path for path in files if path.suffix in SHIPPED]
-    scenes = [path for path in (ROOT / "scenes").rglob("*") if path.suffix in {".toml", ".csv"}]
+    place = ROOT / "taction"
+    scenes = [path for path in (place / "scenes").rglob("*") if path.suffix in {".toml", ".csv"}]
+    files = [path for path in place.rglob("*") if path.suffix in SHIPPED]
+    files = [path for path in files if place / "scenes" not in path.parents]
     assert files
     assert scenes
-    files += [*scenes, ROOT / "scenes" / "stress" / "true-values.json"]
-    local = {path.relative_to(ROOT).as_posix(): path for path in files}
-    return {
-        name if name.startswith("taction/") else f"taction/{name}": path
-        for name, path in local.items()
-    }
+    files += [*scenes, place / "scenes" / "stress" / "true-values.json"]
+    return {path.relative_to(ROOT).as_posix(): path for path in files}
 
 
 def names(wheel: Path) -> set[str]:
@@ -124,15 +121,12 @@ def test_the_wheel_holds_every_file_as_it_is_in_the_checkout(archives: tuple[Pat
     assert not changed
 
 
-def test_the_list_of_packages_is_complete() -> None:
-    listed = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]
-    folders = [path.parent for top in PACKAGES for path in (ROOT / top).rglob("__init__.py")]
-    parts = [folder.relative_to(ROOT).parts for folder in folders]
-    found = {".".join(names if names[0] == "taction" else ("taction", *names)) for names in parts}
-    assert set(listed["packages"]) == found | {"taction.scenes"}
-    for name, folder in listed["package-dir"].items():
-        if name != "taction":
-            assert (ROOT / "taction" / folder).resolve() == ROOT / folder
+def test_the_names_at_the_top_level_are_links_into_the_package() -> None:
+    """The archives are built from a copy without these links."""
+    links = {path.name: path for path in ROOT.iterdir() if path.is_symlink() and path.is_dir()}
+    assert links.keys() == set(LINKS)
+    assert all(str(path.readlink()) == f"taction/{name}" for name, path in links.items())
+    assert not [path for path in (ROOT / "taction").rglob("*") if path.is_symlink()]
 
 
 def test_wheel_and_checkout_have_the_same_digest(site: Path, tmp_path: Path) -> None:
@@ -179,7 +173,7 @@ def test_the_command_and_the_plugin_are_parts_of_taction(archives: tuple[Path, P
 def test_packages_of_the_same_names_beside_the_tests_are_left_alone(
     site: Path, tmp_path: Path
 ) -> None:
-    for name in MOVED:
+    for name in FOLDERS:
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text('OWNER = "somebody else"\n')
     (tmp_path / "test_rival.py").write_text(RIVAL_TEST)
@@ -219,7 +213,7 @@ def test_the_installed_package_loads_none_of_the_checkout(site: Path, tmp_path: 
         "[getattr(taction, name) for name in taction.__all__]\n"
         "from taction.cli import boards, ending, main, reference, studies\n"
         "print(*sorted(name for name in sys.modules if name.partition('.')[0] in "
-        f"{MOVED!r}), sep='\\n')\n"
+        f"{FOLDERS!r}), sep='\\n')\n"
         "print(sum(name.startswith('taction.') for name in sys.modules) > 50)\n"
     )
     run = installed(site, tmp_path, "-c", script)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 from taction.netlist_gen.topologies import NAMES
 from tests.support.paths import ROOT
 
-FOLDERS = ("system", "spice_models", "netlist_gen", "verification", "cli", "taction")
+PACKAGE = ROOT / "taction"
 QUOTED = f"""["']({"|".join(NAMES)})["']"""
 PART = r"(part|cell|each|source|r|c|resistor|capacitor)\.name"
 FORBIDDEN = {
@@ -23,12 +22,10 @@ OWN = ("netlist_gen/topologies/", "verification/reference/networks/")
 
 
 def sources() -> Iterator[tuple[str, str]]:
-    for folder in FOLDERS:
-        pattern = "*.py" if folder == "taction" else "**/*.py"
-        for path in sorted((ROOT / folder).glob(pattern)):
-            name = path.relative_to(ROOT).as_posix()
-            if not name.startswith(OWN):
-                yield name, path.read_text("utf-8")
+    for path in sorted(PACKAGE.rglob("*.py")):
+        name = path.relative_to(PACKAGE).as_posix()
+        if not name.startswith(OWN):
+            yield name, path.read_text("utf-8")
 
 
 def found(name: str, text: str) -> Iterator[str]:
@@ -66,4 +63,4 @@ def test_a_topology_is_named_in_its_file_only() -> None:
 
 def test_this_test_reads_the_package() -> None:
     assert sum(1 for _ in sources()) > 200
-    assert Path(ROOT / OWN[0]).is_dir()
+    assert (PACKAGE / OWN[0]).is_dir()

@@ -9,9 +9,8 @@ from pathlib import Path
 
 from tests.support.paths import ROOT
 
-# The folders of the top level that are packages below taction.
-MOVED = ("system", "spice_models", "netlist_gen", "verification", "cli")
-PACKAGES = (*MOVED, "taction")
+# The top level shows these folders of the package as links.
+LINKS = ("cli", "netlist_gen", "spice_models", "scenes")
 FILES = ("pyproject.toml", "README.md", "LICENSE")
 
 BUILD = """
@@ -25,9 +24,9 @@ print(build_meta.build_wheel(out), build_meta.build_sdist(out))
 
 def build_archives(copy: Path, out: Path) -> tuple[Path, Path]:
     """Copy the sources into the folder `copy`; build wheel and source archive into `out`."""
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, copy / package, symlinks=True)
-    shutil.copytree(ROOT / "scenes", copy / "scenes")
+    shutil.copytree(ROOT / "taction", copy / "taction")
+    for name in LINKS:
+        (copy / name).write_text(f"taction/{name}")  # as git writes a link where there can be none
     for name in FILES:
         shutil.copy(ROOT / name, copy)
     run = subprocess.run(

@@ -65,7 +65,7 @@ def another_taction(folder: Path, version: str | None = None, without: str | Non
     """
     # Stored bytecode is good for the copies, too; what another process still writes is left out.
     skipped = shutil.ignore_patterns("*.pyc.*")
-    shutil.copytree(ROOT / "taction", folder / "taction", ignore=skipped)  # links become files
+    shutil.copytree(ROOT / "taction", folder / "taction", ignore=skipped)
     with (folder / "taction" / "netlist_gen" / "analysis.py").open("a") as file:
         file.write("# another\n")
     if without is not None:
