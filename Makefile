@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo check test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress reproduce stress nightly fuzz torture boards docs notebooks man schemas lint format bench lock build clean
+.PHONY: help setup ready demo check test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress reproduce stress proof nightly fuzz torture boards docs notebooks man schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -70,6 +70,9 @@ reproduce: ready ## every claim of the paper, whole: about 50 s of processor tim
 
 stress: ready ## the stiff and extreme cases as a table; ARGS="--page docs/stress.md" writes the page
 	.venv/bin/taction self stress --jobs $(JOBS) $(ARGS)
+
+proof: ready ## outcomes and readings of scenes, decks, stress and coverage against stored ones; ARGS=--update stores them
+	$(PYTHON_IN_VENV) scripts/proof.py $(ARGS)
 
 nightly: ready ## what takes too long for every commit (an hour or two); records in docs/nightly.toml what was green
 	$(PYTHON_IN_VENV) scripts/nightly.py $(ARGS)
