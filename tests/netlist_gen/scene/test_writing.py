@@ -27,7 +27,7 @@ def test_files_of_another_folder(tmp_path: Path) -> None:
     written = tmp_path / "moved.toml"
     written.write_text(scene_text(scene, tmp_path), encoding="utf-8")
     matrix = load_scene(written).problem.matrix  # type: ignore[union-attr]
-    assert (tmp_path / matrix).resolve() == ROOT / "scenes" / scene.problem.matrix  # type: ignore[union-attr]
+    assert (tmp_path / matrix).resolve() == ROOT / "taction" / "scenes" / scene.problem.matrix  # type: ignore[union-attr]
 
 
 def test_odd_characters_of_a_file_name() -> None:
