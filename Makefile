@@ -107,7 +107,7 @@ format: ready ## rewrite the sources as ruff wants them
 	$(PYTHON_IN_VENV) -m ruff check --fix .
 	$(PYTHON_IN_VENV) -m ruff format .
 
-bench: ready ## docs/benchmarks.md in minutes; ARGS=--full measures everything, ARGS="--only startup" prints a section
+bench: ready ## docs/benchmarks.md in minutes; ARGS="--only check" prints a section
 	$(PYTHON_IN_VENV) -m benchmarks $(ARGS)
 
 lock: ## write requirements/*.txt anew from pyproject.toml, newest versions; ARGS=--keep pins only what is new

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.measuring import children_seconds
+from benchmarks.measuring import processor
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.system.array_types import Floats
@@ -51,16 +51,9 @@ def run(deck: Deck, timeout: float) -> Waveforms:
     return process.simulate(deck, find_simulator(), timeout=timeout)
 
 
-def process_seconds(deck: Deck, timeout: float = 600.0) -> float:
-    """Run a deck and return the wall time of the ngspice process, s."""
-    return run(deck, timeout).cost.seconds
-
-
 def processor_seconds(deck: Deck, timeout: float = 600.0) -> float:
-    """Run a deck and return the processor time of the ngspice process, s."""
-    before = children_seconds()
-    run(deck, timeout)
-    return children_seconds() - before
+    """Run a deck and return its processor time, with that of the ngspice process, s."""
+    return processor(lambda: run(deck, timeout))()
 
 
 def true_solution(board: LinearBoard, transient: Transient) -> Truth:

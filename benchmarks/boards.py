@@ -1,31 +1,31 @@
-"""Larger boards: whole `verify` commands, with wall time and peak memory."""
+"""Whole verdicts of large boards and of closed loops with wires: processor time and memory."""
 
 from __future__ import annotations
 
-import statistics
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from benchmarks.bare import cheapest, process_seconds, true_solution
+import numpy as np
+
 from benchmarks.measuring import (
     Cost,
-    Extent,
     Figure,
-    Result,
-    Table,
+    imports,
+    in_seconds,
     in_turns,
+    processor,
     python,
-    ratios,
     taction,
 )
-from taction.netlist_gen.scene.loading import load_scene
-from taction.system.progress import Clock
-from taction.verification.verdict.design import design_board
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.scene import Scene
+from taction.verification.verdict.verify import verify
 
 SCENE = """
-name = "larger-board"
+name = "large-board"
 [problem]
 kind = "tactile"
 channels = {channels}
@@ -42,98 +42,55 @@ stray_capacitance = "2pF"
 [checks]
 steady_state = {{ tolerance = 1e-2 }}
 """
-IMPORTS = "import of scipy.linalg and pydantic"
-MEMORY = 1000.0  # MB, wanted for every command
-TIMES = 3.0  # wanted: a command by ngspice over the cheapest bare run, where no time is wanted
-TIMEOUT = 600.0  # s
-
-
-@dataclass(frozen=True)
-class Job:
-    """A board, an engine, the wanted wall time in s if there is one, and how often it runs."""
-
-    channels: int
-    amplifier: str
-    engine: str
-    wanted: float | None = None
-    rounds: int = 3
-
-    @property
-    def name(self) -> str:
-        """In words."""
-        return f"verify, {self.channels} channels, {self.amplifier}, {self.engine}"
-
-    def write(self, folder: Path) -> Path:
-        """Write the scene and return its path."""
-        path = folder / f"{self.channels}-{self.amplifier}.toml"
-        path.write_text(SCENE.format(channels=self.channels, amplifier=self.amplifier))
-        return path
-
-    def run(self, folder: Path) -> Cost:
-        """Run the whole command."""
-        return taction("verify", str(self.write(folder)), "--engine", self.engine)
-
-
-QUICK = (
-    Job(64, "linear", "statespace", 1.5),
-    Job(64, "linear", "ngspice", 12.0),
-    Job(64, "exponential", "statespace", 5.0),
-    Job(64, "exponential", "ngspice"),
-    Job(200, "linear", "statespace", 3.5),
-)
-JOBS = {
-    Extent.TINY: (Job(3, "linear", "ngspice", rounds=1),),
-    Extent.QUICK: QUICK,
-    Extent.FULL: (
-        *QUICK,
-        Job(200, "linear", "ngspice", rounds=1),
-        Job(200, "exponential", "statespace", 40.0, rounds=1),
-        Job(200, "exponential", "ngspice", rounds=1),
-    ),
+JOBS = {  # channels, amplifier and engine, and the wanted processor time, s
+    (64, "linear", "statespace"): 1.5,
+    (64, "linear", "ngspice"): 12.0,
+    (64, "exponential", "statespace"): 5.0,
+    (200, "linear", "statespace"): 1.6,
+    (500, "linear", "statespace"): 5.0,
 }
+TINY = {(3, "linear", "ngspice"): None}
+MEMORY = 600.0  # MB, wanted of every command
+FEEDBACK: dict[str, dict[str, Value]] = {
+    "inv": {},
+    "pinv": {"design.feedback_conductance": 1.04e-3},  # 3 times the least one
+}
+WIRED = {"inv": 4.5, "pinv": 8.0}  # wanted, s
 
 
-def measure(extent: Extent) -> Result:
+def measure(tiny: bool) -> list[Figure]:
     """Run every command in turns with the imports that every command needs."""
-    figures, rows, peaks = [], [], []
-    with tempfile.TemporaryDirectory() as place:
-        for job in JOBS[extent]:
-            runs = {IMPORTS: partial(python, "import scipy.linalg, pydantic")}
-            runs |= {job.name: partial(job.run, Path(place))}
-            found = in_turns(runs, job.rounds, warm=False)
-            clock = {name: [cost.wall for cost in costs] for name, costs in found.items()}
-            seconds = statistics.median(clock[job.name])
-            peaks.append(max(cost.memory for cost in found[job.name]))
-            times = ratios(clock[job.name], clock[IMPORTS])
-            figures.append(Figure(job.name, IMPORTS, times, job.wanted, seconds, "s"))
-            rows.append((job.name, f"{seconds:.2f}", f"{peaks[-1]:.0f}"))
-        if extent is not Extent.QUICK:
-            figures += [
-                f for job in JOBS[extent] if bare_known(job) for f in over_bare(job, Path(place))
-            ]
-    python_alone = python("").memory
-    share = [peak / python_alone for peak in peaks]
+    figures, peaks = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        for (channels, amplifier, engine), wanted in (TINY if tiny else JOBS).items():
+            scene = Path(folder) / f"{channels}-{amplifier}.toml"
+            scene.write_text(SCENE.format(channels=channels, amplifier=amplifier))
+            verdict = partial(taction, "verify", str(scene), "--engine", engine)
+            jobs: dict[str, Callable[[], Cost]] = {"verify": verdict, "imports": imports}
+            found = in_turns(jobs, 1 if tiny else 3, warm=False)
+            spent, base = ([cost.processor for cost in found[job]] for job in jobs)
+            what = f"verify, {channels} channels, {amplifier}, {engine}, processor time"
+            figures.append(in_seconds(what, spent, base, wanted))
+            peaks.append(max(cost.memory for cost in found["verify"]))
+    share = [peak / python("").memory for peak in peaks]
     what = "peak memory of the largest of these"
     figures.append(Figure(what, "memory of Python", share, MEMORY, max(peaks), "MB"))
-    return Result(figures, [Table("Larger boards", ("", "wall, s", "memory, MB"), rows)])
+    for topology, seconds in WIRED.items():
+        channels = 3 if tiny else 128
+        scene_of = wired(topology, channels).with_engine("statespace")
+        spent, base = [processor(partial(verify, scene_of))()], [imports().processor]
+        what = f"verify, {topology} with wires, {channels} channels, processor time"
+        figures.append(in_seconds(what, spent, base, seconds))
+    return figures
 
 
-def bare_known(job: Job) -> bool:
-    """Whether a ladder of bare runs of the board takes minutes, not hours."""
-    return job.engine == "ngspice" and job.channels <= 64
-
-
-def over_bare(job: Job, folder: Path) -> list[Figure]:
-    """Compare a command with the cheapest bare ngspice whose error the scene allows, if any."""
-    scene = load_scene(job.write(folder))
-    design = design_board(scene.with_engine("ngspice"), Clock(lambda stage: None))
-    truth = true_solution(design.board, design.transient)
-    best = cheapest(design.board, design.transient, truth, design.plan.wanted, TIMEOUT)
-    if best is None:
-        return []
-    deck = best.deck
-    runs = {"verify": lambda: job.run(folder).wall, "bare": lambda: process_seconds(deck)}
-    found = in_turns(runs, job.rounds, warm=False)
-    wanted = None if job.wanted else TIMES
-    base = "cheapest bare ngspice of the same error"
-    return [Figure(job.name, base, ratios(found["verify"], found["bare"]), wanted)]
+def wired(topology: str, channels: int) -> Scene:
+    """Return a closed-loop board with wires, of conductances ``0.5^|i - j| G0``."""
+    place = np.arange(channels)
+    scene = Scene.from_arrays(
+        0.5 ** np.abs(place[:, None] - place), np.where(place % 3 == 0, -0.05, 0.1),
+        topology=topology, unit_conductance=1e-4, opamp="opa189",
+    )  # fmt: skip
+    lines = dict.fromkeys(("wires.word_line", "wires.bit_line"), 1.0)
+    ends = dict.fromkeys(("wires.driver", "wires.sense"), 5.0)
+    return with_values(scene, {**lines, **ends, "wires.compensate": True, **FEEDBACK[topology]})

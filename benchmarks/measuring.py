@@ -6,7 +6,6 @@ machine falls on both. A figure is the median of the rounds' own ratios, with th
 
 from __future__ import annotations
 
-import enum
 import os
 import random
 import resource
@@ -21,15 +20,8 @@ from typing import TypeVar
 
 ROOT = Path(__file__).parents[1]
 SCENES = ROOT / "scenes"
+IMPORTS = "import of scipy.linalg and pydantic"
 Returned = TypeVar("Returned")
-
-
-class Extent(enum.Enum):
-    """How much a section measures: the least that shows it works, some minutes, or everything."""
-
-    TINY = "tiny"
-    QUICK = "quick"
-    FULL = "full"
 
 
 @dataclass(frozen=True)
@@ -84,34 +76,6 @@ class Figure:
         return self.measured >= self.wanted if self.least else self.measured <= self.wanted
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table of details: a title, the columns, and rows of text."""
-
-    title: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a section found.
-
-    Attributes
-    ----------
-    figures : list of Figure
-        Ratios, with what is wanted.
-    tables : list of Table
-        Details.
-    plots : dict of str to callable
-        For each file name a function that draws into a Matplotlib figure.
-    """
-
-    figures: list[Figure]
-    tables: list[Table] = field(default_factory=list)
-    plots: dict[str, Callable[..., None]] = field(default_factory=dict)
-
-
 def in_turns(
     jobs: Mapping[str, Callable[[], Returned]], rounds: int, *, warm: bool = True
 ) -> dict[str, list[Returned]]:
@@ -135,21 +99,21 @@ def ratios(job: Sequence[float], baseline: Sequence[float]) -> list[float]:
     return [a / b for a, b in zip(job, baseline, strict=True)]
 
 
-def wall(job: Callable[[], object]) -> Callable[[], float]:
-    """Return a function that runs `job` and returns its wall time, s."""
+def processor_seconds() -> float:
+    """Return the processor time of this process and of all ended child processes, s."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
+
+
+def processor(job: Callable[[], object]) -> Callable[[], float]:
+    """Return a function that runs `job` and returns its processor time with children, s."""
 
     def timed() -> float:
-        begun = time.perf_counter()
+        begun = processor_seconds()
         job()
-        return time.perf_counter() - begun
+        return processor_seconds() - begun
 
     return timed
-
-
-def children_seconds() -> float:
-    """Return the processor time of all ended child processes, s."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 @dataclass(frozen=True)
@@ -182,7 +146,7 @@ def python(code: str, *words: str, accepted: tuple[int, ...] = (0,)) -> Cost:
     RuntimeError
         The process ended with a status that is not `accepted`; the message has its stderr.
     """
-    before, begun = children_seconds(), time.perf_counter()
+    before, begun = processor_seconds(), time.perf_counter()
     command = [sys.executable, "-c", PEAK + code, *words]
     # A user's Python keeps its bytecode; without it a command compiles all its modules each time.
     env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
@@ -191,12 +155,24 @@ def python(code: str, *words: str, accepted: tuple[int, ...] = (0,)) -> Cost:
     if run.returncode not in accepted:
         raise RuntimeError(f"{' '.join(words)} ended with {run.returncode}: {run.stderr[-500:]}")
     memory = float(run.stderr.splitlines()[-1]) * 1024 / 1e6
-    return Cost(seconds, children_seconds() - before, memory)
+    return Cost(seconds, processor_seconds() - before, memory)
+
+
+def imports() -> Cost:
+    """Run a Python that imports what every verdict needs: the baseline of whole commands."""
+    return python("import scipy.linalg, pydantic")
 
 
 def taction(*words: str) -> Cost:
-    """Run the command in a process of its own; a failed check is no error."""
-    return python(COMMAND, *words, accepted=(0, 1, 3))
+    """Run the command in a process of its own; a failed check and a refusal are no error."""
+    return python(COMMAND, *words, accepted=(0, 1, 2, 3))
+
+
+def in_seconds(
+    what: str, found: Sequence[float], baseline: Sequence[float], wanted: float | None
+) -> Figure:
+    """Return the figure of times, s, over those of the imports."""
+    return Figure(what, IMPORTS, ratios(found, baseline), wanted, statistics.median(found), "s")
 
 
 def machine() -> str:

@@ -9,37 +9,31 @@ import pytest
 
 from benchmarks import deck, grid
 from benchmarks.__main__ import main
-from benchmarks.measuring import Extent, Figure, Result, Table
+from benchmarks.measuring import Figure
 from benchmarks.page import BEGIN, END, page, section, write_table
 from taction.system.processes import THREADS
 
-RESULT = Result(
-    [
-        Figure("kept", "one", [1.0, 2.0, 3.0], wanted=2.0, load=0.5),
-        Figure("missed", "two", [0.5], wanted=1.0, least=True, load=9.25),
-        Figure("seconds", "three", [4.0], wanted=1.5, value=1.25, unit="s", load=1.0),
-        Figure("free", "four", [1e-5], load=0.0),
-    ],
-    [Table("Details", ("a", "b"), [("1", "2")])],
-    {"a.png": lambda figure: None},
-)
+FIGURES = [
+    Figure("kept", "one", [1.0, 2.0, 3.0], wanted=2.0, load=0.5),
+    Figure("missed", "two", [0.5], wanted=1.0, least=True, load=9.25),
+    Figure("seconds", "three", [4.0], wanted=1.5, value=1.25, unit="s", load=1.0),
+    Figure("free", "four", [1e-5], load=0.0),
+]
 
 
-def test_a_section_has_its_docstring_figures_plots_and_tables() -> None:
-    text = re.sub(" +", " ", page("title", [section("deck", deck, RESULT)]))
+def test_a_section_has_its_docstring_and_its_figures() -> None:
+    text = re.sub(" +", " ", page("title", [section("deck", deck, FIGURES)]))
     assert "## deck\n\nHow long a deck takes to write" in text
     assert "| kept | one | 2 (1.5 to 2.5) | 3 | 0.5 | at most 2 | 2 |\n" in text
     assert "| missed | two | 0.5 (0.5 to 0.5) | 1 | 9.2 | at least 1 | **0.5** |\n" in text
     assert "| seconds | three | 4 (4 to 4) | 1 | 1.0 | at most 1.5 s | 1.25 s |\n" in text
     assert "| free | four | 1e-05 (1e-05 to 1e-05) | 1 | 0.0 | | 1e-05 |\n" in text
-    assert re.search(r"!\[How long a deck takes to write.*\]\(benchmarks-a.png\)\n", text)
-    assert "Details:\n\n| a | b |\n| - | - |\n| 1 | 2 |\n" in text
 
 
 def test_the_table_of_the_readme_is_replaced_and_nothing_else(tmp_path: Path) -> None:
     readme = tmp_path / "README.md"
     readme.write_text(f"before\n{BEGIN}old\n{END}after\n", "utf-8")
-    write_table(tmp_path, "title", {"deck": RESULT})
+    write_table(tmp_path, "title", {"deck": FIGURES})
     once = readme.read_text("utf-8")
     assert once.startswith(f"before\n{BEGIN}title\n\n| what ")
     assert once.endswith(f"{END}after\n")
@@ -48,7 +42,7 @@ def test_the_table_of_the_readme_is_replaced_and_nothing_else(tmp_path: Path) ->
     assert "| missed " in once
     assert "| seconds " not in once  # a second limit of the section, and kept
     assert "| free " not in once  # without a limit
-    write_table(tmp_path, "title", {"deck": RESULT})
+    write_table(tmp_path, "title", {"deck": FIGURES})
     assert readme.read_text("utf-8") == once
 
 
@@ -62,13 +56,13 @@ def test_a_readme_without_markers_is_left_alone(tmp_path: Path) -> None:
 def test_a_section_that_fails_leaves_the_others(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], ngspice: str
 ) -> None:
-    def fail(extent: Extent) -> Result:
+    def fail(*, tiny: bool) -> list[Figure]:
         raise RuntimeError("out of order")
 
     for name in THREADS:
         monkeypatch.setenv(name, "1")
     monkeypatch.setattr(deck, "measure", fail)
-    monkeypatch.setattr(grid, "measure", lambda extent: RESULT)
+    monkeypatch.setattr(grid, "measure", lambda *, tiny: FIGURES)
     monkeypatch.setattr("sys.argv", ["bench", "--only", "deck", "grid"])
     assert main() == 1
     said = capsys.readouterr()
