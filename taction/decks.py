@@ -49,7 +49,8 @@ def check(
         the deck prints, plots or saves, else the node called out, else every node.
     checks : str or iterable of str
         Limit of a reading: settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV,
-        margin=2 (factor by which any part may change), stable, agree=1e-3.
+        margin=2 (factor by which the value of any part may change; no gain or phase margin),
+        stable, oscillates, agree=1e-3. A circuit has to be stable unless it has to oscillate.
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
     linearise : bool
@@ -71,8 +72,7 @@ def check(
         Accepted deviation of these outputs, as a share of the largest one.
     tolerances : path, optional
         TOML file of tolerances: resistor = "1%", and tables [parts] with R1 = "0.1%", and [params]
-        with the names of .param. The worst corners and the yield are found; without --check a
-        board has to be stable.
+        with the names of .param. The worst corners and the yield are found.
     samples : int
         Boards that are drawn within the tolerances.
     seed : int

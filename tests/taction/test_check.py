@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,9 @@ import pytest
 
 import taction
 from taction.system.errors import InputError
+from taction.verification.studies.foreign_board import read_board
 from tests.support.designer_decks import DECKS
+from tests.support.nodal_analysis import exact_poles
 from tests.support.running import taction as command
 
 pytestmark = pytest.mark.usefixtures("ngspice")
@@ -46,14 +49,145 @@ def test_exit_statuses(options: tuple[str, ...], status: int, deck: str) -> None
     assert run(deck, "--no-ngspice", *options)[0] == status
 
 
-def test_an_oscillator_is_reported_and_fails_where_it_is_checked(tmp_path: Path) -> None:
+CASES = Path("tests/data/cases")
+AXIS = "no loss\nI1 0 out PULSE(0 1u)\nL1 out 0 1m\nC1 out 0 1n\n.end\n"
+LATCH = """\
+gain of 3 into its own input
+V1 in 0 PULSE(0 1)
+R1 in p 1k
+R2 p out 1k
+C1 p 0 1n
+E1 out 0 p 0 3
+.end
+"""
+
+
+@pytest.mark.parametrize(
+    ("deck_text", "options", "status"),
+    [
+        ("wien", (), 1), ("wien", ("--check", "stable"), 1),
+        ("wien", ("--check", "settling=1s"), 1),
+        ("wien", ("--check", "agree=1"), 1), ("wien", ("--check", "oscillates"), 0),
+        ("wien", ("--check", "oscillates", "--check", "stable"), 1),
+        (AXIS, (), 3), (AXIS, ("--check", "stable"), 3), (AXIS, ("--check", "oscillates"), 3),
+        (LATCH, (), 1), (LATCH, ("--check", "oscillates"), 1),
+        (DECKS["sallen-key-low-pass"], ("--check", "oscillates"), 1),
+    ],
+)  # fmt: skip
+def test_what_is_not_stable_is_no_pass(
+    deck_text: str, options: tuple[str, ...], status: int, tmp_path: Path
+) -> None:
+    """The bridge of gain 3.1 grows at 1 / (2 pi R C) = 1.59 kHz with (3.1 - 3) / (2 R C)."""
+    place = tmp_path / "deck.cir"
+    place.write_text(deck_text if deck_text != "wien" else (CASES / "wienosc.cir").read_text())
+    assert run(str(place), "--no-ngspice", *options)[0] == status
+
+
+def test_an_oscillator_is_named_with_its_frequency_and_the_nearest_stable_values() -> None:
+    found = taction.check(CASES / "wienosc.cir", ngspice=False)
+    (check,) = found.checks
+    assert "oscillates at 1.59" in check.reason
+    assert "for an oscillator: --check oscillates" in check.reason
+    text = run(str(CASES / "wienosc.cir"), "--no-ngspice")[1]
+    assert "Nearest stable value: E1 below 3 (now 3.1" in " ".join(text.split())
+    rows = {row.name: row for row in found.parts}
+    # Barkhausen: stable up to a gain of 1 + R1/R2 + C2/C1
+    assert rows["E1"].below == pytest.approx(3.0, rel=1e-9)
+    assert rows["R1"].above is None
+    assert rows["R2"].above == pytest.approx(1.1e4, rel=1e-9)
+    assert rows["C1"].below == pytest.approx(1e-8 / 1.05, rel=1e-9)
+    (check,) = taction.check(CASES / "wienosc.cir", checks="oscillates", ngspice=False).checks
+    assert check.value == pytest.approx(math.sqrt(1e8 - 500.0**2) / math.tau, rel=1e-9)
+    assert check.uncertainty is not None
+    assert 0.0 < check.uncertainty < 1e-6
+
+
+def test_an_ldo_is_stable_from_an_esr() -> None:
+    """The poles at both sides are those of nodal analysis with 100 digits."""
+    place = CASES / "ldo.cir"
+    rows = {row.name: row for row in taction.check(place, ngspice=False).parts}
+    esr, lines = rows["Resr"].above, read_board(place).lines
+    assert esr is not None
+    assert rows["Resr"].below is None
+    growth = [
+        max(pole.real for pole in exact_poles([_with_esr(line, ohms) for line in lines]))
+        for ohms in (esr * (1.0 - 1e-6), esr * (1.0 + 1e-6))
+    ]
+    assert growth[0] > 0.0 > growth[1]
+
+
+def _with_esr(line: str, ohms: float) -> str:
+    words = line.split()
+    return " ".join([*words[:3], repr(ohms)]) if words[0] == "resr" else line
+
+
+def test_the_document_of_an_undecided_deck_says_null(tmp_path: Path) -> None:
+    place = tmp_path / "axis.cir"
+    place.write_text(AXIS)
+    status, text = run(str(place), "--no-ngspice", "--json", "--over", "C1=1n:2n:2")
+    found = json.loads(text)
+    assert (status, found["stable"], found["outcome"]) == (3, None, "inconclusive")
+    for point in found["sweeps"][0]["points"]:
+        assert point["stable"] is None
+        assert point["overshoot"] is point["settling_time"] is None
+
+
+def test_an_unstable_value_of_a_sweep_has_no_readings() -> None:
+    found = taction.check(CASES / "wienosc.cir", over="E1=2,3,4", ngspice=False)
+    stable, edge, unstable = found.sweeps[0].points
+    assert (stable.stable, edge.stable, unstable.stable) == (True, None, False)
+    assert stable.overshoot is not None
+    for point in (edge, unstable):
+        assert point.overshoot is point.undershoot is point.settling_time is None
+
+
+@pytest.mark.parametrize("order", [("margin=1.2", "stable"), ("stable", "margin=1.2")])
+def test_the_order_of_checks_does_not_matter(order: tuple[str, str], tmp_path: Path) -> None:
     place = tmp_path / "wien.cir"
-    place.write_text(DECKS["wien"].replace("gain=2.9", "gain=3.1"))
+    place.write_text(DECKS["wien"])  # stable, with a margin of 3 / 2.9
+    (check,) = taction.check(place, checks=order, ngspice=False).checks
+    assert (check.outcome.value, check.expected) == ("fail", 1.2)
+
+
+def test_two_limits_of_one_reading_are_refused(deck: str) -> None:
+    with pytest.raises(InputError, match="two limits of one reading"):
+        taction.check(deck, checks=("settling=1ms", "settling=2ms"), ngspice=False)
+
+
+@pytest.mark.parametrize("option", ["margin", "margin=0.5", "margin=200", "oscillates=1"])
+def test_a_value_that_a_check_cannot_have_is_refused(option: str, deck: str) -> None:
+    assert run(deck, "--no-ngspice", "--check", option)[0] == 2
+
+
+def test_a_divider_keeps_every_margin_and_is_swept() -> None:
+    place = str(CASES / "resistive-over.cir")
+    options = ("--no-ngspice", "--check", "margin=100", "--over", "R1=1k:10k:3", "--json")
+    status, text = run(place, *options)
+    found = json.loads(text)
+    assert (status, found["outcome"], found["stable"]) == (0, "pass", True)
+    assert found["sweeps"][0]["stable_ranges"] == [[1e3, 1e4]]
+    assert [point["real"] for point in found["sweeps"][0]["points"]] == [None] * 3
+
+
+def test_a_resistive_loop_with_gain_keeps_no_margin_unproved(tmp_path: Path) -> None:
+    """Where the gain passes 2 the loop through the divider changes its sign."""
+    place = tmp_path / "loop.cir"
+    place.write_text("loop\nV1 in 0 1\nR1 in p 1k\nR2 p out 1k\nE1 out 0 p 0 1.9\n.end\n")
+    found = taction.check(place, checks="margin=2", ngspice=False)
+    assert found.outcome.value == "inconclusive"
+
+
+def test_a_circuit_that_rings_says_so_first(tmp_path: Path) -> None:
+    """R L C in series: damping ratio R / 2 sqrt(C / L) = 0.0158, overshoot exp(-pi zeta / ...)."""
+    place = tmp_path / "rlc.cir"
+    place.write_text("RLC\nV1 in 0 PULSE(0 1)\nR1 in a 1\nL1 a out 1m\nC1 out 0 1u\n.end\n")
     status, text = run(str(place), "--no-ngspice")
     assert status == 0
-    assert "Not stable" in text
-    assert run(str(place), "--no-ngspice", "--check", "stable")[0] == 1
-    assert run(str(place), "--no-ngspice", "--check", "settling=1s")[0] == 1
+    words = " ".join(text.split())
+    assert "Stable, but rings: damping ratio 0.016 at 5.03" in words
+    zeta = 0.5 * math.sqrt(1e-6 / 1e-3)
+    over = 100.0 * math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2))
+    assert f"overshoot {over:.3g} %" in words
 
 
 def test_the_document_has_its_schema(deck: str, tmp_path: Path) -> None:

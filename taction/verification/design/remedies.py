@@ -182,7 +182,7 @@ def find_remedies(
     search = _RemedySearch(trials, failed, causes, tell)
     if verdict.parts.largest_unit_voltage is not None:
         search.edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
-    search.run(unstable=verdict.poles.certain and not verdict.poles.stable)
+    search.run(unstable=verdict.poles.known_unstable)
     return search.result()
 
 

@@ -341,7 +341,7 @@ def _at_voltage(scene: Scene, volts: float) -> Scene:
 def _with_stable_capacitance(scene: Scene, problem: InverseProblem, notes: list[str]) -> Scene:
     """Return the scene with a larger C if it is unstable with its own."""
     found = _poles(scene, problem)
-    if found.stable and found.certain:
+    if found.known_stable:
         return scene
     (stable,) = stable_ranges(Trials(scene), ["design.capacitance"])
     if stable.edge is None:
@@ -388,7 +388,7 @@ def _with_loads(
         board = LinearBoard(synthesise(scene, problem))
         scales = time_scales(board, initial=scene.analysis.initial)
         found = poles_behind(board, scales)
-        if not (found.stable and found.certain):
+        if not found.known_stable:
             notes.append("the loads of an unstable board are not known: U0 is that of the outputs")
             return scene, ()
         plan = plan_transient(scene, board, scales, steps=False)

@@ -42,8 +42,6 @@ class Poles:
         1/s, rightmost first; all of them for a small board, the rightmost for a large one.
     rightmost : complex
         The pole with the largest real part (of a pair, the one with positive frequency).
-    stable : bool
-        Whether every pole is left of the imaginary axis.
     damping_ratio : float
         ``-Re p / |p|`` of the rightmost oscillating pole; 1 if no pole oscillates.
     frequency : float
@@ -52,15 +50,17 @@ class Poles:
         Whether `poles` are all poles.
     errors : ndarray
         Rounding error of each pole, 1/s.
+    doubt : str
+        Why poles left of the axis do not make the board stable; empty if they do.
     """
 
     poles: Complexes
     rightmost: complex
-    stable: bool
     damping_ratio: float
     frequency: float
     complete: bool
     errors: Floats
+    doubt: str = ""
 
     @property
     def resolution(self) -> float:
@@ -69,19 +69,26 @@ class Poles:
 
     @cached_property
     def certain(self) -> bool:
-        """Whether rounding leaves no doubt that the board is stable, or that it is unstable."""
+        """Whether there is no doubt that the board is stable, or that it is unstable."""
+        return self.stable is not None
+
+    @cached_property
+    def stable(self) -> bool | None:
+        """Whether every pole is left of the imaginary axis; None where rounding hides it."""
         real = self.poles.real
-        return bool(np.any(real > self.errors) or np.all(real < -self.errors))
+        if np.any(real > self.errors):
+            return False
+        return True if np.all(real < -self.errors) and not self.doubt else None
 
     @property
     def known_stable(self) -> bool:
         """Whether the board is stable, beyond the rounding of the poles."""
-        return self.stable and self.certain
+        return self.stable is True
 
     @property
     def known_unstable(self) -> bool:
         """Whether the board is unstable, beyond the rounding of the poles."""
-        return self.certain and not self.stable
+        return self.stable is False
 
     @property
     def unstable_count(self) -> int:
@@ -224,7 +231,6 @@ def summarise(values: Complexes, *, complete: bool, errors: Floats | None = None
     return Poles(
         poles=values,
         rightmost=rightmost,
-        stable=rightmost.real < 0.0,
         damping_ratio=-lead.real / abs(lead),
         frequency=lead.imag / (2.0 * math.pi),
         complete=complete,

@@ -84,18 +84,17 @@ class BoardCheck(Result):
     unwitnessed: str
     checks: tuple[Check, ...]
     sweeps: tuple[Sweep, ...]
-    asked: bool
     seconds: Mapping[str, float]
     corners: CornerStudy | None = None
     yields: YieldReport | None = None
 
     @property
     def outcome(self) -> Outcome:
-        """Of the checks, at the worst corners, too; a report without checks passes."""
-        judged = [overall(self.checks)] if self.checks else []
+        """Of the checks, at the worst corners, too."""
+        judged = [overall(self.checks)]
         if self.corners is not None:
             judged.append(Outcome(self.corners.outcome))
-        return max(judged, key=_WORSE.index, default=Outcome.PASS)
+        return max(judged, key=_WORSE.index)
 
     @property
     def circuit(self) -> Circuit:
@@ -149,9 +148,8 @@ class BoardCheck(Result):
 
     def _output(self, n: int) -> OutputRow:
         found, channel = self.measured, self.measurements.channels[n]
-        stable, readings = found.poles.known_stable, channel.readings
         settling, rise = channel.settling_time, channel.rise_time
-        over, under = (readings[name] if stable else None for name in ("overshoot", "undershoot"))
+        over, under = (channel.readings[name] for name in ("overshoot", "undershoot"))
         return OutputRow(
             name=self.circuit.outputs[n].node,
             before=float(found.before[n]),
@@ -176,8 +174,8 @@ class BoardCheck(Result):
         return self.record.difference / self.amplitude
 
     def __repr__(self) -> str:
-        word = "stable" if self.poles.stable else "not stable"
-        return f"BoardCheck({self.name!r}, {self.outcome.value}; {word}, {len(self.parts)} parts)"
+        said = f"stable: {self.poles.stable}, {len(self.parts)} parts"
+        return f"BoardCheck({self.name!r}, {self.outcome.value}; {said})"
 
 
 _WORSE = (Outcome.PASS, Outcome.INCONCLUSIVE, Outcome.FAIL)
@@ -235,7 +233,7 @@ def check_board(
     board, band = LinearBoard(circuit), asked.limits.settling_time.band
     found = measure_board(board, initial, band)
     progress("parts")
-    margin, rows = influences(board, found.poles, "stability" in asked.names)
+    margin, rows = influences(board, found.poles, asked.limits.stability.margin > 1.0)
     noise = found.noise(asked.lowest)
     middle = clock()
     progress("ngspice")
@@ -263,7 +261,6 @@ def check_board(
         why,
         tuple(checks),
         sweeps,
-        asked.anything,
         {"statespace": middle - began},
         corners,
         yields,

@@ -85,7 +85,9 @@ def sweep_board(
     family = replace(family, board=cache(family.board))  # a scan and the readings share boards
     boards = [_board(family, value) for value in values]
     solve_together([board for board in boards if isinstance(board, LinearBoard)])
-    if family.ports is not None and swept.logarithmic:
+    if not board.state_space.n:  # and so without a pole at any value of a part
+        edges = Edges(min(values), max(values), ())
+    elif family.ports is not None and swept.logarithmic:
         edges = family.edges(min(values), max(values))
     else:
         edges = family.scan(values, logarithmic=swept.logarithmic)
@@ -112,11 +114,11 @@ def _point(value: float, found: MeasuredBoard | Exception) -> PointRow:
     """Return the poles and the readings at a value."""
     if isinstance(found, Exception):
         return PointRow(value, None, None, None, failure=str(found))
-    lead = found.poles.rightmost
-    readings = found.measurements.readings
+    lead, readings = found.poles.rightmost, found.measurements.readings
     settling, rise, over, under = (_number(readings[name]) for name in COLUMNS)
-    frequency, stable = lead.imag / math.tau, found.poles.stable
-    return PointRow(value, lead.real, frequency, stable, settling, rise, over, under)
+    stable = found.poles.stable
+    real, frequency = (lead.real, lead.imag / math.tau) if len(found.poles.poles) else (None, None)
+    return PointRow(value, real, frequency, stable, settling, rise, over, under)
 
 
 def _number(reading: Reading | None) -> float | None:

@@ -18,6 +18,7 @@ from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, InputError
 from taction.system.frozen import frozen
+from taction.system.quantities import show_rate
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
@@ -31,7 +32,14 @@ from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.studies.wanted_checks import Wanted
 from taction.verification.verdict.cause import cause
-from taction.verification.verdict.checks import Check, Evidence, Outcome, at_most, overall
+from taction.verification.verdict.checks import (
+    Check,
+    Evidence,
+    Outcome,
+    at_most,
+    doubtful,
+    overall,
+)
 from taction.verification.verdict.companion import Agreement, step_error
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import SteadyState
@@ -52,6 +60,8 @@ DRAWN = 1000  # instants of a drawn response, early and late
 EARLIEST = 1e-4  # of a drawn response: its first instant after 0
 NO_RISE = "the output returns to where it was: it has no step"
 UNSTABLE = "the board is not stable"
+OSCILLATOR = "for an oscillator: --check oscillates"
+LATCH = "positive feedback makes it latch, as exchanged inputs of an op-amp do"
 Start = Literal["zero", "rest"]
 
 
@@ -119,7 +129,18 @@ class MeasuredBoard:
             noise=noise,
         )
         named = {*asked.names, *(["engines_agree"] if agreement is not None else [])}
-        yield from (check for check in run_checks(evidence) if check.name in named)
+        for check in run_checks(evidence):
+            if check.name == "stability" and evidence.growth:
+                check = replace(check, reason=f"{check.reason}; {self.remedy}")
+            if check.name in named:
+                yield check
+        if asked.oscillates:
+            yield _oscillates(self.poles)
+
+    @property
+    def remedy(self) -> str:
+        """What to look at where the board is not stable."""
+        return OSCILLATOR if self.poles.rightmost.imag else LATCH
 
     def _expected(self, node: str, volts: float, tolerance: float) -> Check:
         """Compare the equilibrium of a node with an expected value."""
@@ -187,6 +208,31 @@ class MeasuredBoard:
         except EngineError:
             return None
         return time, solution.at(time) * _signs(self.board)
+
+
+def _oscillates(found: Poles) -> Check:
+    """Pass a board in which a complex pair grows, and no real pole.
+
+    The value is the frequency of the fastest growing pair; how far the board swings, and how much
+    this moves the frequency, its linear model does not say.
+    """
+
+    def check(outcome: Outcome, reason: str, pole: complex = 0.0, error: float = 0.0) -> Check:
+        value, bound = (abs(pole.imag) / math.tau, error / math.tau) if pole else (None, None)
+        return Check("oscillates", outcome, value, bound, None, None, "Hz", reason)
+
+    p, errors = found.poles, found.errors
+    growing, may_grow = p.real > errors, p.real >= -errors
+    pairs, real = np.abs(p.imag) > errors, p.imag == 0.0
+    if np.any(growing & real):
+        return check(Outcome.FAIL, f"runs away, a real pole grows: {LATCH}")
+    if np.any(may_grow & ~pairs) or (np.any(may_grow) and not np.any(growing)):
+        return check(Outcome.INCONCLUSIVE, doubtful(found))
+    if not np.any(growing):
+        return check(Outcome.FAIL, "every mode decays")
+    first = int(np.argmax(growing))
+    reason = f"grows with {show_rate(p.real[first])}; of its start, before anything limits it"
+    return check(Outcome.PASS, reason, complex(p[first]), float(errors[first]))
 
 
 def _figure(name: str, reading: Reading | None) -> Figure:
@@ -299,7 +345,7 @@ def _without_rest(response: ExactResponse, found: Poles) -> Measurements:
         channel_measure(n, end, step, nothing, still, None, UNSTABLE)
         for n, end in enumerate(response.target.tolist())
     ]
-    return summary(step.amplitude, response.band, (), channels)
+    return _without(summary(step.amplitude, response.band, (), channels), tuple(READINGS))
 
 
 def _pulses(
@@ -323,13 +369,16 @@ def _pulses(
 
 def _settling_alone(measured: Measurements) -> Measurements:
     """Return the measurements of outputs without a step, which only settle."""
-    alone = {"rise_time": None, "overshoot": None, "undershoot": None}
-    channels = [
-        replace(channel, readings={**channel.readings, **alone}, rise_reason=NO_RISE)
-        for channel in measured.channels
-    ]
-    readings = {**measured.readings, **alone}
-    return replace(measured, channels=tuple(channels), readings=readings)
+    channels = [replace(channel, rise_reason=NO_RISE) for channel in measured.channels]
+    names = ("rise_time", "overshoot", "undershoot")
+    return _without(replace(measured, channels=tuple(channels)), names)
+
+
+def _without(measured: Measurements, names: Sequence[str]) -> Measurements:
+    """Return the measurements without some of the readings."""
+    none = dict.fromkeys(names)
+    channels = [replace(each, readings={**each.readings, **none}) for each in measured.channels]
+    return replace(measured, channels=tuple(channels), readings={**measured.readings, **none})
 
 
 def ends(board: LinearBoard, initial: Start) -> tuple[Floats, Floats, float]:

@@ -9,7 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Knob
+from taction.netlist_gen.board.branches import ByCurrent, ByVoltage
+from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError, TactionError
@@ -19,11 +20,12 @@ from taction.verification.engines.statespace.linearised.state_space import linea
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import EdgeSearch, Family, edges_together
 from taction.verification.stability.margin import REACH, Margin, find_margin
-from taction.verification.stability.poles import Poles
+from taction.verification.stability.poles import Poles, poles_together
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
 BESIDE = (1e-10, 1e-7, 1e-4, 1e-2)  # of the inverse iteration: relative distances from the pole
 ITERATIONS = 3
+BEYOND = 1.0 + 1e-4  # factor from a nearest stable value to one inside the stable range
 MOVED = 1e-5  # relative change of a value for a sensitivity
 
 
@@ -33,7 +35,8 @@ class PartRow:
 
     `real` is d Re p / d ln value, 1/s, `frequency` d f / d ln value, Hz; `below` and `above` are
     the nearest values with a pole on the imaginary axis, None where there is none within a factor
-    of 100, or where they were not looked for.
+    of 100, or where they were not looked for. Of a board that is not stable they are the nearest
+    values with which it is stable.
     """
 
     name: str
@@ -118,15 +121,17 @@ def influences(
 ) -> tuple[Margin | None, tuple[PartRow, ...]]:
     """Return the least margin of any part, and the rows of all parts, the most important first.
 
-    The margin is None unless `every` part was to be looked at; else the edges are those of the
-    `MOST_MARGINS` parts that move the rightmost pole most.
+    The margin is None unless `every` part was to be looked at; else the edges of a stable board are
+    those of the `MOST_MARGINS` parts that move the rightmost pole most.
     """
     c = board.circuit
     knobs = [knob for knob in c.knobs if knob.role]
     families = dict(zip([k.name for k in knobs], Family.of_each(board, knobs), strict=True))
     rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
-    looked = (order if every else order[:MOST_MARGINS]) if found.known_stable else []
+    looked = order if every or found.known_unstable else order[:MOST_MARGINS]
+    if not found.certain:
+        looked = []
     nearest, rows = dict.fromkeys(order, _Nearest()), list[PartRow]()
     nearest |= _nearest_of({name: families[name] for name in looked}, found)
     for name in order:
@@ -136,9 +141,19 @@ def influences(
         rows.append(PartRow(name, c.value(name), unit, rate.real, frequency, *ends))
     if not every:
         return None, tuple(rows)
-    if not looked:
+    if not found.known_stable:
         return Margin(0.0, 0.0, "the board is not stable"), tuple(rows)
+    if not len(found.poles):
+        doubt = "" if _is_passive(c) else "a source with gain may have another sign of its feedback"
+        return Margin(REACH, 0.0, "no part makes a pole", doubt), tuple(rows)
     return _least(board, nearest, found), tuple(rows)
+
+
+def _is_passive(circuit: Circuit) -> bool:
+    """Whether no source has a gain, and no resistor a negative value."""
+    gains = any(isinstance(part, ByVoltage | ByCurrent) for part in circuit.branches)
+    positive = all(part.ohms > 0.0 for part in circuit.resistors)
+    return positive and not gains and not circuit.opamps
 
 
 @frozen
@@ -167,13 +182,35 @@ def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Near
         elif isinstance(edges, TactionError):
             raise edges
         else:
-            nearest[name] = _nearest(one.family.own, edges)
+            nearest[name] = _nearest(one.family.own, edges, found.known_stable)
+            if not found.known_stable:
+                nearest[name] = _confirmed(nearest[name], one.family, edges)
     return nearest
 
 
-def _nearest(own: float, edges: Edges) -> _Nearest:
-    """Return the nearest edges of a value, and where a pole may reach the axis before them."""
+def _confirmed(nearest: _Nearest, family: Family, edges: Edges) -> _Nearest:
+    """Return the nearest stable values, without those beside which poles are not all stable."""
+    inside = [
+        max(high / BEYOND, math.sqrt(low * high)) if high == nearest.below
+        # the other side of the board's own value
+        else min(low * BEYOND, math.sqrt(low * high))
+        for low, high in edges.stable_ranges
+        if high == nearest.below or low == nearest.above
+    ]  # fmt: skip
+    found = poles_together([family.board(value) for value in inside])
+    if all(isinstance(each, Poles) and each.known_stable for each in found):
+        return nearest
+    return _Nearest(doubt="the poles do not confirm the stable values")
+
+
+def _nearest(own: float, edges: Edges, stable: bool) -> _Nearest:
+    """Return the nearest edges of a value, and where a pole may reach the axis before them.
+
+    Of a board that is not stable they are the nearest ends of ranges in which it is.
+    """
     values = [edge.value for edge in edges.edges]
+    if not stable:
+        values = [end for ends in edges.stable_ranges for end in ends]
     below = max((value for value in values if value < own), default=None)
     above = min((value for value in values if value > own), default=None)
     inside = [v for v in edges.near if (below or 0.0) <= v <= (above or math.inf)]

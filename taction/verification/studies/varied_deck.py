@@ -34,11 +34,6 @@ from taction.verification.studies.tolerance.samples import BoardSample, Quantity
 from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
 from taction.verification.studies.wanted_checks import Wanted
 
-ONLY_STABLE: dict[str, dict[str, float]] = {
-    "stability": {}
-}  # what is checked of the boards where nothing was asked for
-
-
 PARAM = "param"  # kind of a parameter
 
 
@@ -91,7 +86,7 @@ class VariedDeck(Varied):
     def of(
         cls, found: MeasuredBoard, spread: DeckTolerances, asked: Wanted, deck: Parametric | None
     ) -> VariedDeck:
-        """Return the boards around a measured one; without checks they have to be stable.
+        """Return the boards around a measured one.
 
         Raises
         ------
@@ -99,8 +94,6 @@ class VariedDeck(Varied):
             A ``.param`` that varies is no number other than 0.
         """
         nominal = found.board.circuit
-        if not asked.anything:
-            asked = replace(asked, tables=ONLY_STABLE)
         largest = float(np.abs(found.rest).max(initial=0.0))
         scale = found.measurements.amplitude or largest or 1.0
         params = {name: _nominal(deck, name) for name in spread.params}
@@ -153,7 +146,11 @@ class VariedDeck(Varied):
         found = [
             Quantity(name, kind.unit, at_most=self._limit(name)) for name, kind in READINGS.items()
         ]
-        found += [Quantity("steady_state", "step"), Quantity("growth_rate", "1/s", at_most=0.0)]
+        found.append(Quantity("steady_state", "step"))
+        if self.asked.oscillates:
+            found.append(Quantity("growth_rate", "1/s", -1.0, at_least=0.0))
+        else:
+            found.append(Quantity("growth_rate", "1/s", at_most=0.0))
         if limits.stability.margin > 1.0:
             found.append(Quantity("margin", "ratio", -1.0, at_least=limits.stability.margin))
         if limits.noise is not None:

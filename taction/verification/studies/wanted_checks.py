@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 SHARE = 1e-3  # default tolerance of an expected value
 LISTED = 20  # nodes in a message
+LARGEST = 100.0  # factor of a value up to which `stability.margin` searches
+OSCILLATES = "oscillates"
 NAMES = {
     "settling": "settling_time", "rise": "rise_time", "margin": "stability",
     "stable": "stability", "agree": "engines_agree",
@@ -46,10 +48,13 @@ class Wanted:
         What is asked of each reading, by the name of its check.
     expected : tuple of Expected
         Voltages at rest.
+    oscillates : bool
+        Whether the circuit has to oscillate. Without this it has to be stable.
     """
 
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     expected: tuple[Expected, ...] = ()
+    oscillates: bool = False
 
     @cached_property
     def limits(self) -> Checks:
@@ -62,12 +67,7 @@ class Wanted:
     @property
     def names(self) -> tuple[str, ...]:
         """The checks that are asked for."""
-        return tuple(self.tables)
-
-    @property
-    def anything(self) -> bool:
-        """Whether anything is asked for."""
-        return bool(self.tables or self.expected)
+        return (*self.tables, *(() if self.oscillates else ("stability",)))
 
     def refuse_unknown(self, nodes: Collection[str]) -> None:
         """Refuse an expected value of a node that is not one of `nodes`."""
@@ -99,8 +99,12 @@ def wanted(checks: Iterable[str] = (), expect: Iterable[str] = ()) -> Wanted:
     tables: dict[str, dict[str, Any]] = {}
     for text in checks:
         name, keys = _check_of(text)
-        tables.setdefault(name, {}).update(keys)
-    found = Wanted(tables, tuple(map(_expected, expect)))
+        known = tables.setdefault(name, {})
+        if any(known.get(key, value) != value for key, value in keys.items()):
+            raise InputError("--check", Complaint(name, repr(text), "two limits of one reading"))
+        known.update(keys)
+    oscillates = tables.pop(OSCILLATES, None) is not None
+    found = Wanted(tables, tuple(map(_expected, expect)), oscillates)
     if tables:
         _ = found.limits  # a wrong one is refused here
     return found
@@ -110,12 +114,16 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
     word, _, value = (part.strip() for part in text.partition("="))
     value, _, extra = (part.strip() for part in value.partition("@"))
     name = NAMES.get(word, word)
-    if name not in (*LIMITED, "engines_agree"):
+    if name not in (*LIMITED, "engines_agree", OSCILLATES):
         known = "settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV, margin=2"
-        text = f"expected a check such as {known}, stable, agree=1e-3"
+        text = f"expected a check such as {known}, stable, oscillates, agree=1e-3"
         raise InputError("--check", Complaint("check", repr(word), text))
+    if name in (OSCILLATES, "stability") and not value and word != "margin":
+        return name, {}
+    if name == OSCILLATES:
+        raise InputError("--check", Complaint(word, repr(value), "expected no value"))
     if name == "stability":
-        return name, {"margin": _number(word, value) if value else 1.0}
+        return name, {"margin": _factor(word, value)}
     if name == "engines_agree":
         return name, {"tolerance": share_of(value)}
     if not value:
@@ -133,11 +141,14 @@ def _check_of(text: str) -> tuple[str, dict[str, Any]]:
     return name, keys
 
 
-def _number(word: str, text: str) -> float:
+def _factor(word: str, text: str) -> float:
     try:
-        return float(text)
+        factor = float(text)
+        if not 1.0 <= factor <= LARGEST:
+            raise ValueError("margins are searched up to this factor")
+        return factor
     except ValueError:
-        accepted = f"expected a factor, such as {word}=2"
+        accepted = f"expected a factor from 1 to {LARGEST:g}, such as {word}=2"
         raise InputError("--check", Complaint(word, repr(text), accepted)) from None
 
 

@@ -152,7 +152,7 @@ class Evidence:
     @property
     def obstacle(self) -> str:
         """Why nothing can be judged against the reference, or an empty text."""
-        doubt = "" if self.poles.certain else doubtful(self.poles.resolution)
+        doubt = "" if self.poles.certain else doubtful(self.poles)
         return self.reference_problem or self.no_step or doubt
 
     @property
@@ -287,9 +287,11 @@ def undecided(name: str, unit: str, reason: str, limit: float | None) -> Check:
     return Check(name, Outcome.INCONCLUSIVE, None, None, limit, None, unit, reason)
 
 
-def doubtful(resolution: float) -> str:
-    """Return what rounding, 1/s, leaves open of the rightmost pole."""
-    known = show(resolution, "1/s", 2)
+def doubtful(poles: Poles) -> str:
+    """Return why it is open whether a board is stable."""
+    if poles.doubt:
+        return poles.doubt
+    known = show(poles.resolution, "1/s", 2)
     return f"the rightmost pole is known to ±{known}: the board may be stable or unstable"
 
 

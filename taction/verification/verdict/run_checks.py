@@ -300,10 +300,13 @@ def unconfirmed(evidence: Evidence) -> str:
 
 def _stability(evidence: Evidence) -> Check:
     pole, required = evidence.poles.rightmost, evidence.checks.stability.margin
-    text = f"rightmost pole {show_pole(pole)}"
+    none = not len(evidence.poles.poles)
+    text = "the board has no poles" if none else f"rightmost pole {show_pole(pole)}"
     margin = evidence.margin
 
     def check(outcome: Outcome, reason: str) -> Check:
+        if margin is None and none:
+            return Check("stability", outcome, None, None, 0.0, None, "1/s", reason)
         if margin is None:
             rounding = evidence.poles.resolution
             return Check("stability", outcome, pole.real, rounding, 0.0, None, "1/s", reason)
@@ -311,8 +314,7 @@ def _stability(evidence: Evidence) -> Check:
         return Check("stability", outcome, margin.factor, error, required, None, "ratio", reason)
 
     if not evidence.poles.certain:
-        doubt = doubtful(evidence.poles.resolution)
-        return check(Outcome.INCONCLUSIVE, f"{text}; {doubt}")
+        return check(Outcome.INCONCLUSIVE, f"{text}; {doubtful(evidence.poles)}")
     if evidence.growth:
         return check(Outcome.FAIL, f"{evidence.growth}; {text}")
     if contradiction := evidence.disagreement:

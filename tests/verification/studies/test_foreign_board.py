@@ -69,8 +69,7 @@ AGREEING = [name for name in DECKS if name not in ("gyrator",)]
 def test_ngspice_has_the_same_transient(name: str, read: Read) -> None:
     board = read(DECKS[name])
     found = check_board(board.circuit, wanted(), initial=board.initial, witness=board.witness)
-    (check,) = found.checks
-    assert check.name == "engines_agree"
+    (check,) = (each for each in found.checks if each.name == "engines_agree")
     assert check.outcome.value == "pass", check.reason
     assert check.value is not None
     assert check.value < 3e-4

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 from taction.system.quantities import show
+from taction.verification.engines.statespace.linearised.time_scales import Ringing
 from taction.verification.report.blocks import (
     BOTH,
     Bars,
@@ -39,11 +40,17 @@ from taction.verification.studies.part_influence import PartRow
 from taction.verification.verdict.checks import overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
+RINGS = 0.3  # damping ratio below which the summary says first that the board rings
 PART_WORDS = (
     "Moves the pole by: the change of the rightmost pole, 1/s and Hz, for 1 % more of the value."
-    " Unstable below and above: the nearest values with a pole on the imaginary axis, within a"
-    " factor of 100."
 )
+EDGE_WORDS = {
+    True: " Unstable below and above: the nearest values with a pole on the imaginary axis, within"
+    " a factor of 100.",
+    False: " Stable below and above: the nearest values with which it is stable, within a factor of"
+    " 100, if nothing else changes.",
+    None: "",
+}
 
 
 def view(found: BoardCheck) -> Page:
@@ -51,7 +58,7 @@ def view(found: BoardCheck) -> Page:
     return Page(
         title=found.name,
         command="taction check",
-        outcome=found.outcome.value if found.asked else "",
+        outcome=found.outcome.value,
         summary=_summary(found),
         lines=found.notes,
         sections=(
@@ -70,18 +77,8 @@ def view(found: BoardCheck) -> Page:
 
 
 def _summary(found: BoardCheck) -> str:
-    lead = found.poles.rightmost
-    if not found.poles.certain:
-        return "A pole is on the imaginary axis to within rounding."
-    at = f" at {quantity(abs(lead.imag) / math.tau, 'Hz')}" if lead.imag else ""
-    rate = figure(abs(lead.real), "1/s")
-    if not len(found.poles.poles):
-        return "The board has no poles: it follows its sources at once."
-    if found.poles.stable:
-        text = f"Stable: the slowest mode decays with {rate}{at}."
-    else:
-        text = f"Not stable: the fastest mode grows with {rate}{at}."
-    if found.asked:
+    text = _stability(found)
+    if any(check.name != "stability" or check.unit == "ratio" for check in found.checks):
         text += f" {decisive_text(found.checks, overall(found.checks).value)}"
     if found.corners is None or found.yields is None:
         return text
@@ -89,6 +86,55 @@ def _summary(found: BoardCheck) -> str:
     failing = f"{', '.join(map(spaced, worst))} not kept" if worst else "all checks pass"
     share = found.yields
     return f"{text} Worst cases: {failing}; {share.sentence}."
+
+
+def _stability(found: BoardCheck) -> str:
+    """Return whether the board is stable, with the sentence that a designer needs most."""
+    lead = found.poles.rightmost
+    at = f" at {quantity(abs(lead.imag) / math.tau, 'Hz')}" if lead.imag else ""
+    rate = figure(abs(lead.real), "1/s")
+    if found.poles.doubt:
+        return f"Not decided whether it is stable: {found.poles.doubt}."
+    if found.poles.stable is None:
+        return f"Not decided: a pole is on the imaginary axis to within rounding{at}."
+    if not len(found.poles.poles):
+        return "The board has no poles: it follows its sources at once."
+    if found.poles.stable is False:
+        if any(
+            check.name == "oscillates" and check.outcome.value == "pass" for check in found.checks
+        ):
+            return f"Oscillates{at}, growing with {rate}."
+        how = f"oscillates{at}, growing with {rate}" if lead.imag else f"runs away with {rate}"
+        return f"Not stable: {how}; {found.measured.remedy}. {_nearest_stable(found)}".rstrip()
+    slowest = f"the slowest mode decays with {rate}{at}"
+    ringing = min(found.measured.scales.ringing, key=damping_ratio, default=None)
+    if ringing is None or damping_ratio(ringing) >= RINGS:
+        return f"Stable: {slowest}."
+    ratio = f"damping ratio {damping_ratio(ringing):.2g} at {quantity(ringing.frequency, 'Hz')}"
+    over = found.measurements.readings["overshoot"]
+    beyond = "" if over is None else f", overshoot {figure(over.value, 'step', 3)}"
+    return f"Stable, but rings: {ratio}{beyond}; {slowest}."
+
+
+def damping_ratio(ringing: Ringing) -> float:
+    """Return ``-Re p / |p|`` of a mode that rings."""
+    rate = 1.0 / ringing.decay
+    return rate / math.hypot(rate, math.tau * ringing.frequency)
+
+
+def _nearest_stable(found: BoardCheck) -> str:
+    """Return the nearest value of a part that makes a board stable."""
+    ends = [
+        (max(end / each.value, each.value / end), f"{each.name} {side}", end, each)
+        for each in found.parts
+        for side, end in (("below", each.below), ("above", each.above))
+        if end and each.value and not each.doubt
+    ]
+    if not ends:
+        return ""
+    factor, name, end, part = min(ends, key=lambda each: each[0])
+    values = [figure(each, part.unit or "ratio", 4) for each in (end, part.value)]
+    return f"Nearest stable value: {name} {values[0]} (now {values[1]}, factor {factor:.3g})."
 
 
 def _checks(found: BoardCheck) -> Iterator[Block]:
@@ -138,13 +184,20 @@ def _parts(found: BoardCheck) -> Iterator[Block]:
         "value": lambda each: _amount(each.value, each.unit),
         "moves the pole by": lambda each: number_cell(_per(each.real), "1/s", 3),
         "and": lambda each: number_cell(_per(each.frequency), "Hz", 3),
-        "unstable below": lambda each: _edge(each, each.below),
-        "unstable above": lambda each: _edge(each, each.above),
     }
+    if (stable := found.poles.stable) is not None:
+        word = "unstable" if stable else "stable"
+        columns[f"{word} below"] = lambda each: _edge(each, each.below)
+        columns[f"{word} above"] = lambda each: _edge(each, each.above)
     if not any(each.frequency for each in found.parts):  # the rightmost pole is real
         del columns["and"]
     yield Table.of(
-        "", found.parts, columns, PART_WORDS, most={"terminal": PARTS}, more="--json has all"
+        "",
+        found.parts,
+        columns,
+        PART_WORDS + EDGE_WORDS[stable],
+        most={"terminal": PARTS},
+        more="--json has all",
     )
 
 
@@ -226,7 +279,7 @@ def _response(found: BoardCheck) -> Chart | None:
     settled = [row.settling_time for row in found.outputs if row.settling_time is not None]
     title = f"Step response: settled at {show(max(settled), 's')}" if settled else "Step response"
     if not found.poles.stable:
-        title = "Step response: it grows"
+        title = "Step response: " + ("it grows" if found.poles.known_unstable else "not decided")
     return Chart(title, Axis("time", "s"), Axis("output", "V"), (*curves, *rests), "", summary)
 
 

@@ -53,13 +53,17 @@ def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Block, ...]:
         ("damping ratio of the rightmost ringing pole", f"{poles.damping_ratio:.4g}"),
         ("poles", str(len(poles.poles)) if poles.complete else f"rightmost {len(poles.poles)}"),
     )
-    word = "stable" if poles.stable else "not stable"
+    word = {True: "stable", False: "not stable", None: "stable or not, which rounding hides,"}
     if not name:
-        return Notes("", (f"The board is {word}.",)), pole_map(poles), Facts("", rows)
+        return (
+            Notes("", (f"The board is {word[poles.stable]}.".replace(",.", "."),)),
+            pole_map(poles),
+            Facts("", rows),
+        )
     ranges, own = knob_ranges(circuit, poles), circuit.facts[name].text
     stated = f"Stable values of {name}: {ranges}."
     rows = (*rows, (f"{name} of this board", own), (f"stable values of {name}", ranges))
-    text = f"The board is {word} at {name} = {own}. {stated}"
+    text = f"The board is {word[poles.stable]} at {name} = {own}. {stated}"
     return Notes("", (text,)), pole_map(poles, stated), Facts("", rows)
 
 
@@ -200,7 +204,7 @@ def mode_marks(
 def _result(poles: Poles) -> str:
     """Return the rightmost pole in words."""
     lead = poles.rightmost
-    word = "decays" if poles.stable else "grows"
+    word = {True: "decays", False: "grows", None: "may decay or grow,"}[poles.stable]
     ringing = f" at {quantity(abs(lead.imag) / math.tau, 'Hz')}" if lead.imag else ""
     return f"the rightmost mode {word} with {figure(abs(lead.real), '1/s')}{ringing}"
 
