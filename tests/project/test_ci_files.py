@@ -143,7 +143,8 @@ def test_a_check_before_a_commit_runs_the_tests_of_what_changed() -> None:
     # No test imports this module: the command loads it when it runs.
     commands = {file.parent for file in check.tests_of(["taction/cli/verify_scene.py"])}
     assert commands == {ROOT / "tests" / "cli"}
-    views = [file.name for file in check.tests_of(["taction/verification/report/views/verdict_screen.py"])]
+    screen = "taction/verification/report/views/verdict_screen.py"
+    views = [file.name for file in check.tests_of([screen])]
     assert views[0] == "test_verdict_screen.py"
 
 
