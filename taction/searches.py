@@ -120,7 +120,7 @@ def choose(
     settling : str or float, optional
         Largest settling time: 10us.
     rise : str or float, optional
-        Largest rise time.
+        Largest rise time of any channel.
     overshoot : str or float, optional
         Largest overshoot: 5% or 0.05.
     noise : str or float, optional

@@ -108,11 +108,11 @@ class ExcursionCheck(UpperLimit):
 
 
 class RiseTimeCheck(UpperLimit):
-    """10-90 % rise time of one channel, by default the middle channel."""
+    """10-90 % rise time of every channel whose own step is at least 5 % of A, or of `channel`."""
 
     max: Seconds | None = None
     min: Least = None
-    channel: Count | None = None
+    channel: Count | None = Field(None, description="from 1; by default every channel that rises")
 
 
 class NoiseCheck(UpperLimit):

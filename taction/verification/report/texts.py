@@ -20,8 +20,9 @@ from taction.verification.report.charts import Outcome
 NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
 UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;]?(?:\s|$))")
 LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
-LEAST_AMOUNT = 1e-15  # of any other unit: smaller errors are rounding
-LEAST_ERROR = 1e-5  # of a value: smaller errors are below the digits that are shown
+LEAST_AMOUNT = 1e-15  # of any other unit: smaller errors of 0 are rounding
+LEAST_ERROR = 1e-6  # of a value: smaller errors have no number
+KNOWN = "A value without ± is known to 1 ppm, of itself or of the step, or better."
 
 
 def figure(value: float | None, unit: str, digits: int = 4) -> str:
@@ -56,21 +57,32 @@ def _per_cent(share: float, digits: int) -> str:
 def with_error(value: float | None, error: float | None, unit: str) -> str:
     """Return a value with the bound on its error in two digits.
 
-    A bound below the digits that are shown is not written, nor one that is rounding.
+    A bound below 1 ppm of the value or of the step is not written: `KNOWN` says so beside a table.
 
     Examples
     --------
     >>> with_error(0.1, 0.01, "step"), with_error(1.4e-4, 2.1e-17, "s"), with_error(2.0, None, "V")
-    ('10 % ± 1 %', '140 µs', '2 V')
-    >>> with_error(0.0, 3.4e-19, "s"), with_error(0.0, 1e-9, "step")
-    ('0 s', '0 %')
+    ('10 % ± 1 %', '140 µs', '2 V ± unknown')
+    >>> with_error(0.0, 3.4e-19, "s"), with_error(0.0, 1e-9, "step"), with_error(1e-9, 1e-15, "V")
+    ('0 s', '0 %', '1 nV')
     """
     text = figure(value, unit)
-    if value is None or not error or not math.isfinite(error) or not math.isfinite(value):
+    if value is None or not math.isfinite(value) or is_small(error, value, unit):
         return text
-    if error < max(LEAST_ERROR * abs(value), LEAST_SHARE if unit == "step" else LEAST_AMOUNT):
-        return text
-    return f"{text} ± {figure(error, unit, 2)}"
+    known = error is not None and math.isfinite(error)
+    return f"{text} ± {figure(error, unit, 2) if known else 'unknown'}"
+
+
+def is_small(error: float | None, value: float, unit: str) -> bool:
+    """Whether the bound on the error of a value is too small for a number.
+
+    Examples
+    --------
+    >>> is_small(1.2e-18, 1e-6, "s"), is_small(2e-9, 1e-6, "s"), is_small(None, 1.0, "s")
+    (True, False, False)
+    """
+    rounding = LEAST_SHARE if unit == "step" else 0.0 if value else LEAST_AMOUNT
+    return error is not None and error <= max(LEAST_ERROR * abs(value), rounding)
 
 
 def glued(text: str, glue: str) -> str:

@@ -17,6 +17,7 @@ from taction.system.array_types import EPS
 from taction.system.plugins import OpenTable
 from taction.system.quantities import percent, show, show_pole
 from taction.system.reading_definitions import EXCURSIONS, READINGS
+from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.verdict.checks import (
     Check,
@@ -69,24 +70,43 @@ def _unsettled(evidence: Evidence) -> Check:
 
 
 def rise_time(evidence: Evidence) -> Check | None:
-    """Check the rise time of one channel, by default the middle one."""
+    """Check the rise time of every channel that rises, or of one; the worst is reported.
+
+    Of channels with the same outcome the slowest counts, or the fastest where all are too fast.
+    """
     limits = evidence.checks.rise_time
     if limits is None:
         return None
-    channels = evidence.measurements.channels
-    number = limits.channel or (len(channels) + 1) // 2
+    channels, number = evidence.measurements.channels, limits.channel
     obstacle = evidence.growth and f"the board {evidence.growth}"
     if obstacle := obstacle or evidence.obstacle:
         return undecided("rise_time", "s", obstacle, limits.max)
-    if number > len(channels):
+    if number is not None and number > len(channels):
         reason = f"the scene has no channel {number}; it has {len(channels)} channels"
         return undecided("rise_time", "s", reason, limits.max)
-    channel = channels[number - 1]
+    if number is not None:
+        return _rise(evidence, channels[number - 1], "")
+    chosen = [channel for channel in channels if channel.rises] or channels
+    order = sorted(chosen, key=lambda c: c.rise_time.value if c.rise_time else math.inf)
+    which = [", the fastest", *[""] * len(order[2:]), ", the slowest"] if order[1:] else [""]
+    every = [_rise(evidence, *each) for each in zip(order, which, strict=True)]
+    outcome = max((check.outcome for check in every), key=SEVERITY.index)
+    found = [check for check in every if check.outcome is outcome]
+    too_fast = outcome is Outcome.FAIL and (found[-1].value or 0.0) < (limits.min or 0.0)
+    return found[0 if too_fast else -1]
+
+
+SEVERITY = (Outcome.PASS, Outcome.INCONCLUSIVE, Outcome.FAIL)
+
+
+def _rise(evidence: Evidence, channel: ChannelMeasure, which: str) -> Check:
+    """Judge the rise time of one channel; `which` says more of it."""
+    limits, name = evidence.checks.rise_time or keys.RiseTimeCheck(), f"channel {channel.index + 1}"
     if channel.rise_time is None:
         short = evidence.too_short(evidence.checks.steady_state.tolerance)
-        reason = joined(f"channel {number}: {channel.rise_reason}", short)
+        reason = joined(f"{name}: {channel.rise_reason}", short)
         return undecided("rise_time", "s", reason, limits.max)
-    text = f"10-90 % of channel {number}"
+    text = f"10-90 % of {name}{which}"
     check = _timed("rise_time", channel.rise_time, limits.max, text)
     return _not_below(limits.min, check, channel.rise_time, text)
 

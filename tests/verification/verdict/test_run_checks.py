@@ -92,12 +92,37 @@ def test_an_outputs_later_excursion_may_exceed_the_limit() -> None:
         assert check("overshoot", given).outcome is outcome
 
 
-def test_rise_time_of_the_channel_that_is_named_or_the_middle_one() -> None:
-    channels = [channel(n, rise_time=Reading((n + 1) * 1e-6, 0.0)) for n in range(4)]
-    for named, value in ((None, 2e-6), (4, 4e-6)):
-        wanted: dict[str, Any] = {"max": 1.0, **({"channel": named} if named else {})}
-        assert check("rise_time", evidence(*channels, checks={"rise_time": wanted})).value == value
-    none = evidence(*channels, checks={"rise_time": {"channel": 5}})
+RISES = [channel(n, rise_time=Reading(t * 1e-6, 1e-12)) for n, t in enumerate((2, 9, 4, 1))]
+SMALL = channel(4, rise_time=None, rises=False, rise_reason="step too small")
+
+
+@pytest.mark.parametrize(
+    ("limits", "outcome", "number", "which"),
+    [
+        ({"max": 10e-6}, PASS, 2, ", the slowest"),
+        ({"max": 5e-6}, FAIL, 2, ", the slowest"),  # the middle channel is fast enough
+        ({"max": 10e-6, "min": 1.5e-6}, FAIL, 4, ", the fastest; at least"),
+        ({"max": 5e-6, "min": 1.5e-6}, FAIL, 2, ", the slowest"),
+        ({"max": 9e-6}, UNDECIDED, 2, ", the slowest; the limit is within"),
+        ({"max": 5e-6, "channel": 3}, PASS, 3, ""),
+        ({"max": 10e-6, "min": 3e-6, "channel": 1}, FAIL, 1, "; at least"),
+    ],
+)
+def test_every_rise_time_is_judged_and_the_worst_is_named(
+    limits: dict[str, float], outcome: Outcome, number: int, which: str
+) -> None:
+    found = check("rise_time", evidence(*RISES, SMALL, checks={"rise_time": limits}))
+    assert found.outcome is outcome
+    assert found.reason.startswith(f"10-90 % of channel {number}{which}")
+    assert found.value == RISES[number - 1].readings["rise_time"].value
+
+
+def test_a_rise_time_that_is_missing_is_not_passed_over() -> None:
+    lost = channel(5, rise_time=None, rise_reason="the record is too short")
+    for most, outcome in ((10e-6, UNDECIDED), (5e-6, FAIL)):
+        found = check("rise_time", evidence(*RISES, lost, checks={"rise_time": {"max": most}}))
+        assert found.outcome is outcome
+    none = evidence(*RISES, checks={"rise_time": {"channel": 5}})
     assert check("rise_time", none).outcome is UNDECIDED
     small = evidence(
         channel(rise_time=None, rise_reason="step too small"), checks={"rise_time": {"max": 1}}

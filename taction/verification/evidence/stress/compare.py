@@ -148,9 +148,8 @@ def _of_the_network(name: str, verdict: Verdict, truth: TrueValues) -> float:
         return truth.steady_state
     if name == "rise_time":
         limits = verdict.scene.checks.rise_time
-        count = len(truth.channels)
-        number = (None if limits is None else limits.channel) or (count + 1) // 2
-        return truth.channels[number - 1].get(name, math.nan)
+        if limits is not None and limits.channel is not None:
+            return truth.channels[limits.channel - 1].get(name, math.nan)
     if name == "settling_time" and not truth.settles:
         return math.nan
     largest = truth.largest(name)

@@ -20,8 +20,9 @@ from taction.verification.report.blocks import (
 )
 from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit
 from taction.verification.report.texts import (
-    LEAST_ERROR,
+    KNOWN,
     figure,
+    is_small,
     number_cell,
     outcome_cell,
     quantity,
@@ -156,14 +157,14 @@ def _outputs(found: BoardCheck) -> Iterator[Block]:
         "output noise": lambda each: _with(each.noise, each.noise_bound, "V"),
     }
     step = quantity(found.amplitude, "V")
-    note = f"Shares of the largest step, {step}. A value without ± is known to 10 ppm or better."
+    note = f"Shares of the largest step, {step}. {KNOWN}"
     yield Table.of("", found.outputs, columns, note)
     if found.noise_unknown:
         yield Notes("", (f"output noise: {found.noise_unknown}",))
 
 
 def _with(value: float | None, error: float | None, unit: str) -> Cell:
-    small = value is not None and error is not None and error < LEAST_ERROR * abs(value)
+    small = value is not None and is_small(error, value, unit)
     return Cell(figure(value, unit, 5) if small else with_error(value, error, unit), value)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from taction.system.quantities import readable
 from taction.verification.report.blocks import Bar
-from taction.verification.report.texts import figure, spaced, with_error
+from taction.verification.report.texts import KNOWN, figure, spaced, with_error
 from taction.verification.verdict.cause import FIRST, cause, causes, listed, named
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict
@@ -19,6 +19,7 @@ MARGINS = (
     "The bar is the part of the limit that is used, the thin line on its end the uncertainty. A"
     " check is inconclusive where the uncertainty reaches the limit. Blue and solid: within the"
     " limit. Orange and hatched: beyond it. Dotted: not decided."
+    f" {KNOWN}"
 )
 
 

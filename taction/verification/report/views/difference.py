@@ -29,6 +29,7 @@ from taction.verification.report.charts import (
     thinned,
 )
 from taction.verification.report.texts import (
+    is_small,
     outcome_cell,
     quantity,
     readable,
@@ -115,11 +116,19 @@ def _readings(difference: VerdictDifference) -> Table:
         "A": lambda each: _text(each.first, each.unit, 6),
         "B": lambda each: _text(each.second, each.unit, 6),
         "B - A": lambda each: Cell(_text(each.difference, each.unit, 3), each.difference),
-        "±": lambda each: Cell(_text(each.allowed, each.unit, 2), each.allowed),
+        "±": allowed_cell,
         "beyond ±": lambda each: outcome_cell(*BEYOND[each.beyond]),
     }
     changed = (each for each in difference.readings if each.first != each.second)
     return Table.of("Readings", changed, columns)
+
+
+def allowed_cell(reading: Difference) -> Cell:
+    """Return the sum of the bounds of both readings."""
+    size = max((abs(x) for x in (reading.first, reading.second) if isinstance(x, float)), default=0)
+    small = bool(reading.allowed) and is_small(reading.allowed, size, reading.unit)
+    text = "1 ppm or better" if small else _text(reading.allowed, reading.unit, 2)
+    return Cell(text, reading.allowed)
 
 
 def _name(reading: Difference, outputs: tuple[str, ...]) -> str:
