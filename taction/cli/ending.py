@@ -23,6 +23,8 @@ import click
 from taction.cli.terminal import STATUS, print_json, say
 from taction.system.errors import (
     INTERRUPTED,
+    Complaint,
+    InputError,
     Interrupted,
     NoVerdictError,
     TactionError,
@@ -35,6 +37,7 @@ AGAIN = 0.02  # s until a signal comes again whose exception was lost
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
 
 
+UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP)  # of the name of a file
 LACKING = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM, errno.EROFS, errno.EACCES, *FULL)
 """What a system refuses to a program that is right."""
 
@@ -160,6 +163,8 @@ def _status(
     except Exception as error:
         if isinstance(error, OSError) and of_stdout(error):
             raise
+        if unusable := unusable_path(error):
+            return _report(unusable, as_json)
         if lack := refusal(error):
             return _report(NoVerdictError(lack), as_json)
         return _bug(error, as_json)
@@ -195,6 +200,22 @@ def refusal(error: BaseException | None) -> str:
                 return f"no verdict was reached, the system refuses: {words}{file}{remedy}"
         error = error.__cause__ or error.__context__
     return ""
+
+
+def unusable_path(error: BaseException) -> InputError | None:
+    """Return the error for a name that no file can have; None for another error.
+
+    A name that is too long, and links that lead to one another, are found wherever a path is first
+    looked at: before an input is read, and before an output is written.
+    """
+    if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):  # Python 3.12
+        name, number = str(error).partition(" from ")[2].strip("'"), errno.ELOOP
+    elif isinstance(error, OSError) and error.errno in UNUSABLE and error.filename is not None:
+        name, number = os.fsdecode(error.filename), error.errno
+    else:
+        return None
+    text = f"{os.strerror(number)}; expected a name of up to 255 bytes, and no links in a circle"
+    return InputError(name, Complaint("file", "", text))
 
 
 def _run(function: Callable[[], object], received: list[int]) -> None:

@@ -1,90 +1,19 @@
-"""The cards of a foreign netlist: lines and devices, each checked and written anew.
-
-A line of the file ends at a line feed (or carriage return and line feed) and nowhere else, and a
-logical line has only the characters of `ALLOWED`: no other separator, quote or backslash reaches
-ngspice, which reads a line after any newline as a command. Comments are cut off, continuations
-joined, and all is in lower case.
-"""
+"""The devices of a foreign netlist, each checked and written anew."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
 
 from taction.spice_models.foreign_expressions import (
-    LONGEST,
     NAME,
     expression,
     number,
     piecewise,
     polynomial,
 )
-
-ALLOWED = re.compile(r"[a-z0-9_ .,+\-*/(){}=:^<>!?&|#]*")
-_ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
-_COMMENT = re.compile(r"\s*(?:;|//|(?:^|(?<=\s))\$).*")
-
-
-class RefusedError(ValueError):
-    """A line of a foreign netlist that is not accepted; the text has its number and the reason."""
-
-    def __init__(self, number: int, reason: str, text: str = "") -> None:
-        shown = f" {text[:60]!r}" if text else ""
-        super().__init__(f"line {number}{shown}: {reason}")
-        self.number = number
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """A logical line: `number` is the line of the file where it begins, from 1."""
-
-    number: int
-    text: str
-
-    def refused(self, reason: str) -> RefusedError:
-        """Return the error for this line."""
-        return RefusedError(self.number, reason, self.text)
-
-
-def logical_lines(content: bytes | str) -> list[Line]:
-    r"""Return the logical lines of a file, or of its text, without empty ones.
-
-    Raises
-    ------
-    RefusedError
-        A character that is not accepted outside of comments, a continuation of nothing, or a line
-        over `LONGEST`.
-
-    Examples
-    --------
-    >>> logical_lines(b"* title\nR1 a b 1K ; load\n+ tc1=0\n")
-    [Line(number=2, text='r1 a b 1k tc1=0')]
-    """
-    found: list[Line] = []
-    text = content if isinstance(content, str) else content.decode("latin-1")
-    for place, raw in enumerate(text.split("\n"), 1):
-        # 0x1A ends a file of DOS; joined files have it between them.
-        line = raw.strip("\x1a").rstrip("\r").replace("\t", " ").strip(" ").lower()
-        if line.startswith("*"):
-            continue
-        line = _COMMENT.sub("", _ENDS.sub(".ends", line))
-        if wrong := ALLOWED.sub("", line, count=1):
-            raise RefusedError(place, f"the character {wrong[0]!r} is not accepted")
-        line = " ".join(line.split())
-        if line.startswith("+"):
-            if not found:
-                raise RefusedError(place, "a continuation of no line")
-            line, begin = f"{found[-1].text} {line[1:].strip()}", found.pop().number
-        else:
-            begin = place
-        if len(line) > LONGEST:
-            raise RefusedError(begin, f"over {LONGEST} characters")
-        if line:
-            found.append(Line(begin, line))
-    return found
-
+from taction.spice_models.foreign_lines import Line
 
 MODELS = ("d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "sw", "vswitch", "res", "r")
 _FIELD = re.compile(r"\{[^{}]*\}|[^\s=]+\s*=\s*(?:\{[^{}]*\}|[^\s={}]+)|[^\s{}=]+")

@@ -9,6 +9,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Iterator
+from itertools import chain
+
+from taction.spice_models.foreign_lines import LONGEST, beyond
 
 _FUNCTIONS = """
     abs acos acosh asin asinh atan atanh ceil cos cosh exp floor int ln log log10 max min nint
@@ -21,11 +24,10 @@ SUFFIXES = {
     "meg": 1e6, "mil": 25.4e-6, "t": 1e12, "g": 1e9, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9,
     "p": 1e-12, "f": 1e-15,
 }  # fmt: skip
-LONGEST = 20_000  # characters of a logical line, and of an expression written anew
 DEEPEST = 50  # parentheses within one another
 NAME = re.compile(r"[a-z0-9_][a-z0-9_+\-]*")
 SUBCIRCUIT = re.compile(r"[a-z0-9_][a-z0-9_+\-/.]*")  # is never written: it becomes a new name
-_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)([a-z]*)")
+_NUMBER = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)([a-z]*)")
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?[a-z]*)"
     r"|(?P<probe>[vi]\s*\(\s*[a-z0-9_][a-z0-9_+\-]*(?:\s*,\s*[a-z0-9_][a-z0-9_+\-]*)?\s*\))"
@@ -124,7 +126,8 @@ def _arguments(tokens: list[str], place: int, depth: int = 0) -> tuple[list[str]
         else:
             found[-1] += word
         if len(found[-1]) > LONGEST:
-            raise ValueError(f"written anew, it has over {LONGEST} characters")
+            text = "characters in an expression written anew"
+            raise ValueError(beyond(len(found[-1]), text, LONGEST))
     return found, None
 
 
@@ -191,7 +194,7 @@ def polynomial(inputs: list[str], coefficients: list[float]) -> str:
     Raises
     ------
     ValueError
-        More coefficients than those of the second degree of several inputs.
+        More coefficients than those of the second degree of several inputs, or too long.
 
     Examples
     --------
@@ -200,17 +203,19 @@ def polynomial(inputs: list[str], coefficients: list[float]) -> str:
     """
     if len(inputs) == 1 and len(coefficients) == 1:
         coefficients = [0.0, *coefficients]
-    powers: list[tuple[str, ...]] = [(), *((x,) for x in inputs)]
-    if len(inputs) == 1:
-        powers += [(inputs[0],) * degree for degree in range(2, len(coefficients))]
-    else:
-        powers += [(x, y) for k, x in enumerate(inputs) for y in inputs[k:]]
-    if len(coefficients) > len(powers):
+    several = len(inputs) > 1
+    most = 1 + len(inputs) + len(inputs) * (len(inputs) + 1) // 2
+    if several and len(coefficients) > most:
         text = f"{len(coefficients)} coefficients of {len(inputs)} inputs: only degree 2 is read"
         raise ValueError(text)
-    terms = [
-        "*".join((repr(value), *factors))
-        for value, factors in zip(coefficients, powers, strict=False)
-        if value != 0.0
-    ]
+    pairs = ((x, y) for k, x in enumerate(inputs) for y in inputs[k:])
+    powers = (inputs * k for k in range(len(coefficients)))
+    factors = chain([()], ((x,) for x in inputs), pairs) if several else powers
+    terms, length = list[str](), 0
+    for value, each in zip(coefficients, factors, strict=False):
+        if value != 0.0:
+            terms.append("*".join((repr(value), *each)))
+            length += len(terms[-1]) + 1
+        if length > LONGEST:
+            raise ValueError(beyond(length, "characters in a polynomial written anew", LONGEST))
     return "+".join(terms).replace("+-", "-") or "0.0"

@@ -11,23 +11,28 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from taction.spice_models.foreign_devices import (
-    Line,
     Names,
-    RefusedError,
     assignments,
     device,
-    logical_lines,
     model_card,
     split_fields,
 )
-from taction.spice_models.foreign_expressions import LONGEST, NAME, SUBCIRCUIT
+from taction.spice_models.foreign_expressions import NAME, SUBCIRCUIT
+from taction.spice_models.foreign_lines import (
+    LONGEST,
+    Line,
+    RefusedError,
+    beyond,
+    check_expanded,
+    logical_lines,
+)
 
 CARDS = (".subckt", ".ends", ".model", ".param", ".end")
 _BARE = re.compile(
     r"(\b[a-z_]\w* ?= ?)(?!\{|[+-]?[\d.]+(?:e[+-]?\d+)?[a-z]*(?: |$))"
     r"([^ =].*?)(?= [a-z_]\w* ?=(?!=)|$)"
 )  # an expression without braces, as a .param may have it
-MOST_LINES = 5000  # of all cards of a subcircuit and those that it calls
+MOST_CARDS = 5000  # of all cards of a subcircuit and those that it calls
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +73,10 @@ def read_subcircuit(content: bytes, name: str, prefix: str) -> Subcircuit:
     for old in order:
         lines += _write(blocks[old], whole, new, new[old])
     if longest := [line for line in lines if len(line) > LONGEST]:
-        raise RefusedError(1, f"written anew, a card has over {LONGEST} characters", longest[0])
-    if len(lines) > MOST_LINES:
-        raise RefusedError(1, f"{len(lines)} cards; at most {MOST_LINES} are read")
+        text = beyond(len(longest[0]), "characters in a card that is written anew", LONGEST)
+        raise RefusedError(blocks[wanted].head.number, text, longest[0])
+    if len(lines) > MOST_CARDS:
+        raise blocks[wanted].head.refused(beyond(len(lines), "cards", MOST_CARDS))
     return Subcircuit(new[wanted], _ports(blocks[wanted]), tuple(lines))
 
 
@@ -103,21 +109,8 @@ def _blocks(lines: Iterable[Line]) -> tuple[list[Line], dict[str, _NetlistBlock]
 
 def _called(name: str, blocks: dict[str, _NetlistBlock]) -> list[str]:
     """Return a subcircuit and those that it calls, the innermost first."""
-    order: list[str] = []
-
-    def visit(name: str, path: tuple[str, ...]) -> None:
-        for line in blocks[name].cards:
-            if not line.text.startswith("x"):
-                continue
-            words = [w for w in line.text.split() if "=" not in w and w != "params:"]
-            if words[-1] in (*path, name):
-                raise line.refused("a subcircuit that calls itself")
-            if words[-1] in blocks and words[-1] not in order:
-                visit(words[-1], (*path, name))
-        order.append(name)
-
-    visit(name, ())
-    return order
+    first = Line(blocks[name].head.number, f"x {name}")
+    return check_expanded({each: block.cards for each, block in blocks.items()}, [first], (name,))
 
 
 def _head(block: _NetlistBlock) -> tuple[tuple[str, ...], list[str], Line]:

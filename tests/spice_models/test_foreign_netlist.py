@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from taction.netlist_gen.analysis import OperatingPoint
-from taction.spice_models.foreign_devices import RefusedError, logical_lines
+from taction.spice_models.foreign_lines import RefusedError, logical_lines
 from taction.spice_models.foreign_expressions import FUNCTIONS, expression, number, polynomial
 from taction.spice_models.foreign_netlist import read_subcircuit
 from taction.verification.engines.ngspice.process import find_simulator, start
@@ -49,7 +49,7 @@ def refused(body: str, line: int, reason: str) -> None:
         ("b1 a b v=limit(v(a),1)", 2, "2 arguments of 'limit'"),
         ("b1 a b v=if(v(a),)", 2, "commas that do not match"),
         ("b1 a b v=" + "(" * 99 + "1" + ")" * 99, 2, "more than 50 parentheses"),
-        ("b1 a b v=" + "limit(1,1," * 20 + "1" + ")" * 20, 2, "over 20000 characters"),
+        ("b1 a b v=" + "limit(1,1," * 20 + "1" + ")" * 20, 2, "at most 20,000 are read"),
         ("i1 a b table(0 0 1)", 2, "table needs pairs"),
         ("i1 a b tbl(0 0 {x} 1)", 2, "name 'x' is no parameter"),
         ("e1 a b table {v(a)} = (0,0) (1,{x})", 2, "name 'x' is no parameter"),

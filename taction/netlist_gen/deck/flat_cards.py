@@ -65,11 +65,11 @@ def shown(card: str) -> str:
 
     Examples
     --------
-    >>> shown("r1"), shown("r.x1.xop.rin")
-    ('R1', 'x1.xop.Rin')
+    >>> shown("r1"), shown("r.1"), shown("r.x1.xop.rin")
+    ('R1', 'R.1', 'x1.xop.Rin')
     """
     letter, dot, rest = card.partition(".")
-    if not dot or len(letter) != 1:
+    if not dot or len(letter) != 1 or "." not in rest:  # R.1 is a name of the top level
         return card[:1].upper() + card[1:]
     return Part(f".{rest}").label
 
@@ -143,7 +143,7 @@ def _without_model(letter: str, text: str, models: Mapping[str, str]) -> str:
     model = next((word for word in words[2:4] if word in models), None)
     if model is not None:
         words.remove(model)
-        given = {key.strip() for key in re.findall(r"(\w+) ?=", models[model])}
+        given = {key.strip() for key in re.findall(r"\b(\w+) ?=", models[model])}
         own = len(words) > 2 and ("=" not in words[2] or words[2].startswith(f"{letter}="))
         if not own or given - SCALES:
             keys = " ".join(sorted(SCALES))

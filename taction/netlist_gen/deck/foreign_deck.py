@@ -7,15 +7,28 @@ analyses, outputs and options are left out, and so is everything between ``.cont
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from taction.netlist_gen.deck.ltspice import LIBRARY, plain_cards, spelt
-from taction.spice_models.foreign_devices import Line, RefusedError, logical_lines
+from taction.spice_models.foreign_functions import check_functions
+from taction.spice_models.foreign_lines import (
+    DEEPEST_FILES,
+    LARGEST,
+    MOST_CARDS,
+    MOST_FILES,
+    MOST_LINES,
+    Line,
+    RefusedError,
+    beyond,
+    logical_lines,
+    physical_lines,
+)
 from taction.system.errors import Complaint, InputError
-from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from taction.system.foreign_files import UnusableFileError, read_bounded
 from taction.system.frozen import frozen
 
 KEPT = (
@@ -34,19 +47,17 @@ LETTERS = "rclkviefghxbdqjms"
 """Devices that may stand in the text; `flat_cards` refuses those that are not linear."""
 NODES = {"r": 2, "c": 2, "l": 2, "v": 2, "i": 2, "e": 4, "g": 4, "f": 3, "h": 3}
 """Parts with a value, and how many nodes and names stand before it."""
-LARGEST = 8 * MEGABYTE  # of a file
-MOST = 20_000  # cards of a deck with its files
-DEEPEST = 10  # files within one another
 _FILE = re.compile(
-    r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))\s*([^\s\\/]*)\s*", re.I
+    r"\.(?:include|inc|lib)\s+(?:\"([^\"]*)\"|'([^']*)'|(\S+))(?:\s+([^\s\\/]+))?", re.I
 )
 _SPACED = re.compile(
-    r"\.(?:include|inc|lib)\s+()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
+    r"\.(?:include|inc|lib)\s+(?=\S)()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
 )  # with blanks
 _UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
+OWN = "_taction_"  # in names of cards that are made
 _STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
 _BRACES = re.compile(r"\{[^{}]*\}")
-_NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?[a-z]*")
+_NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*")
 _QUOTED = re.compile(r"'([^'{}]*)'")
 
 
@@ -106,7 +117,7 @@ class ForeignDeck:
         for card in self.cards:
             depth += (card.word == ".subckt") - (card.word == ".ends")
             if card.word == ".param" and depth == 0:
-                found += re.findall(r"([a-z_][a-z0-9_]*) ?=(?!=)", card.text)
+                found += re.findall(r"\b([a-z_][a-z0-9_]*) ?=(?!=)", card.text)
         return tuple(dict.fromkeys(found))
 
 
@@ -158,10 +169,11 @@ def read_deck(file: str | Path) -> ForeignDeck:
         text = "a schematic of LTspice is no deck; expected its netlist: View, SPICE Netlist"
         raise InputError(path, Complaint("file", repr(path.name), text))
     reading = _DeckReading(path)
-    reading.file(path, title=True)
+    reading.file(path)
     if not any(not card.word.startswith(".") for card in reading.cards):
         text = "the deck has no parts; expected cards such as 'R1 in out 10k'"
         raise InputError(path, Complaint("file", repr(path.name), text))
+    check_functions(reading.cards)
     return ForeignDeck(path, tuple(reading.cards), tuple(reading.left), tuple(reading.remarks))
 
 
@@ -173,54 +185,89 @@ class _DeckReading:
     cards: list[Card] = field(default_factory=list)
     left: list[Card] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
-    open: list[Path] = field(default_factory=list)
+    open: list[tuple[Path, str]] = field(default_factory=list)  # files and sections, being read
     known: set[tuple[Path, str]] = field(default_factory=set)  # files and sections that were read
     depth: int = 0  # of subcircuits
+    files: int = 0  # that are included
+    lines: int = 0  # of all files
+    bytes: int = 0
 
-    def file(self, path: Path, *, title: bool = False, section: str = "") -> None:
-        """Read one file, or one section of a library."""
-        real = path.resolve()
-        if real in self.open or len(self.open) >= DEEPEST:
-            text = f"files within one another, or more than {DEEPEST} deep"
-            raise InputError(self.deck, Complaint(".include", repr(path.name), text))
-        self.open.append(real)
-        for card in _cards(path, title, section, self.remarks):
+    def file(self, path: Path, caller: _Include | None = None) -> None:
+        """Read the deck, or the file or the section of a library that a card names."""
+        real, section = _real(path), "" if caller is None else caller.section
+        text = self._text(path)
+        try:
+            raw = physical_lines(text)
+        except RefusedError as error:
+            raise InputError(path, Complaint("deck", "", str(error))) from None
+        self.lines += len(raw)
+        if caller is not None:
+            self.files += 1
+            if (real, section) in self.open:
+                raise caller.refused("files within one another: this one is being read")
+            for count, what, most in (
+                (len(self.open), "files within one another", DEEPEST_FILES),
+                (self.files, "files that are included", MOST_FILES),
+                (self.lines, "lines of the deck with its files", MOST_LINES),
+                (self.bytes, "bytes of the deck with its files", LARGEST),
+            ):
+                if count > most:
+                    raise caller.refused(beyond(count, what, most))
+        self.open.append((real, section))
+        for card in _cards(path, raw, caller, self.remarks):
             if isinstance(card, _Include):
                 self._include(card, path)
             else:
                 self._take(card)
-            if len(self.cards) > MOST:
-                raise card.refused(f"at most {MOST} cards are read")
+            if len(self.cards) > MOST_CARDS:
+                raise card.refused(beyond(len(self.cards), "cards", MOST_CARDS))
         self.open.pop()
+
+    def _text(self, path: Path) -> str:
+        """Return the text of a file: UTF-8, UTF-16 as LTspice writes, or Latin-1; u for micro."""
+        try:
+            content = read_bounded(path, LARGEST)
+        except UnusableFileError as error:
+            raise InputError(path, Complaint("file", repr(path.name), str(error))) from None
+        self.bytes += len(content)
+        if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+            return spelt(content.decode("utf-16", "replace"))
+        try:
+            return spelt(content.decode("utf-8-sig"))
+        except UnicodeDecodeError:
+            return spelt(content.decode("latin-1"))
 
     def _include(self, card: _Include, origin: Path) -> None:
         """Read the file that a card names, if it is inside the deck's folder."""
         if not card.name.isprintable():
             raise card.refused("expected the name of a file, without control characters")
-        folder, last = self.deck.resolve().parent, card.name.rpartition("/")[2]
-        target = (origin.resolve().parent / card.name).resolve()
-        if not (target.is_relative_to(folder) and target.is_file()) and (folder / last).is_file():
-            target = (folder / last).resolve()
+        folder, last = _real(self.deck).parent, card.name.rpartition("/")[2]
+        target = _real(_real(origin).parent / card.name)
+        inside = target.is_relative_to(folder) and _is_file(target)
+        if not inside and _is_file(folder / last):
+            target = _real(folder / last)
             self.remarks.append(f"{card.name}: {last} in the deck's folder is read in its place")
-        elif not target.is_file() and LIBRARY.fullmatch(last):
+        elif not _is_file(target) and LIBRARY.fullmatch(last):
             self.remarks.append(f"{last}: a library of LTspice, which is not read")
             return
         if not target.is_relative_to(folder):
             text = f"{card.name!r} is outside the deck's folder and not read; copy it there"
             raise card.refused(text)
-        if not target.is_file():
+        if not _is_file(target):
             raise card.refused(f"the deck's folder has no file {card.name!r} ({folder.name}/)")
         if self.depth == 0 and (target, card.section) in self.known:
             self.remarks.append(f"{card.name}: included again, and read once")
             return
         self.known |= {(target, card.section)} if self.depth == 0 else set()
-        self.file(target, section=card.section)
+        self.file(target, card)
 
     def _take(self, card: Card) -> None:
         word = card.word
         self.depth += (word == ".subckt") - (word == ".ends")
         if word in LEFT:
             self.left.append(card)
+        elif word[1:].startswith(OWN):
+            raise card.refused(f"names that begin with {word[0]}{OWN} are taken by taction")
         elif word.startswith(".") and word not in KEPT:
             accepted = " ".join((*KEPT, *FILES, *LEFT))
             raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
@@ -248,12 +295,23 @@ class _Include(Card):
     section: str = ""
 
 
-def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterator[Card]:
+def _real(path: Path) -> Path:
+    """Return a path with links followed; of links that loop some path."""
+    return Path(os.path.realpath(path))
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is a file; there is none with a name that the system does not take."""
+    return os.path.isfile(path)  # noqa: PTH113 - `Path.is_file` raises for a name of 300 letters
+
+
+def _cards(
+    path: Path, raw: list[str], caller: _Include | None, remarks: list[str]
+) -> Iterator[Card]:
     """Yield the cards of one file up to ``.end``, without what ``.control`` holds."""
-    raw = _text(path).split("\n")
-    if section:
-        raw = _section(path, raw, section)
-    if title and raw and not raw[0].lstrip().startswith((".", "*")):
+    if caller is not None and caller.section:
+        raw = _section(path, raw, caller.section)
+    if caller is None and not raw[0].lstrip().startswith((".", "*")):
         raw[0] = ""  # whatever it says
     files: dict[int, re.Match[str]] = {}
     commands, unusual = 0, list[int]()
@@ -282,7 +340,7 @@ def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterato
     if commands:
         remarks.append(f"{path.name}: {commands} lines of commands (.control) do not run")
     try:
-        lines = logical_lines("\n".join(raw))
+        lines = logical_lines(raw)
     except RefusedError as error:
         raise InputError(path, Complaint("deck", "", str(error))) from None
     for each in lines:
@@ -291,7 +349,7 @@ def _cards(path: Path, title: bool, section: str, remarks: list[str]) -> Iterato
             return
         if match := files.get(each.number):
             name = next(filter(None, match.groups()[:3]), "")
-            yield _Include(path, each, name.replace("\\", "/"), match[4].lower())
+            yield _Include(path, each, name.replace("\\", "/"), (match[4] or "").lower())
         else:
             yield card
 
@@ -315,19 +373,3 @@ def _section(path: Path, raw: list[str], section: str) -> list[str]:
         text = "the library has no such section ('.lib NAME' to '.endl')"
         raise InputError(path, Complaint(".lib", repr(section), text))
     return kept
-
-
-def _text(path: Path) -> str:
-    """Return the text of a file: UTF-8, UTF-16 as LTspice writes, or Latin-1; u for micro."""
-    try:
-        content = read_bounded(path, LARGEST)
-    except UnusableFileError as error:
-        raise InputError(path, Complaint("file", repr(path.name), str(error))) from None
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-        text = content.decode("utf-16", "replace")
-    else:
-        try:
-            text = content.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = content.decode("latin-1")
-    return spelt(text)

@@ -8,17 +8,23 @@ from collections.abc import Mapping
 from dataclasses import field
 
 from taction.spice_models.foreign_expressions import DEEPEST, number, polynomial
+from taction.spice_models.foreign_lines import LONGEST
 from taction.system.frozen import frozen
 
 Probe = tuple[str, ...]
 """``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source."""
 _POLY = re.compile(r"([efgh])(\S+) (\S+) (\S+) poly ?\( ?(\d+) ?\) ?(.*)")
 _PROBE = re.compile(r"\b([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)")
-_TOKEN = re.compile(r"[a-z_]\w*|(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?[a-z]*")
+_TOKEN = re.compile(r"[a-z_]\w*|(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?[a-z]*")
 
 
 def without_poly(text: str) -> str:
     """Return a card with ``POLY`` as a B card with its expression; any other card as it is.
+
+    Raises
+    ------
+    ValueError
+        Too few names of inputs, too many coefficients, or one of a higher degree that is no number.
 
     Examples
     --------
@@ -28,22 +34,23 @@ def without_poly(text: str) -> str:
     if not (match := _POLY.fullmatch(text)):
         return text
     letter, name, a, b, count, rest = match.groups()
+    if len(count) > len(str(LONGEST)):
+        raise ValueError(f"POLY of {count[:20]}... inputs; expected as many as the card has")
     words, by_voltage = re.sub(r"[(),]", " ", rest).split(), letter in "eg"
     width = int(count) * (2 if by_voltage else 1)
+    if len(words) <= width:
+        raise ValueError(f"POLY({count}) needs {width} names of its inputs, and coefficients")
     controls = words[:width]
     if by_voltage:
         inputs = [f"v({p},{q})" for p, q in zip(controls[::2], controls[1::2], strict=False)]
     else:
         inputs = [f"i({source})" for source in controls]
     coefficients = words[width:]
-    try:
-        if 1 < len(coefficients) <= len(inputs) + 1:  # linear, perhaps with parameters
-            terms = [coefficients[0], *map("*".join, zip(coefficients[1:], inputs, strict=False))]
-            made = "+".join(terms)
-        else:
-            made = polynomial(inputs, [number(word) for word in coefficients])
-    except ValueError:
-        return text
+    if 1 < len(coefficients) <= len(inputs) + 1:  # linear, perhaps with parameters
+        terms = [coefficients[0], *map("*".join, zip(coefficients[1:], inputs, strict=False))]
+        made = "+".join(terms)
+    else:
+        made = polynomial(inputs, [number(word) for word in coefficients])
     return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
 
 
@@ -99,9 +106,11 @@ def affine(text: str) -> Affine:
         raise ValueError(f"more than {DEEPEST} parentheses")
     try:
         tree = ast.parse(inner.strip().replace("^", "**"), mode="eval").body
-    except (SyntaxError, MemoryError, RecursionError):
+        return _value(tree, probes)
+    except (SyntaxError, MemoryError):
         raise ValueError("the expression cannot be read") from None
-    return _value(tree, probes)
+    except RecursionError:
+        raise ValueError("the expression has too many terms; expected several cards") from None
 
 
 def _value(node: ast.expr, probes: list[Probe]) -> Affine:

@@ -60,7 +60,7 @@ IDLE = {
 }
 """What a catalogue says of a part, without effect."""
 _GIVEN = re.compile(r"\s+([a-z]\w*)\s*=\s*(\{[^{}]*\}|\S+)")
-_CATALOGUE = re.compile(r"\s(?:mfg|pn|type)=\"[^\"]*\"", re.I)
+_CATALOGUE = re.compile(r"\s(?:mfg|pn|type)=\"[^\"\n]*\"", re.I)
 _MARKED = re.compile(r"(\d+)(meg|[tgkmunpf])(\d+)(?:f|h|ohm)?")  # such as 2k2
 _MARKED_PARAM = re.compile(r"= ?(\d+)(meg|[tgkmunpf])(\d+)(?= |$)")
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from taction.netlist_gen.deck.foreign_deck import LINEAR, Card, ForeignDeck
 from taction.netlist_gen.deck.linear_expressions import without_poly
 from taction.netlist_gen.deck.ltspice import MISSING, OPAMPS, opamp_cards, plain_name
+from taction.spice_models.foreign_lines import called, check_expanded
 from taction.spice_models.imported import ROLES
 
 NOT_LINEAR = re.compile(
@@ -57,46 +58,36 @@ def _blocks(deck: ForeignDeck) -> tuple[dict[str, _Block], list[Card]]:
     return blocks, top
 
 
-def _called(card: Card) -> str:
-    """Return the subcircuit that a card X calls."""
-    words = [w for w in re.sub(r"\s*=\s*", "=", card.text).split() if "=" not in w]
-    return [w for w in words if w != "params:"][-1]
-
-
 def vendors_of(deck: ForeignDeck, linearise: bool = False) -> tuple[str, ...]:
     """Return the subcircuits to replace; InputError for a device that is not linear elsewhere.
 
-    With `linearise` such a device stays where it is. An expression stays: it may be linear.
+    With `linearise` such a device stays where it is. An expression stays: it may be linear. A deck
+    that is too large with all subcircuits expanded is refused.
     """
     blocks, top = _blocks(deck)
-    kinds: dict[str, bool] = {}
+    inside = {name: block.cards for name, block in blocks.items()}
+    doubtful, vendors = dict[str, Card | None](), list[str]()
 
-    def device(cards: Iterable[Card], path: tuple[str, ...]) -> Card | None:
+    def device(cards: Iterable[Card]) -> Card | None:
         """Return a card that may not be linear, beside replaced op-amps: a device first."""
-        doubtful = list[Card]()
+        found = list[Card]()
         for card in cards:
-            found = card if NOT_LINEAR.match(card.text) else None
-            if card.text[0] == "x" and (name := _called(card)) in blocks:
-                if name in path:
-                    raise card.refused("a subcircuit that calls itself")
-                found = None if replaced(name, (*path, name)) else inner.get(name)
-            doubtful += [found] if found else []
-        return min(doubtful, key=lambda card: card.word[0] in EXPRESSIONS, default=None)
+            name = called(card.text) if card.text[0] == "x" else ""
+            if NOT_LINEAR.match(card.text) or (name not in vendors and doubtful.get(name)):
+                found.append(doubtful.get(name) or card)
+        return min(found, key=lambda card: card.word[0] in EXPRESSIONS, default=None)
 
-    inner: dict[str, Card | None] = {}
-
-    def replaced(name: str, path: tuple[str, ...]) -> bool:
-        if name not in kinds:
-            inner[name] = device(blocks[name].cards, path)
-            kinds[name] = inner[name] is not None and len(blocks[name].ports) == len(ROLES)
-        return kinds[name]
-
-    card = device(top, ())
+    for name in check_expanded(inside, top, tuple(blocks)):
+        doubtful[name] = device(blocks[name].cards)
+        if doubtful[name] is not None and len(blocks[name].ports) == len(ROLES):
+            vendors.append(name)
+    check_expanded(inside, top, vendors)
+    card = device(top)
     if card and card.word[0] not in EXPRESSIONS and not linearise:
         if card.word[0] == "s":
             raise card.refused(f"a switch is not read; expected an R of its state; {LINEAR}")
         raise card.refused(f"this card is not linear; {LINEAR}, or --linearise")
-    return tuple(name for name, yes in kinds.items() if yes)
+    return tuple(vendors)
 
 
 def with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
@@ -126,14 +117,17 @@ def with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
             place = rf"(?<=\s){re.escape(known[card])}(?=\s|$)"
             yield re.sub(place, plain_name(known[card]), card.text)
         else:
-            yield without_poly(card.text)
+            try:
+                yield without_poly(card.text)
+            except ValueError as error:
+                raise card.refused(str(error)) from None
 
 
 def ltspice_opamps(deck: ForeignDeck) -> dict[Card, str]:
     """Return the cards X that call an op-amp of LTspice's library which the deck lacks."""
     own, found = _blocks(deck)[0], dict[Card, str]()
     for card in deck.cards:
-        if card.word[0] == "x" and (name := _called(card)) not in own:
+        if card.word[0] == "x" and (name := called(card.text)) not in own:
             if name not in OPAMPS:
                 text = (
                     f"the deck has no subcircuit {name!r}; put the file with its .subckt into the"

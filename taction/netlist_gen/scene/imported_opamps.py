@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from taction.spice_models.foreign_devices import RefusedError
+from taction.spice_models.foreign_lines import RefusedError
 from taction.spice_models.foreign_netlist import read_subcircuit
 from taction.spice_models.imported import (
     Figures,

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.spice_models.foreign_devices import RefusedError
+from taction.spice_models.foreign_lines import LARGEST, RefusedError
 from taction.spice_models.foreign_netlist import read_subcircuit
 from taction.spice_models.imported import (
     COMPENSATION,
@@ -24,7 +24,7 @@ from taction.spice_models.imported import (
 )
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import Complaint, InputError, SimulationError
-from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from taction.system.foreign_files import UnusableFileError, read_bounded
 from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.characterise.bench import VendorBench
@@ -35,7 +35,6 @@ from taction.verification.engines.ngspice.executable import find_simulator
 
 GOOD = 1e-3  # largest relative error of a linear model that serves as a witness
 REACH = 30.0  # the highest fitted frequency, in unity-gain bandwidths
-LARGEST = 4 * MEGABYTE
 LEAST_OHMS = 1e-3  # of an output: less is taken for this
 # What a pin and its trace add anyway: an input admittance is compared with itself and these.
 PIN_FARADS, PIN_SIEMENS = 1e-12, 1e-9

@@ -37,7 +37,7 @@ SMALL = 1e-12  # of the largest one: a smaller element is left out
 NAMED = 12  # devices in a note
 SECONDS = 20.0
 _MODEL = re.compile(r"^\.model (\S+) (\S+?)\s*(?:\((.*)\)|\s(.*))?$")
-_VALUE = re.compile(r"(\w+)\s*=\s*([^\s()]+)")
+_VALUE = re.compile(r"\b(\w+)\s*=\s*([^\s()]+)")
 
 
 @frozen

@@ -7,13 +7,14 @@ anything; the only commands of the run are those that list it. There is no simul
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
 
 from taction.netlist_gen.analysis import Analysis, OperatingPoint
 from taction.system.errors import DidNotLoad
-from taction.system.foreign_files import UnusableFileError, read_bounded
+from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 from taction.system.frozen import frozen
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end, longest
@@ -27,8 +28,10 @@ from taction.verification.engines.ngspice.process import (
 
 LISTED = "listed.txt"
 LIST = f"listing expand >> {LISTED}"
+LEAST = 0.1  # s of a second run, which has what the first one leaves
 LAST = ".end\n"  # of a listing
 SECONDS = 20.0  # of an expansion, which takes some milliseconds
+MEMORY = 1000 * MEGABYTE  # addresses of ngspice: an expansion of 20,000 devices takes 100 MB
 _CARD = re.compile(r"^ *\d+ : (\S.*)$")
 _HEAD = re.compile(r"^\t\S", re.M)  # of a listing: the title
 _WRONG = re.compile(r"^(?:Error|Cannot|Undefined|Too few|Unknown|.*[Ee]rror).*$", re.M)
@@ -51,6 +54,7 @@ def expand(
     lines: Iterable[str],
     simulator: Simulator,
     values: Sequence[Mapping[str, float]] = ({},),
+    seconds: float = SECONDS,
 ) -> tuple[tuple[str, ...], ...]:
     """Return the flat cards of a deck, for each of some values of its parameters.
 
@@ -60,6 +64,8 @@ def expand(
         Cards, one a line, checked before.
     values : sequence of mapping
         Numbers for ``.param`` names, in the place of the deck's own.
+    seconds : float
+        Time allowed, s.
 
     Raises
     ------
@@ -71,7 +77,7 @@ def expand(
         commands += [f"alterparam {name}={value!r}" for name, value in changed.items()]
         commands += ["reset"] if changed else []
         commands.append(LIST)
-    with _listing(lines, commands, simulator) as run:
+    with _listing(lines, commands, simulator, seconds) as run:
         found = run.accept(_listings)
     if len(found) != len(values):
         raise DidNotLoad(f"ngspice listed {len(found)} of {len(values)} decks")
@@ -87,23 +93,38 @@ def expand_and_wait(
     something to say, its run does not wait. Errors are those of `expand`.
     """
     text = tuple(lines)
-    run = _listing(text, (LIST, "source /dev/stdin"), simulator, waits=True)
+    end = time.perf_counter() + SECONDS
+    run = _listing(text, (LIST, "source /dev/stdin"), simulator, SECONDS, waits=True)
     listed = run.reaches(lambda: _read(run.folder).endswith(LAST))
     cards, said = _cards(_read(run.folder)), (run.folder / STREAMS[1]).stat().st_size
     if listed and cards and not said:
         return cards, run
     run.cancel()
-    (cards,) = expand(text, simulator)
+    (cards,) = expand(text, simulator, seconds=max(end - time.perf_counter(), LEAST))
     return cards, None
 
 
 def _listing(
-    lines: Iterable[str], commands: Iterable[str], simulator: Simulator, *, waits: bool = False
+    lines: Iterable[str],
+    commands: Iterable[str],
+    simulator: Simulator,
+    seconds: float,
+    *,
+    waits: bool = False,
 ) -> Run:
     """Start ngspice with a deck and commands."""
     deck = _Listing("\n".join(["* deck", *lines, ".control", *commands, ".endc", ".end", ""]))
-    place, bound = make_folder(deck, command_line(simulator), None), PHYSICAL_BOUND
-    return Run(deck, simulator, place, timeout=SECONDS, keep=False, bound=bound, waits=waits)
+    place = make_folder(deck, command_line(simulator), None)
+    return Run(
+        deck,
+        simulator,
+        place,
+        timeout=seconds,
+        keep=False,
+        bound=PHYSICAL_BOUND,
+        waits=waits,
+        memory=MEMORY,
+    )
 
 
 def _read(folder: Path) -> str:

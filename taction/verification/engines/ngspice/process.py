@@ -13,6 +13,7 @@ import contextlib
 import errno
 import functools
 import os
+import resource
 import shlex
 import signal
 import subprocess
@@ -156,10 +157,13 @@ class _Process:
     A thread that blocks in waitid(2) wakes with the process; ``Popen.wait(timeout)`` would poll.
     """
 
-    def __init__(self, simulator: Simulator, folder: Path, waits: bool) -> None:
+    def __init__(self, simulator: Simulator, folder: Path, waits: bool, memory: int | None) -> None:
         self.folder = folder
         self.started = self.ended = time.perf_counter()
         self._popen = launch(simulator, folder, waits=waits)
+        if memory is not None:  # of the guard, which becomes the simulator, too
+            with contextlib.suppress(ProcessLookupError):  # it has ended
+                resource.prlimit(self._popen.pid, resource.RLIMIT_AS, (memory, memory))
         self._over = threading.Event()
         _thread.start_new_thread(self._watch, ())  # `Thread` would wait until it runs
 
@@ -235,11 +239,12 @@ class Run:
         keep: bool,
         bound: float,
         waits: bool = False,
+        memory: int | None = None,
     ) -> None:
         self.folder = folder
         self._deck, self._simulator = deck, simulator
         self._timeout, self._keep, self._bound = timeout, keep, bound
-        self._process = _Process(simulator, folder, waits)
+        self._process = _Process(simulator, folder, waits, memory)
         self._discard = weakref.finalize(self, self._process.discard, keep)
 
     def __enter__(self) -> Run:

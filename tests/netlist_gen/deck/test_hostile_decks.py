@@ -1,0 +1,217 @@
+"""Decks that would hang, grow without limit or end in a traceback: refused at once, with why."""
+
+from __future__ import annotations
+
+import time
+from itertools import combinations
+from pathlib import Path
+
+import pytest
+
+from taction.spice_models.foreign_functions import calls, check_functions
+from taction.spice_models.foreign_lines import (
+    LONGEST,
+    MOST_CARDS,
+    MOST_LEVELS,
+    MOST_PARTS,
+    Line,
+    RefusedError,
+    check_expanded,
+    logical_lines,
+)
+from tests.support.paths import ROOT
+from tests.support.running import taction
+
+CASES = ROOT / "tests" / "data" / "cases"
+RC = "V1 in 0 AC 1\nR1 in out 1k\nC1 out 0 1n\n"
+SECONDS = 15.0  # of this process: a bound for a slow machine, where a fault takes 40 s and more
+
+
+def refused(file: Path, *, status: int = 2) -> str:
+    """What ``taction check`` says of a deck that it refuses at once."""
+    before = time.process_time()
+    result = taction("check", str(file), "--no-ngspice")
+    assert time.process_time() - before < SECONDS
+    assert result.exit_code == status, result.output
+    assert "Traceback" not in result.output
+    assert file.name in result.stderr
+    return " ".join(result.stderr.split())
+
+
+def coupled(count: int) -> str:
+    """Coils that are all coupled."""
+    coils = "".join(f"L{k} out {k} 1m\nR1{k} {k} 0 1k\n" for k in range(count))
+    pairs = enumerate(combinations(range(count), 2))
+    return coils + "".join(f"K{n} L{i} L{j} 0.01\n" for n, (i, j) in pairs)
+
+
+LINES = {
+    "blanks": (
+        f"R2 out 0 1k{' ' * 100_000}x\n",
+        "line 5: ",
+        "100,012 characters in a line; at most 20,000 are read",
+    ),
+    "include": (
+        f".include {'a' * 50_000} b c\n",
+        "line 5: ",
+        "50,013 characters in a line; at most 20,000 are read",
+    ),
+    "shorter blanks": (f"R2 out 0 1k{' ' * 19_000}x\n", "r2 out 0 1k x", "unknown parameter (x)"),
+    "shorter include": (f".include {'a' * 19_000} b c\n", "line 5", "not accepted"),
+    "blank include": (f".include {' ' * 19_000};\n", "line 5", "no file ';'"),
+    "continuations": (
+        "R2 out 0 1k\n" + "+ 1\n" * 20_000,
+        "line 5",
+        "characters in a line with its continuations; at most 20,000 are read",
+    ),
+    "comments": ("*\n" * 150_000, "line 100001", "150,006 lines; at most 100,000 are read"),
+    "resistors": (
+        "".join(f"R{k} out 0 1k\n" for k in range(2, 19_000)),
+        "line 3002 = 'r2999 out 0 1k'",
+        "3,001 parts with all subcircuits expanded; at most 3,000 are read",
+    ),
+    "cards": (
+        "".join(f"R{k} out 0 1k\n" for k in range(2, 30_000)),
+        "line 20002 = 'r19999 out 0 1k'",
+        "20,001 cards; at most 20,000 are read",
+    ),
+    "coils": (coupled(80), "line ", "201 couplings K; at most 200 are read"),
+    "functions": (
+        ".func f0() = {1}\n"
+        + "".join(f".func f{k}() = {{f{k - 1}()+f{k - 1}()}}\n" for k in range(1, 40))
+        + "R2 out 0 {f39()}\n",
+        "line 19 = '.func f14() = {f13()+f13()}'",
+        "characters with every .func in the place of its calls; at most 300,000 are read",
+    ),
+    "arguments": (
+        f".func f(x) {{x+x}}\nR2 out 0 {{{'f(' * 40}1{')' * 40}}}\n",
+        "line 6 = 'r2 out 0",
+        "characters with every .func in the place of its calls; at most 300,000 are read",
+    ),
+    "a function of itself": (
+        ".func f(x) {g(x)}\n.func g(x) {f(x)}\nR2 out 0 {f(1)}\n",
+        "line ",
+        "a function that calls itself",
+    ),
+    "terms": (f"B1 x 0 v={'+'.join(['v(out)'] * 2500)}\n", "B1", "the expression cannot be read"),
+    "degree": (
+        f"E1 x 0 poly(1) out 0 0 {'1 ' * 9000}\n",
+        "line 5 = 'e1 x 0 poly(1)",
+        "at most 20,000 are read",
+    ),
+    "second degree": (
+        f"E1 x 0 poly(2000) {'out 0 ' * 2000}{'1 ' * 2500}\n",
+        "line 5 = 'e1 x 0 poly(2000)",
+        "at most 20,000 are read",
+    ),
+    "digits": (f"R2 out 0 {'1' * 19_000}!\n", "R2: '1111", "deck.cir: deck"),
+}
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_a_hostile_line_is_refused_at_once(name: str, tmp_path: Path, ngspice: str) -> None:
+    text, *said = LINES[name]
+    place = tmp_path / "deck.cir"
+    place.write_text(f"t\n{RC}{text}.end\n")
+    message = refused(place)
+    assert [each for each in said if each not in message] == [], message
+
+
+FILES = {
+    "laugh9x10.cir": "30,000 devices with all subcircuits expanded; at most 20,000 are read",
+    "nest500.cir": "31 levels of subcircuits within one another; at most 30 are read",
+    "xeq-IndexError.cir": "line 5 = 'x=1': the deck has no subcircuit",
+    "polybig.cir": "line 5 = 'e1 a 0 poly(999",
+    "pins.cir": "line 5 = 'e_taction_pins_0 z 0 in out 1': names that begin with e_taction_",
+    "dot-name.cir": "R.1: expected two nodes and one number",
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_deck_that_ended_in_a_traceback_or_never(name: str, ngspice: str) -> None:
+    assert FILES[name] in refused(CASES / name)
+
+
+def test_a_dot_in_a_name_is_a_name(tmp_path: Path, ngspice: str) -> None:
+    """Poles of R1 parallel to R.1 with C1: -1/(500 * 1n)."""
+    place = tmp_path / "deck.cir"
+    place.write_text(f"t\n{RC}R.1 out 0 1k\n.end\n")
+    result = taction("check", str(place), "--no-ngspice")
+    assert result.exit_code == 0, result.output
+    assert "-2 M/s" in result.stdout
+    assert "R.1" in result.stdout
+
+
+def test_files_that_are_included_are_counted(tmp_path: Path) -> None:
+    """Nine levels, each 100 times the next one, all without a card: 10^18 files."""
+    for k in range(1, 9):
+        (tmp_path / f"i{k}.inc").write_text(f".include i{k + 1}.inc\n" * 100)
+    (tmp_path / "i9.inc").write_text("* nothing\n")
+    deck = tmp_path / "deck.cir"
+    deck.write_text(f"t\n{RC}X1 out s\n.subckt s a\nR1 a 0 1k\n.include i1.inc\n.ends\n.end\n")
+    result = taction("check", str(deck))
+    assert result.exit_code == 2
+    assert "i8.inc: line " in result.stderr
+    assert "501 files that are included; at most 500 are read" in " ".join(result.stderr.split())
+
+
+def test_bytes_of_all_files_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "a.inc").write_text(f"* {'a' * 18_000}\n" * 300)
+    deck = tmp_path / "deck.cir"
+    include = ".subckt s{k} a\n.include a.inc\nR1 a 0 1\n.ends\n"
+    deck.write_text(f"t\n{RC}" + "".join(include.format(k=k) for k in range(3)) + ".end\n")
+    message = refused(deck)
+    assert "bytes of the deck with its files; at most 8,000,000 are read" in message
+    assert "line 10" in message
+
+
+def test_a_section_that_calls_a_section_of_its_file(ngspice: str) -> None:
+    """R2 and C1 of an inverting amplifier of gain 1e5, from two sections: -1/(10k * 1n) (1 + 1.1e-4)."""
+    result = taction("check", str(CASES / "refused-lib-section.cir"), "--no-ngspice")
+    assert result.exit_code == 0, result.output
+    assert "-100.01 k/s" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("cards", "reason"),
+    [
+        ([f"r{k} a 0 1" for k in range(MOST_PARTS + 1)], "parts"),
+        (["x1 a s"], "levels"),
+        (["x1 a u"], "calls itself"),
+    ],
+)
+def test_what_is_counted_before_anything_is_expanded(cards: list[str], reason: str) -> None:
+    def lines(texts: list[str]) -> list[Line]:
+        return [Line(k, text) for k, text in enumerate(texts, 1)]
+
+    blocks = {f"s{k}": lines([f"x1 a s{k + 1}"]) for k in range(MOST_LEVELS)}
+    blocks["s"] = lines(["x1 a s0"])
+    blocks[f"s{MOST_LEVELS}"] = lines(["r1 a 0 1"])
+    blocks |= {"t": lines([f"x{k} a t1" for k in range(MOST_CARDS // 10 + 1)])}
+    blocks |= {"t1": lines([f"r{k} a 0 1" for k in range(10)]), "u": lines(["x1 a u"])}
+    with pytest.raises(RefusedError, match=reason):
+        check_expanded(blocks, lines(cards))
+    assert check_expanded(blocks, lines(["x1 a s1"]))[0] == f"s{MOST_LEVELS}"
+    with pytest.raises(RefusedError, match="20,010 devices"):
+        check_expanded(blocks, lines(["x1 a t"]), list(blocks))
+
+
+def test_an_op_amp_counts_as_one_part() -> None:
+    inner = [Line(k, f"r{k} a 0 1") for k in range(40)]
+    calls_of_it = [Line(k, f"x{k} a opamp") for k in range(100)]
+    assert check_expanded({"opamp": inner}, calls_of_it, ["opamp"]) == ["opamp"]
+    with pytest.raises(RefusedError, match="line 75 .*3,040 parts"):
+        check_expanded({"opamp": inner}, calls_of_it)
+
+
+def test_lengths_at_the_limit_are_read() -> None:
+    card = f"r1 a b {'1' * (LONGEST - 7)}"
+    assert logical_lines(card) == [Line(1, card)]
+    with pytest.raises(RefusedError, match=r"line 1: 20,001 characters"):
+        logical_lines(f"{card}1")
+
+
+def test_calls_of_functions_and_their_arguments() -> None:
+    text = "b1 a 0 v={f(1,g(2,3),(4))+v(a,b)*h()}"
+    assert list(calls(text)) == [("g", 2), ("f", 3), ("v", 2), ("h", 0)]
+    check_functions([Line(1, ".func f(x) {2*x}"), Line(2, "r1 a b {f(f(f(1)))}")])
