@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from taction.netlist_gen.analysis import OperatingPoint
-from taction.spice_models.foreign_lines import RefusedError, logical_lines
 from taction.spice_models.foreign_expressions import FUNCTIONS, expression, number, polynomial
+from taction.spice_models.foreign_lines import RefusedError, logical_lines
 from taction.spice_models.foreign_netlist import read_subcircuit
 from taction.verification.engines.ngspice.process import find_simulator, start
 from tests.support.small_decks import SmallDeck
