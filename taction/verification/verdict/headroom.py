@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import field, replace
 from typing import Literal, cast
 
 import numpy as np
@@ -21,6 +22,9 @@ from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.course import Course
 from taction.verification.readings.exact_signal import ExactGrid, ExactSignal
 
+DRIVE = "drive"
+"""The input of an op-amp at the large-signal level; beyond its range the output slews."""
+
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
 DETAIL = 0.02  # of a limit: smaller modes need no points of their own
@@ -28,8 +32,8 @@ TOLERANCE = 1e-3  # of a board without exact solution, in step amplitudes
 INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
 
-Quantity = Literal["voltage", "slope", "current"]
-UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A"}
+Quantity = Literal["voltage", "slope", "current", "drive"]
+UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A", "drive": "V"}
 
 
 @frozen
@@ -41,7 +45,7 @@ class Load:
     part : str
         Name of the op-amp in the circuit.
     quantity : str
-        A key of `UNITS`: ``"voltage"``, ``"slope"`` or ``"current"`` of the output.
+        A key of `UNITS`: ``"voltage"``, ``"slope"`` or ``"current"`` of the output, or `DRIVE`.
     peak, limit : float
         Largest size over all time, and the limit of the part, in the quantity's unit.
     at : float
@@ -50,10 +54,13 @@ class Load:
         Size at the equilibrium, in the quantity's unit.
     error : float
         Bound on the error of `peak`, in the quantity's unit.
+    slewing : float or None
+        How long the simulated op-amp slews, s: its input stage is driven beyond its range. None for
+        one without a slew rate in its model.
     """
 
     DOCUMENT = (
-        *("part", "quantity", "peak", "limit", "rest", "error"),
+        *("part", "quantity", "peak", "limit", "rest", "error", "slewing [s]"),
         *("time [s] = at # of the peak; null at rest", "share", "unit"),
     )
 
@@ -64,6 +71,7 @@ class Load:
     at: float
     rest: float
     error: float
+    slewing: float | None = None
 
     @property
     def share(self) -> float:
@@ -133,6 +141,11 @@ def _rows(circuit: Circuit) -> Iterator[_Row]:
     for cell in circuit.opamps:
         model, out = circuit.models[cell.model], cell.output
         swing = model.swing(circuit.supply)
+        if model.large_signal:
+            ends = ((cell.noninverting, 1.0), (cell.inverting, -1.0))
+            nodes, signs = zip(*(end for end in ends if end[0] != "0"), strict=True)
+            weights = tuple(sign / model.input_range for sign in signs)
+            yield _Row(cell.name, DRIVE, nodes, weights, model.input_range)
         if math.isfinite(swing) and not model.large_signal:
             yield _Row(cell.name, "voltage", (out,), (1.0 / swing,), swing)
         if math.isfinite(model.slew_rate) and not model.large_signal:
@@ -308,7 +321,13 @@ def _sampled(loads: _Loads, time: Floats, values: Floats) -> Iterator[Load]:
     fine, coarse = sizes(1), sizes(2)
     peaks = fine.max(axis=0)
     errors = np.abs(peaks - coarse.max(axis=0)) + PRECISION
-    found = list(loads.loads(peaks, time[fine.argmax(axis=0)], errors))
+    lasting = np.trapezoid(np.where(fine > 1.0, 1.0, 0.0), time, axis=0).tolist()
+    found = [
+        replace(load, slewing=beyond if load.quantity == DRIVE else None)
+        for load, beyond in zip(
+            loads.loads(peaks, time[fine.argmax(axis=0)], errors), lasting, strict=True
+        )
+    ]
     worst = dict[str, float]()
     for load in found:
         worst[load.quantity] = max(worst.get(load.quantity, 0.0), load.share)
@@ -330,13 +349,28 @@ class PartLoads:
     unit_voltage : float or None
         U0 of a board whose loads are proportional to U0, V; else None.
     simulated : tuple of Load
-        The loads of the small-signal board whose limits the simulated op-amps have.
+        The loads of the small-signal board whose limits the simulated op-amps have; a slope says
+        how long the simulated op-amp slews.
+    slewing : mapping of str to float
+        How long op-amps at the large-signal level slew, s, by part; those that do not may lack.
     """
 
     loads: tuple[Load, ...] = ()
     unknown: str = ""
     unit_voltage: float | None = None
     simulated: tuple[Load, ...] = ()
+    slewing: Mapping[str, float | None] = field(default_factory=dict)
+
+    def beside(self, small: PartLoads) -> PartLoads:
+        """Return these loads of a large-signal board with those of its `small`-signal board."""
+        limited = (load for load in small.worst if load.is_above)
+        simulated = tuple(
+            replace(load, slewing=self.slewing.get(load.part, 0.0))
+            if load.quantity == "slope" and not self.unknown
+            else load
+            for load in limited
+        )
+        return replace(self, simulated=simulated)
 
     @classmethod
     def of(
@@ -383,7 +417,9 @@ class PartLoads:
                 text = f"the loads of the op-amps are not known: {loads}"
                 found[place] = cls((), text, volts)
             else:
-                found[place] = cls(loads, "", volts)
+                kept = tuple(load for load in loads if load.quantity != DRIVE)
+                slewing = {load.part: load.slewing for load in loads if load.quantity == DRIVE}
+                found[place] = cls(kept, "", volts, slewing=slewing)
         return found
 
     @property
@@ -425,6 +461,19 @@ NOT_LIMITED = PartLoads()
 def amount(load: Load, value: float) -> str:
     """Return a value of a load with its unit: ``"1.6 V/us"``."""
     return show(value, load.unit, 3)
+
+
+def limited_text(load: Load) -> str:
+    """Return what the limit of a simulated op-amp does, and what the op-amp would need.
+
+    Examples
+    --------
+    >>> limited_text(Load("z_1", "slope", 49.8e6, 20e6, 1e-7, 0.0, 1.0, slewing=1.2e-6))
+    'slews for 1.2 us: needs 49.8 V/us of 20 V/us'
+    """
+    does = {"slope": "slew rate counts", "voltage": "clips", "current": "limits its current"}
+    text = f"slews for {show(load.slewing, 's', 2)}" if load.slewing else does[load.quantity]
+    return f"{text}: needs {amount(load, load.peak)} of {amount(load, load.limit)}"
 
 
 def describe(load: Load) -> str:

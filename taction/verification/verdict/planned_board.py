@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -63,7 +62,7 @@ class PlannedBoard:
             return self.small
         plan = self.plan
         found = PartLoads.of(self.board, transient=plan.transient, tolerance=plan.tolerance)
-        return replace(found, simulated=tuple(x for x in self.small.worst if x.is_above))
+        return found.beside(self.small)
 
     def spread(self) -> InputSpread | None:
         """Return where boards of the same parts rest; None if all rest at one place, or none."""

@@ -30,7 +30,7 @@ from taction.verification.verdict.checks import (
     joined,
     undecided,
 )
-from taction.verification.verdict.headroom import FULL, PartLoads, amount, describe
+from taction.verification.verdict.headroom import FULL, PartLoads, amount, describe, limited_text
 from taction.verification.verdict.warnings import WELL_ABOVE
 
 
@@ -230,18 +230,23 @@ def headroom(evidence: Evidence) -> Check | None:
 
 
 def _limited(parts: PartLoads) -> Check:
-    """Return the check of a board whose simulated op-amps have their limits."""
-    would = describe(parts.simulated[0]).replace(" reaches ", " would reach ")
-    reason = f"{would}; the simulated op-amps have slew rate and swing"
+    """Return the check of a board whose simulated op-amps have their limits.
+
+    What these need says more than the load of another limit: the value is left out.
+    """
+    worst = parts.simulated[0]
+    reason = f"{limited_text(worst)}; op-amp {worst.part} at {show(worst.at, 's', 3)}"
+    reason += "; the simulated op-amps have slew rate and swing"
     if any(load.quantity == "current" for load in parts.simulated):
         reason += " and largest output current"
     if not parts.loads:
         return Check("headroom", Outcome.PASS, None, None, FULL, None, "ratio", reason)
-    worst = parts.loads[0]
-    outcome = Outcome.INCONCLUSIVE if worst.is_above else Outcome.PASS
-    error = worst.error / worst.limit
-    reason += f"; {describe(worst)}"
-    return Check("headroom", outcome, worst.share, error, FULL, None, "ratio", reason)
+    other = parts.loads[0]
+    reason += f"; {describe(other)}"
+    if not other.is_above:
+        return Check("headroom", Outcome.PASS, None, None, FULL, None, "ratio", reason)
+    share, error = other.share, other.error / other.limit
+    return Check("headroom", Outcome.INCONCLUSIVE, share, error, FULL, None, "ratio", reason)
 
 
 EXPLAINED = (

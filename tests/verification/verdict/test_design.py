@@ -25,6 +25,7 @@ from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.simulate import simulate as by_state_space
 from taction.verification.report.documents.verdict import verdict_document
+from taction.verification.report.views.checks import check_bar
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.design import design_board
@@ -145,10 +146,28 @@ def test_both_engines_agree_on_a_board_that_slews_and_clips(volts: float) -> Non
     agree, headroom = named(verdict, "engines_agree"), named(verdict, "headroom")
     assert (verdict.outcome, agree.outcome) == (Outcome.PASS, Outcome.PASS)
     assert agree.value < 1e-4
-    assert "would reach 1.58 V/us" in headroom.reason or volts > 1.0
+    assert "needs 1.58 V/us of 0.5 V/us" in headroom.reason or volts > 1.0
     document = verdict_document(verdict)
     assert document["opamp_level"] == "large-signal"
     assert document["headroom"][0]["share"] == pytest.approx(3.164 * volts, rel=2e-3)
+
+
+def test_a_headroom_says_how_long_an_op_amp_slews() -> None:
+    """``d sinh(v / V) / dt = -sinh(v / V) / tau`` of an inverter, V the range of its input."""
+    rate, range_, volts = 2.0 * math.pi * 1e6, 1.0 / (2.0 * math.pi), 8.0  # of 1 V/us
+    part = {"base": "ideal", "dc_gain": 1e7, "gbw": "1MHz", "slew_rate": "1V/us"}
+    design = {"topology": "inv", "strain_input": "voltage", "unit_voltage": "10V", "opamp": part}
+    design |= {"unit_conductance": "100uS", "stray_capacitance": 0.0}
+    verdict = verify(Scene.from_arrays([[1.0]], [volts / 10.0], design=design))
+    start = 0.5 * volts / range_  # half of the step reaches the input
+    expected = 2.0 / rate * math.log(math.sinh(start) / math.sinh(1.0))
+    (load,) = verdict.parts.simulated
+    assert load.slewing == pytest.approx(expected, rel=0.02)
+    assert load.peak == pytest.approx(0.5 * volts * rate, rel=1e-3)
+    check = named(verdict, "headroom")
+    assert check.reason.startswith("slews for 7.7 us: needs 25.1 V/us of 1 V/us; op-amp v_1")
+    assert check_bar(check).value == "slews for 7.7 µs: needs 25.1 V/µs of 1 V/µs"
+    assert check_bar(check).share is None  # no other load hides it
 
 
 def test_slewing_makes_a_board_settle_later() -> None:
@@ -181,7 +200,7 @@ SLEWING = {
     "many unknowns": (beyond_limits(5), "slew rate and swing"),
     "amplifiers": (
         Scene.from_arrays([[1.0, 0.4], [0.3, 0.9]], [0.7, 0.5], design=AMPLIFIED),
-        "would reach",
+        "slews for",
     ),
 }
 

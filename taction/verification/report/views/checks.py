@@ -85,12 +85,15 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     share, doubt = _share(off, limit, check.uncertainty or 0.0, least=least)
     side = "at least" if least else "below" if unit == "1/s" else "at most"
     side = f"{figure(centre, unit)} ±" if centre else side
+    shown = with_error(value, check.uncertainty, unit)
+    if value is None and check.outcome is Outcome.PASS:  # the reason says what limits the board
+        limit, shown = None, readable(check.reason.partition("; ")[0])
     return Bar(
         name=spaced(check.name),
         outcome=check.outcome.value,
         share=share,
         doubt=doubt,
-        value=with_error(value, check.uncertainty, unit),
+        value=shown,
         limit="" if limit is None else f"{side} {figure(limit, unit)}",
         reason=readable(check.reason),
     )

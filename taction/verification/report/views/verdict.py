@@ -268,7 +268,8 @@ def load_bars(loads: Iterable[Load], note: str = "", *, limited: bool = False) -
             share=load.share,
             doubt=(load.error if math.isfinite(load.error) else 0.0) / load.limit,
             value=f"{figure(load.peak, load.unit, 3)} "
-            + ("at rest" if math.isinf(load.at) else f"at {figure(load.at, 's', 3)}"),
+            + ("at rest" if math.isinf(load.at) else f"at {figure(load.at, 's', 3)}")
+            + (f", slews for {figure(load.slewing, 's', 2)}" if load.slewing else ""),
             limit=f"at most {figure(load.limit, load.unit, 3)}",
         )
         for load in ordered
