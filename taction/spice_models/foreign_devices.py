@@ -22,7 +22,7 @@ _POLY = re.compile(r"poly\s*\(\s*(\d+)\s*\)(.*)")
 _VALUE = re.compile(r"value\s*=?\s*\{([^{}]*)\}")
 _BRACES = re.compile(r"\{([^{}]*)\}")
 _PASSIVE = {"r": {"tc1", "tc2", "tc"}, "c": set[str](), "l": set[str]()}
-_WITHOUT_EFFECT = re.compile(r"noiseless|ic ?= ?0(?:\.0*)?[a-z]*")
+_WITHOUT_EFFECT = re.compile(r"noiseless|tc ?= ?[^{}]+|ic ?= ?0(?:\.0*)?[a-z]*")
 _NODES = {"d": (2, 2), "q": (3, 4), "j": (3, 3), "m": (4, 4), "s": (4, 4)}
 _TABLE = re.compile(r"(?:table|tbl) ?(?:\{([^{}]*)\} ?=? ?)?(.*)")
 _BRACKETS = re.compile(r"(\{[^{}]*\})|[(),]")  # those within braces stay
@@ -138,7 +138,8 @@ def _model(line: Line, names: Names) -> tuple[str, str, list[str]]:
         raise ValueError(f"a model {match[2]!r} is not accepted")
     body = match[3] if match[3] is not None else match[4]
     body = re.sub(r"(\{[^{}]*\})|,", lambda found: found[1] or " ", body)
-    return match[1], match[2], assignments(split_fields(body), names)
+    fields = [field for field in split_fields(body) if not field.startswith("t_abs")]
+    return match[1], match[2], assignments(fields, names)
 
 
 def _thermal(fields: list[str]) -> None:

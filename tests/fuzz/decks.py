@@ -8,9 +8,10 @@ from pathlib import Path
 from hypothesis import strategies as st
 
 import taction
-from tests.fuzz.edits import BYTE_EDITS, SHARE, edited, line, value
+from tests.fuzz.edits import BYTE_EDITS, SHARE, Edit, edited, insert, line, value
 from tests.fuzz.target import Target
 from tests.support.designer_decks import DECKS as DESIGNERS
+from tests.support.paths import ROOT
 
 NAMES = ("wien", "sallen-key-gain", "cccs-mirror", "transimpedance-closed", "gyrator")
 LTSPICE = """* C:\\filters\\a.asc
@@ -27,7 +28,17 @@ V2 in° 0 SINE(0 1 1k) AC 1 Rser=50
 .lib UniversalOpamps2.sub
 .end
 """
-BASES = (*(DESIGNERS[name].encode() for name in NAMES), LTSPICE.encode())
+CASES = (
+    *("kicad-nested-subckt.cir", "limit-silent.cir", "linearise-model-comma.cir"),
+    *("param-override.cir", "pz2-rl.cir", "refused-k-one.net", "refused-level2.net"),
+    *("refused-orcad-tc.cir", "refused-tc-pair.cir", "refused-rkm-4r7.cir", "t-abs.cir"),
+    *("refused-portnum-ac.cir", "agauss-random.cir", "dot-name.cir", "xeq-IndexError.cir"),
+)
+BASES = (
+    *(DESIGNERS[name].encode() for name in NAMES),
+    LTSPICE.encode(),
+    *((ROOT / "tests" / "data" / "cases" / name).read_bytes() for name in CASES),
+)
 VALUES = (
     *("0", "-1", "1e400", "1e-400", "nan", "inf", "1k5", "1meg", "1M", "1u", "1\u00b5", "{gain}"),
     *(
@@ -80,7 +91,16 @@ LINES = (
         ".temp 1e9",
     ),
 )
+PIECES = (*"0 ({'=,.+x;", "v(", "a=", "{(", "1 ", "+ 1\n", "R9 a 0 1\n", ".include a b\n", "f(")
+
+
+def repeated(share: float, piece: str, exponent: float) -> Edit:
+    """Insert a piece many times, as hostile decks do."""
+    return insert(share, (piece * int(10.0**exponent)).encode())
+
+
 EDITS = (
+    st.builds(repeated, SHARE, st.sampled_from(PIECES), st.floats(0.0, 5.0)),
     st.builds(value, SHARE, st.sampled_from(VALUES)),
     st.builds(
         line, SHARE, st.sampled_from(LINES).map(lambda new: lambda old: old + b"\n" + new.encode())
@@ -96,7 +116,7 @@ def _examine(content: bytes, folder: Path) -> str:
     (folder / "secret.inc").write_text("Rsecret in 0 1\n")
     (inside / "deck.cir").write_bytes(content)
     try:
-        found = taction.check(inside / "deck.cir", ngspice=False)
+        found = taction.check(inside / "deck.cir", linearise=len(content) % 3 == 0, ngspice=False)
     finally:
         assert {each.name for each in folder.rglob("*")} == {"deck", "deck.cir", "secret.inc"}
     assert "Rsecret" not in {knob.name for knob in found.circuit.knobs}

@@ -206,13 +206,14 @@ def _coil(flat: Flat, name: str, text: str) -> None:
 def _coupling(flat: Flat, name: str, text: str) -> None:
     *coils, last = _fields(text, 3)[0]
     value = number(last)
-    if not abs(value) < 1.0:
-        raise ValueError("a coupling between -1 and 1 is expected; an ideal one has no coils")
+    if not abs(value) <= 1.0:
+        raise ValueError("a coupling from -1 to 1 is expected")
     if len(coils) != 2:
         raise ValueError("expected two coils and one number")
     one, other = (f"L{coil[1:]}" for coil in coils)
     flat.branches.append(BranchCoupling(name[1:], one, other, value))
-    flat.knobs[shown(name)] = (flat.branches[-1].card, value)
+    if abs(value) < 1.0:  # an ideal one has no tolerance
+        flat.knobs[shown(name)] = (flat.branches[-1].card, value)
 
 
 def _by_voltage(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
@@ -239,8 +240,11 @@ def _opamp(name: str, plain: Sequence[str]) -> OpAmpCell:
 
 
 def _inside(name: str) -> str:
-    """Return the subcircuit X in which a flat card stands, without its letter."""
-    return name.partition(".")[2].rpartition(".")[0][1:]
+    """Return the subcircuit X in which a flat card stands, without its letter.
+
+    One that is defined within another has the letter of the card again: ``e.x1.e.x2.e_name``.
+    """
+    return ".".join(word for word in name.split(".")[1:-1] if len(word) > 1)[1:]
 
 
 def _by_current(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:

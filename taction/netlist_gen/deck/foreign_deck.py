@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from taction.netlist_gen.deck.ltspice import LIBRARY, plain_cards, spelt
+from taction.netlist_gen.deck.ltspice import DROPPED, LIBRARY, plain_cards, spelt
 from taction.spice_models.foreign_functions import check_functions
 from taction.spice_models.foreign_lines import (
     DEEPEST_FILES,
@@ -77,6 +77,10 @@ class Card:
     def word(self) -> str:
         """Its first word."""
         return self.text.split(maxsplit=1)[0]
+
+    def with_text(self, text: str) -> Card:
+        """Return another card in its place."""
+        return Card(self.file, Line(self.line.number, text))
 
     def refused(self, accepted: str) -> InputError:
         """Return the error for this card, with what is accepted instead."""
@@ -277,8 +281,13 @@ class _DeckReading:
             text = "a transfer function (Laplace) is not read; expected its circuit of R, C, E"
             raise card.refused(text)
         else:
-            number = card.line.number
-            self.cards += [Card(card.file, Line(number, each)) for each in plain_cards(card.text)]
+            text = card.text
+            for beginning, pattern, name in DROPPED:
+                if text.startswith(beginning) and pattern.search(text):
+                    text = pattern.sub("", text)
+                    named = text.split(maxsplit=2)[: 2 if word == ".model" else 1]
+                    self.remarks.append(f"{' '.join(named)}: {name} does not count")
+            self.cards += [card.with_text(each) for each in plain_cards(text)]
 
 
 LINEAR = (

@@ -5,9 +5,10 @@ All is written anew as plain cards before a deck is checked, and what it stands 
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 SPELT = {
     "\N{MICRO SIGN}": "u",
@@ -19,9 +20,24 @@ SPELT = {
 """Characters of values, and what is read for them."""
 SIGNS = "\N{SECTION SIGN}\N{DEGREE SIGN}"  # in names, beside letters of other alphabets
 _FOREIGN = re.compile(r"[^\x00-\x7f]")
-MISSING = {"pi": f".param pi={math.pi!r}", "mc": ".func mc(x,tol) {x}"}
-"""What LTspice defines, by its name; a drawn value counts with its nominal one."""
+MISSING = {
+    "pi": f".param pi={math.pi!r}",
+    "mc": ".func mc(x,tol) {x}",
+    "agauss": ".func agauss(x,tol,sigma) {x}",
+    "gauss": ".func gauss(x,tol,sigma) {x}",
+    "aunif": ".func aunif(x,tol) {x}",
+    "unif": ".func unif(x,tol) {x}",
+    "limit": ".func limit(x,a,b) {min(max(x,min(a,b)),max(a,b))}",
+}
+"""What another simulator defines, by its name; ngspice alone draws all but the first two.
+
+A drawn value counts with its nominal one.
+"""
+DRAWN = ("mc", "agauss", "gauss", "aunif", "unif")
+DRAWN_LIMIT = ".func limit(x,tol) {x}"  # that of ngspice: one of both ends
+_TWO = re.compile(r"\blimit ?\([^(),]*,[^(),]*\)")
 _LEVEL = "avol=1meg gbw=10meg slew=10meg ilimit=25m rail=0 vos=0 phimargin=45 en=0 enk=0 in=0 ink=0"
+_FIVE = f"1 2 3 4 5 params: {_LEVEL} rin=500meg"
 _STAGE = (
     "rin 1 2 {rin}",
     "eos p 0 1 0 1",
@@ -43,9 +59,8 @@ OPAMPS: dict[str, tuple[str, tuple[str, ...]]] = {
         "1 2 3 params: aol=100k gbw=10meg",
         ("g1 0 3 2 1 {aol}", "r3 3 0 1", f"c3 3 0 {{aol/gbw/{math.tau!r}}}"),
     ),
-    "level.1": (f"1 2 3 4 5 params: {_LEVEL} rin=500meg", _ONE_POLE),
-    "level.2": (f"1 2 3 4 5 params: {_LEVEL} rin=500meg", _ONE_POLE),
-    "level.3a": (f"1 2 3 4 5 params: {_LEVEL} rin=500meg", _TWO_POLES),
+    **dict.fromkeys(("level.1", "level1", "level.2", "level2"), (_FIVE, _ONE_POLE)),
+    **dict.fromkeys(("level.3a", "level3a"), (_FIVE, _TWO_POLES)),
 }
 """Op-amps of LTspice by name: ports and parameters, and the linear cards that stand for them."""
 LIBRARY = re.compile(r"(?:opamp|universalopamps?2?)\.sub|ltc\d*\.lib|standard\.\w+", re.I)
@@ -61,8 +76,16 @@ IDLE = {
 """What a catalogue says of a part, without effect."""
 _GIVEN = re.compile(r"\s+([a-z]\w*)\s*=\s*(\{[^{}]*\}|\S+)")
 _CATALOGUE = re.compile(r"\s(?:mfg|pn|type)=\"[^\"\n]*\"", re.I)
-_MARKED = re.compile(r"(\d+)(meg|[tgkmunpf])(\d+)(?:f|h|ohm)?")  # such as 2k2
+_MARKED = re.compile(r"(\d+)(meg|[tgkmunpfr])(\d+)(?:f|h|ohm)?")  # such as 2k2
 _MARKED_PARAM = re.compile(r"= ?(\d+)(meg|[tgkmunpf])(\d+)(?= |$)")
+_THERMAL = re.compile(r" tc ?= ?[^ ,{}]+(?: ?, ?[^ ,{}]+)?(?= |$)")  # no effect at 27 degrees C
+_COMMA = re.compile(r"(\{[^{}]*\})|,")  # those within braces stay
+_PORT = re.compile(r" portnum ?=? ?\d+(?: z0 ?=? ?(\S+))?")
+DROPPED = (
+    ("r", re.compile(r" ac ?= ?(?:\{[^{}]*\}|\S+)"), "its AC value ac="),
+    (".model", re.compile(r"\bt_abs ?= ?(?:\{[^{}]*\}|[^ ,()]+)"), "T_ABS"),
+)
+"""What is left out of cards with these beginnings, and its name."""
 
 
 def spelt(text: str) -> str:
@@ -102,6 +125,17 @@ def plain_cards(text: str) -> Iterator[str]:
     if text.startswith(".param"):
         yield _MARKED_PARAM.sub(r"=\1.\3\2", text)
         return
+    if text.startswith(".model"):
+        yield " ".join(_COMMA.sub(lambda match: match[1] or " ", text).split())
+        return
+    if letter == "k" and len(words := text.split()) > 4:  # of several coils, each with each
+        pairs = itertools.combinations(words[1:-1], 2)
+        yield from (f"{words[0]}_{k} {a} {b} {words[-1]}" for k, (a, b) in enumerate(pairs, 1))
+        return
+    if letter in "rcl":
+        text = _THERMAL.sub("", text)
+    if letter == "v" and (match := _PORT.search(text)):
+        text = f"{_PORT.sub('', text)} rser={match[1] or '50'}"
     if letter == "i":
         yield text.removesuffix(" load")
         return
@@ -113,7 +147,7 @@ def plain_cards(text: str) -> Iterator[str]:
         text = _GIVEN.sub(lambda match: "" if match[1] in own else match[0], text)
     words = text.split()
     if letter in "rcl" and len(words) > 3 and (match := _MARKED.fullmatch(words[3])):
-        words[3] = f"{match[1]}.{match[3]}{match[2]}"
+        words[3] = f"{match[1]}.{match[3]}{match[2].removeprefix('r')}"
     if not (inner or outer) or len(words) < 4:
         yield " ".join(words) if letter in "rcl" else text
         return
@@ -132,6 +166,26 @@ def _size(text: str) -> float:
         return float(text)
     except ValueError:
         return 1.0
+
+
+def missing_cards(texts: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the cards that define what others use and do not define, and the drawn functions.
+
+    Examples
+    --------
+    >>> missing_cards(["r1 a b {aunif(1k,10)}"])
+    (['.func aunif(x,tol) {x}'], ['aunif'])
+    """
+    cards, drawn = list[str](), list[str]()
+    for word, definition in MISSING.items():
+        used = re.compile(rf"\b{word}\b" if word == "pi" else rf"\b{word} ?\(")
+        using = [text for text in texts if word in text and used.search(text)]
+        own = re.compile(rf"^\.func {word}\b|\b{word} ?=(?!=)")
+        if using and not any(own.search(text) for text in using):
+            two = word == "limit" and any(map(_TWO.search, using))
+            cards.append(DRAWN_LIMIT if two else definition)
+            drawn += [word] if two or word in DRAWN else []
+    return cards, drawn
 
 
 def opamp_cards(name: str) -> Iterator[str]:

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from taction.netlist_gen.deck.foreign_deck import LINEAR, Card, ForeignDeck
 from taction.netlist_gen.deck.linear_expressions import without_poly
-from taction.netlist_gen.deck.ltspice import MISSING, OPAMPS, opamp_cards, plain_name
+from taction.netlist_gen.deck.ltspice import OPAMPS, missing_cards, opamp_cards, plain_name
+from taction.spice_models.foreign_devices import split_fields
 from taction.spice_models.foreign_lines import called, check_expanded
 from taction.spice_models.imported import ROLES
 
@@ -37,6 +38,11 @@ class _Block:
         words = self.head.text.replace("params:", " ").split()[2:]
         return [word for word in words if "=" not in word]
 
+    @property
+    def texts(self) -> list[str]:
+        """The text of its cards."""
+        return [card.text for card in (self.head, *self.cards)]
+
 
 def _blocks(deck: ForeignDeck) -> tuple[dict[str, _Block], list[Card]]:
     """Return the subcircuits by name, and the cards of the top level."""
@@ -46,11 +52,14 @@ def _blocks(deck: ForeignDeck) -> tuple[dict[str, _Block], list[Card]]:
             words = card.text.split()
             if len(words) < 2:
                 raise card.refused("a subcircuit without a name; expected '.subckt NAME ports'")
-            inside.append(blocks.setdefault(words[1], _Block(card)))
+            inside.append(_Block(card))
         elif card.word == ".ends":
             if not inside:
                 raise card.refused("no subcircuit is open")
-            inside.pop()
+            block = inside.pop()
+            first = blocks.setdefault(block.head.text.split()[1], block)
+            if first.texts != block.texts:
+                raise block.head.refused("a second subcircuit of this name, which differs")
         elif inside:
             inside[-1].cards.append(card)
         else:
@@ -90,12 +99,44 @@ def vendors_of(deck: ForeignDeck, linearise: bool = False) -> tuple[str, ...]:
     return tuple(vendors)
 
 
+def with_own_parameters(deck: ForeignDeck, vendors: Sequence[str]) -> ForeignDeck:
+    """Return a deck in which each call of an op-amp with parameters has a subcircuit of its own."""
+    blocks, _ = _blocks(deck)
+    made, cards = dict[tuple[str, ...], str](), list[Card]()
+    for card in deck.cards:
+        name = called(card.text) if card.text[0] == "x" else ""
+        if name in vendors and "=" in card.text:
+            plain, given = _parameters(card)
+            new = made.setdefault((name, *given), f"{name}_taction_{len(made) + 1}")
+            cards.append(card.with_text(" ".join((*plain[:-1], new))))
+        else:
+            cards.append(card)
+    for (name, *given), new in made.items():
+        block = blocks[name]
+        plain, usual = _parameters(block.head)
+        values = dict(text.split("=", 1) for text in (*usual, *given))
+        fields = [f"{key}={value}" for key, value in values.items()]
+        cards.append(block.head.with_text(" ".join((plain[0], new, *plain[2:], *fields))))
+        cards += [*block.cards, block.head.with_text(".ends")]
+    return replace(deck, cards=tuple(cards))
+
+
+def _parameters(card: Card) -> tuple[list[str], list[str]]:
+    """Return the plain words of a card, and its fields ``key=value`` without blanks around =."""
+    try:
+        fields = [word for word in split_fields(card.text) if word != "params:"]
+    except ValueError as error:
+        raise card.refused(str(error)) from None
+    given = [re.sub(r"\s*=\s*", "=", word, count=1) for word in fields if "=" in word]
+    return [word for word in fields if "=" not in word], given
+
+
 def with_stubs(deck: ForeignDeck, vendors: Sequence[str]) -> Iterator[str]:
     """Yield the text with a stub in the place of each op-amp, which shows its nodes.
 
     Before it, what LTspice defines and ngspice does not, where the deck has a word for it.
     """
-    yield from _missing(deck)
+    yield from missing_cards(deck.lines)[0]
     known = ltspice_opamps(deck)
     for opamp in dict.fromkeys(known.values()):
         yield from opamp_cards(opamp)
@@ -138,20 +179,11 @@ def ltspice_opamps(deck: ForeignDeck) -> dict[Card, str]:
     return found
 
 
-def _missing(deck: ForeignDeck) -> Iterator[str]:
-    for word, definition in MISSING.items():
-        if any(re.search(rf"\b{word}\b", card.text) for card in deck.cards):
-            own = re.compile(rf"^\.func {word}\b|\b{word} ?=(?!=)")
-            if not any(own.search(card.text) for card in deck.cards):
-                yield definition
-
-
-def cards_of_models(lines: Sequence[str]) -> Iterator[str]:
-    """Yield the cards that the import reads: subcircuits, models and parameters."""
-    depth = 0
-    for line in lines:
-        word = line.split()[0]
-        depth += word == ".subckt"
-        if depth or word in (".model", ".param"):
-            yield line
-        depth -= word == ".ends"
+def cards_of_models(deck: ForeignDeck) -> Iterator[str]:
+    """Yield the cards that the import reads: models, parameters, and subcircuits side by side."""
+    blocks, top = _blocks(deck)
+    yield from (card.text for card in top if card.word in (".model", ".param"))
+    for name, block in blocks.items():
+        yield block.head.text
+        yield from (card.text for card in block.cards)
+        yield f".ends {name}"

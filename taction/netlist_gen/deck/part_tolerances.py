@@ -151,7 +151,7 @@ def _tight_couplings(circuit: Circuit, parts: Mapping[str, float]) -> Iterator[C
     """Yield couplings that reach 1 within their tolerance."""
     for branch in circuit.branches:
         share = parts.get(branch.label, 0.0)
-        if branch.letter == "K" and abs(branch.value) * (1.0 + share) >= 1.0:
+        if branch.letter == "K" and share > 0.0 and abs(branch.value) * (1.0 + share) >= 1.0:
             most = 100.0 * (1.0 / abs(branch.value) - 1.0)
             text = f"reaches 1 within its tolerance; expected less than {most:.2g} %"
             yield Complaint(branch.label, f"{branch.value:g} ± {100.0 * share:g} %", text)

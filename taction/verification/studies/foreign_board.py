@@ -36,12 +36,14 @@ from taction.netlist_gen.deck.foreign_deck import (
     table,
     unbraced_expression,
 )
+from taction.netlist_gen.deck.ltspice import missing_cards
 from taction.netlist_gen.deck.macromodels import (
     PINS,
     RAILS,
     cards_of_models,
     ltspice_opamps,
     vendors_of,
+    with_own_parameters,
     with_stubs,
 )
 from taction.netlist_gen.deck.stimuli import FIXED
@@ -222,6 +224,7 @@ def read_board(
         ngspice is missing, or does not expand the deck.
     """
     deck = read_deck(file)
+    deck = with_own_parameters(deck, vendors_of(deck, linearise))
     vendors = vendors_of(deck, linearise)
     stubbed, run = tuple(with_stubs(deck, vendors)), None
     try:
@@ -298,6 +301,8 @@ def _notes(
             f"{name}: the linear part of LTspice's op-amp of this name, its gain, bandwidth and"
             " phase margin; its limits and its noise do not count"
         )
+    for name in missing_cards(deck.lines)[1]:
+        yield f"{name}(): a drawn value counts with its nominal one; --tolerances draws"
     for card in deck.left:
         celsius = _TEMPERATURE.search(card.text)
         if celsius and celsius[1] != "27":
@@ -440,7 +445,7 @@ def _imported(deck: ForeignDeck, name: str, order: int, low: float, high: float)
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder, "macromodel.lib")
-        place.write_text("\n".join(cards_of_models(deck.lines)) + "\n")
+        place.write_text("\n".join(cards_of_models(deck)) + "\n")
         try:
             try:
                 found = import_opamp(str(place), name, roles, half, middle=middle)

@@ -135,7 +135,10 @@ def _with_resistors(
             continue
         values, nodes = models[device.rest][1], list(device.nodes)
         for k, key in enumerate(OHMIC[device.name[0]]):
-            ohms = number(values.get(key, "0")) if key else 0.0
+            try:
+                ohms = number(values.get(key, "0")) if key else 0.0
+            except ValueError as error:
+                raise CardError(f"{shown(device.name)}: {key} of its model: {error}") from None
             if ohms > 0.0:
                 inner = f"{device.name}#{key[1]}"
                 resistors.append(f"r.{device.name}.{key} {nodes[k]} {inner} {ohms!r}")
