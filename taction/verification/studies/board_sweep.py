@@ -13,11 +13,12 @@ from taction.system.errors import EngineError, InputError
 from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.readings.readings import Reading
-from taction.verification.stability.edges import Edge, Edges
+from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.families import Family
 from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_boards
 from taction.verification.studies.swept_values import SweptValue
 
+SAME = 1e-9  # relative distance of a point from an edge at which it counts as the edge
 COLUMNS = ("settling_time", "rise_time", "overshoot", "undershoot")
 Build = Callable[[Sequence[Mapping[str, float]]], Sequence[Circuit | InputError]]
 """Returns the circuit at some values of ``.param`` cards, or why there is none."""
@@ -42,10 +43,7 @@ class PointRow:
 class Sweep:
     """A board over one value: every crossing of the imaginary axis, and readings at the values."""
 
-    DOCUMENT = (
-        *("name", "unit", "own", "crossings", "stable_ranges = edges.stable_ranges"),
-        "points",
-    )
+    DOCUMENT = (*("name", "unit", "own", "crossings", "stable_ranges", "points"),)
 
     name: str
     unit: str
@@ -57,6 +55,27 @@ class Sweep:
     def crossings(self) -> tuple[Edge, ...]:
         """Values at which a pole crosses the imaginary axis."""
         return self.edges.edges
+
+    @property
+    def stable_ranges(self) -> tuple[Range, ...]:
+        """Parts of the range in which the board is stable, and every point in them, too."""
+        return tuple(
+            (low, high)
+            for low, high in self.edges.stable_ranges
+            if not any(low <= value <= high for value in self.doubtful)
+        )
+
+    @property
+    def doubtful(self) -> tuple[float, ...]:
+        """Values, other than crossings, that are not stable within a range that would be."""
+        values = [point.value for point in self.points if not point.stable]
+        return tuple(
+            value
+            for value in values
+            if value is not None
+            and any(low <= value <= high for low, high in self.edges.stable_ranges)
+            and not any(abs(value - e.value) <= SAME * abs(value) for e in self.crossings)
+        )
 
 
 def sweep_board(

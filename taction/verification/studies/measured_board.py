@@ -28,6 +28,7 @@ from taction.verification.readings.exact_measures import ExactResponse, measure_
 from taction.verification.readings.measurements import Measurements, channel_measure, summary
 from taction.verification.readings.readings import Reading, unread
 from taction.verification.readings.settling import ChannelState, Settlement
+from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.studies.wanted_checks import Wanted
@@ -297,6 +298,8 @@ def _alone(board: MeasuredBoard, response: _Response) -> MeasuredBoard | Excepti
 def _begun(board: LinearBoard, initial: Start, band: float) -> tuple[MeasuredBoard, _Response]:
     """Return a board without readings, and the step that has to be read; None if not stable."""
     found, places = poles(board), ends(board, initial)
+    if found.known_stable and (doubt := latching(board.circuit)):
+        found = replace(found, doubt=doubt)
     before, rest, error = places
     response, returns = step_response(board, initial, band, places)
     if not found.known_stable:

@@ -34,7 +34,7 @@ from taction.verification.report.views.checks import MARGINS, check_bar, decisiv
 from taction.verification.report.views.corners import directions, ranges
 from taction.verification.report.views.corners import tables as corner_tables
 from taction.verification.report.views.montecarlo import causes, failures, histograms, spreads
-from taction.verification.report.views.stability import pole_map, ranges_text
+from taction.verification.report.views.stability import pole_map, ranges_words
 from taction.verification.studies.board_check import BoardCheck
 from taction.verification.studies.board_sweep import Sweep
 from taction.verification.studies.part_influence import PartRow
@@ -223,7 +223,10 @@ def _swept(found: Sweep) -> Section:
 def _sweep(found: Sweep) -> Iterator[Block]:
     low, high = found.edges.low, found.edges.high
     unit = found.unit
-    stable = ranges_text(found.edges, low, high, unit)
+    stable = ranges_words(found.stable_ranges, low, high, unit)
+    if near := sorted((*found.edges.near, *found.doubtful)):
+        ends = dict.fromkeys(quantity(near[k], unit) for k in (0, -1))
+        stable += f"; not decided at {len(near)} values, {' to '.join(ends)}"
     crossings = {
         "crossing": lambda edge: number_cell(edge.value, unit, 8),
         "frequency": lambda edge: (

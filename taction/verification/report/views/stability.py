@@ -25,7 +25,7 @@ from taction.verification.report.charts import (
     segments,
 )
 from taction.verification.report.texts import figure, quantity
-from taction.verification.stability.edges import Edges
+from taction.verification.stability.edges import Edges, Range
 from taction.verification.stability.margin import AROUND, first_knob, stable_values
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.checked_laws import CheckedLaw
@@ -126,8 +126,15 @@ def knob_ranges(circuit: Circuit, poles: Poles) -> str:
 
 def ranges_text(found: Edges, low: float, high: float, unit: str = "F") -> str:
     """Return the stable values between two ends in words."""
+    near = ", ".join(quantity(value, unit) for value in found.near)
+    text = ranges_words(found.stable_ranges, low, high, unit)
+    return text + (f"; rounding decides near {near}" if near else "")
+
+
+def ranges_words(ranges: Sequence[Range], low: float, high: float, unit: str) -> str:
+    """Return ranges between two ends in words."""
     parts = []
-    for first, last in found.stable_ranges:
+    for first, last in ranges:
         ends = [quantity(end, unit) for end in (first, last)]
         if first <= low and last >= high:
             parts.append("every value")
@@ -137,8 +144,7 @@ def ranges_text(found: Edges, low: float, high: float, unit: str = "F") -> str:
             parts.append(f"below {ends[1]}")
         elif low < last and first < high:
             parts.append(" to ".join(ends))
-    near = ", ".join(quantity(value, unit) for value in found.near)
-    return ("; ".join(parts) or "none") + (f"; rounding decides near {near}" if near else "")
+    return "; ".join(parts) or "none"
 
 
 def pole_map(poles: Poles, ranges: str = "") -> Chart:
