@@ -34,7 +34,7 @@ def options(place: Path, **more: object) -> dict[str, object]:
 
 def test_a_deck_at_the_optimum_passes(place: Path) -> None:
     found = taction.check(place / "deck.cir", **options(place))  # type: ignore[arg-type]
-    assert [check.name for check in found.checks] == ["v(o1)", "v(o2)"]
+    assert [check.name for check in found.checks] == ["v(o1)", "v(o2)", "stability"]
     assert found.outcome.value == "pass"
 
 

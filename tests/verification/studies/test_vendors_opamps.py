@@ -36,7 +36,7 @@ def test_an_opamp_of_a_vendor_is_replaced(tmp_path: Path) -> None:
     board = read_board(place)
     assert any("x1: the macromodel fet100 is replaced" in note for note in board.notes)
     found = check_board(board.circuit, wanted(), initial=board.initial, witness=board.witness)
-    (check,) = found.checks
+    (check,) = (each for each in found.checks if each.name == "engines_agree")
     assert check.outcome.value == "pass", check.reason
     assert found.outputs[0].rest - found.outputs[0].before == pytest.approx(-0.01, rel=1e-3)
 
