@@ -5,7 +5,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup ready demo check test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress reproduce stress proof nightly fuzz torture boards docs notebooks man schemas lint format bench lock build clean
+.PHONY: help setup ready demo check test test-bare test-browser test-install test-kicad test-processors test-pythons test-simulators regress reproduce stress proof nightly fuzz torture boards docs notebooks schemas lint format bench lock build clean
 
 PYTHON_IN_VENV := .venv/bin/python
 JOBS ?= 2
@@ -74,7 +74,7 @@ stress: ready ## the stiff and extreme cases as a table; ARGS="--page docs/stres
 proof: ready ## outcomes and readings of scenes, decks, stress and coverage against stored ones; ARGS=--update stores them
 	$(PYTHON_IN_VENV) scripts/proof.py $(ARGS)
 
-nightly: ready ## what takes too long for every commit (an hour or two); records in docs/nightly.toml what was green
+nightly: ready ## what takes too long for every commit (an hour or two)
 	$(PYTHON_IN_VENV) scripts/nightly.py $(ARGS)
 
 fuzz: ready ## damaged inputs of every kind, for ARGS="--minutes 60"; prints how often each outcome occurred
@@ -91,9 +91,6 @@ docs: ready ## the documentation into docs/_build/html: pages, pictures and refe
 
 notebooks: ready ## the lessons of the documentation as notebooks/*.ipynb, for Jupyter
 	$(PYTHON_IN_VENV) -c "import sys; sys.path.insert(0, 'docs'); import generated; generated.write_notebooks(generated.ROOT / 'notebooks')"
-
-man: ready ## man pages of all commands into docs/_build/man, from the commands themselves
-	$(PYTHON_IN_VENV) scripts/man_pages.py
 
 schemas: ready ## docs/schemas: the schemas of all documents of --json, from their models
 	$(PYTHON_IN_VENV) scripts/write_schemas.py

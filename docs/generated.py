@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import messages
 import pictures
 from click.testing import CliRunner
 
@@ -72,7 +71,6 @@ def write_pages(app: object = None) -> None:
     _write("scene.md", "\n".join(_scene_page()))
     _write("commands.md", "\n".join(_commands_page()))
     _write("json.md", "\n".join(_json_page()))
-    _write("messages.md", "\n".join(messages.page()))
     _write("gallery.md", "\n".join(_gallery_page()))
     _write("rooms.svg", drawing())
     pictures.draw(PLACE)

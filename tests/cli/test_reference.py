@@ -1,4 +1,4 @@
-"""``taction --json --help``, shell completion and man pages."""
+"""``taction --json --help`` and shell completion."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from typing import Any
 
 import pytest
 
-from scripts.man_pages import pages
-from taction.cli.main import COMMANDS, FAMILIES, RENAMED, SECTIONS, main
-from taction.cli.reference import EXAMPLES, EXIT_STATUSES, reference
+from taction.cli.main import COMMANDS, FAMILIES, RENAMED, SECTIONS
+from taction.cli.reference import EXAMPLES, EXIT_STATUSES
 from tests.support.running import document, python, taction
 
 
@@ -146,17 +145,3 @@ def test_every_shell_gets_its_script(shell: str) -> None:
     if shell == "bash":
         checked = subprocess.run(["bash", "-n"], input=run.stdout, text=True, check=False)
         assert checked.returncode == 0
-
-
-def test_a_man_page_for_every_command() -> None:
-    made = dict(pages(reference(main)))
-    assert set(made) >= {"taction", "taction-parts-show", "taction-design-tune"}
-    for name, text in made.items():
-        assert text.startswith(f".TH {name.upper()} 1 ")
-        assert ".SH EXIT STATUS" in text
-        assert all(
-            line.startswith((".TH", ".SH", ".TP", ".PP"))
-            for line in text.splitlines()
-            if line[:1] == "."
-        )
-    assert "\\fB\\-\\-exclude PATTERN\\fR" in made["taction-verify"]

@@ -95,7 +95,6 @@ def ci(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
 def test_ci_runs_every_step_once_and_one_that_is_red_ends_it_red(ci: Run) -> None:
     status, text, made = ci()
     assert status == 0
-    assert text.endswith("scripts/nightly.py --stale\n")
     names = {line.removeprefix("make ") for line in made if line}
     assert len(made) == len(names) + 1
     others = {f"test-{name}" for name in ("simulators", "pythons", "kicad")}
@@ -118,20 +117,6 @@ def test_without_a_bare_system_ci_tests_outside_and_is_red(ci: Run) -> None:
     assert status == 1
     assert "no bare system" in text
     assert made.count("make test") == 2  # the first is that of the bare system
-
-
-def test_a_step_of_the_night_is_stale_until_it_is_green_with_these_sources() -> None:
-    green = {"sources": "ab", "day": "2026-01-02", "green": True}
-    entries = dict.fromkeys(nightly.STEPS, green)
-    assert nightly.stale(entries, lambda step: "ab") == []
-    del entries["fuzz"]
-    entries["torture"] = green | {"green": False}
-    said = ["fuzz: never run", "torture: red on 2026-01-02"]
-    assert nightly.stale(entries, lambda step: "ab") == said
-    changed = nightly.stale(entries, lambda step: "cd" if step == "processors" else "ab")
-    assert changed == ["processors: green on 2026-01-02, with other sources", *said]
-    assert all((ROOT / name).exists() for own in nightly.OWN.values() for name in own)
-    assert nightly.OWN.keys() <= nightly.STEPS.keys()
 
 
 def test_a_check_before_a_commit_runs_the_tests_of_what_changed() -> None:
