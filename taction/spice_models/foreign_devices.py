@@ -16,7 +16,7 @@ from taction.spice_models.foreign_expressions import (
 from taction.spice_models.foreign_lines import Line
 
 MODELS = ("d", "npn", "pnp", "njf", "pjf", "nmos", "pmos", "sw", "vswitch", "res", "r")
-_FIELD = re.compile(r"\{[^{}]*\}|[^\s=]+\s*=\s*(?:\{[^{}]*\}|[^\s={}]+)|[^\s{}=]+")
+_FIELD = re.compile(r"\{[^{}]*\}|[^\s={}]+\s*=\s*(?:\{[^{}]*\}|[^\s={}]+)|[^\s{}=]+")
 _KEY = re.compile(r"[a-z][a-z0-9_]*")
 _POLY = re.compile(r"poly\s*\(\s*(\d+)\s*\)(.*)")
 _VALUE = re.compile(r"value\s*=?\s*\{([^{}]*)\}")

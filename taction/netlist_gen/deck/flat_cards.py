@@ -50,7 +50,7 @@ SCALES = {"tc1", "tc2", "tce", "rsh", "cj", "cjsw", "defw", "defl", "narrow", "s
 NAMED = 4  # sources in a sentence
 BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
-_FIELD = re.compile(r"[^\s=]+\s*=\s*[^\s=]+|[^\s=(),]+")
+_FIELD = re.compile(r"[^\s=(),]+\s*=\s*[^\s=]+|[^\s=(),]+")
 _B = re.compile(r"(\S+) (\S+) ([vi]) ?= ?(.+)")
 _OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
 USUAL = ("out", "vout", "output", "vo", "o")  # names of an output, in this order

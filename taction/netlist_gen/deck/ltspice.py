@@ -10,6 +10,8 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 
+from taction.spice_models.foreign_lines import MOST_COUPLINGS
+
 SPELT = {
     "\N{MICRO SIGN}": "u",
     "\N{GREEK SMALL LETTER MU}": "u",
@@ -129,7 +131,7 @@ def plain_cards(text: str) -> Iterator[str]:
         yield " ".join(_COMMA.sub(lambda match: match[1] or " ", text).split())
         return
     if letter == "k" and len(words := text.split()) > 4:  # of several coils, each with each
-        pairs = itertools.combinations(words[1:-1], 2)
+        pairs = itertools.islice(itertools.combinations(words[1:-1], 2), MOST_COUPLINGS + 1)
         yield from (f"{words[0]}_{k} {a} {b} {words[-1]}" for k, (a, b) in enumerate(pairs, 1))
         return
     if letter in "rcl":

@@ -76,6 +76,7 @@ LINES = {
         "20,001 cards; at most 20,000 are read",
     ),
     "coils": (coupled(80), "line ", "201 couplings K; at most 200 are read"),
+    "one coupling": (f"K9 {'a b ' * 4900}1\n", "line 5 = 'k9_201", "201 couplings K; at most 200"),
     "functions": (
         ".func f0() = {1}\n"
         + "".join(f".func f{k}() = {{f{k - 1}()+f{k - 1}()}}\n" for k in range(1, 40))
@@ -163,6 +164,31 @@ def test_bytes_of_all_files_are_counted(tmp_path: Path) -> None:
     message = refused(deck)
     assert "bytes of the deck with its files; at most 8,000,000 are read" in message
     assert "line 10" in message
+
+
+IMPORTED = {
+    "blanks": (f"R2 p 0 1k{' ' * 100_000}x\n", "line 2: 100,010 characters in a line"),
+    "braces": (f"C9 p 0 {'{' * 19_000}\n", "line 2 'c9 p 0 {{{"),
+    "levels": (
+        "X1 p s0\n.ends\n"
+        + "".join(f".subckt s{k} a\nX1 a s{k + 1}\nX2 a s{k + 1}\n.ends\n" for k in range(15))
+        + ".subckt s15 a\nR1 a 0 1k\n",
+        "4,096 parts with all subcircuits expanded; at most 3,000 are read",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", IMPORTED)
+def test_a_hostile_netlist_of_a_vendor_is_refused_at_once(name: str, tmp_path: Path) -> None:
+    body, said = IMPORTED[name]
+    place = tmp_path / "amp.lib"
+    place.write_text(f".subckt amp p n v+ v- out\n{body}.ends\n")
+    pins = ("--subckt", "amp", "--pins", "inp,inn,vcc,vee,out")
+    before = time.process_time()
+    result = taction("parts", "import", str(place), *pins)
+    assert time.process_time() - before < SECONDS
+    assert result.exit_code == 2, result.output
+    assert said in " ".join(result.stderr.split())
 
 
 def test_a_section_that_calls_a_section_of_its_file(ngspice: str) -> None:
