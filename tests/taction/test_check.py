@@ -245,3 +245,44 @@ def test_a_check_loads_no_scipy(deck: str) -> None:
     code = f"import sys, taction; taction.check({deck!r}); print('scipy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+def test_an_output_without_a_limit_of_its_noise_hides_no_other() -> None:
+    """ngspice's .noise of the deck has 39.04 uV at l."""
+    found = taction.check(CASES / "noise-hidden.cir", checks="noise=1mV", ngspice=False)
+    load, out = found.outputs
+    assert load.noise == pytest.approx(39.04e-6, rel=1e-3)
+    assert out.noise is out.noise_bound is None
+    assert "output out has no limit" in found.noise_unknown
+    assert found.outcome.value == "inconclusive"
+
+
+def test_a_step_without_a_param_has_its_first_value() -> None:
+    place = CASES / "ltspice_step.net"
+    first = taction.check(place, ngspice=False)
+    values = {row.name: row.value for row in first.parts}
+    assert values["C1"] == 10e-12
+    assert any("--over cl=10p,100p,1n,10n does it" in note for note in first.notes)
+    (sweep,) = taction.check(place, over="cl=10p,100p,1n,10n", ngspice=False).sweeps
+    assert sweep.points[0].real == pytest.approx(first.poles.rightmost.real, rel=1e-9)
+    assert [point.value for point in sweep.points] == [10e-12, 100e-12, 1e-9, 10e-9]
+
+
+@pytest.mark.parametrize(
+    ("card", "says"),
+    [
+        (".ac dec 10 1 1meg", "poles, stability and the step response"),
+        (".meas tran v max v(out)", "--check settling="),
+        (".measure ac f when vdb(out)=-3", ".meas: "),
+        (".noise v(out) v1 dec 10 1 1meg", "--check noise=1mV"),
+        (".tf v(out) v1", "nothing of check answers it yet"),
+        (".dc v1 0 1 0.1", "--expect"),
+    ],
+)
+def test_a_card_that_does_not_run_is_named_with_what_answers(
+    card: str, says: str, tmp_path: Path
+) -> None:
+    place = tmp_path / "rc.cir"
+    place.write_text(f"RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n{card}\n.end\n")
+    notes = taction.check(place, ngspice=False).notes
+    assert any(says in note for note in notes)

@@ -67,9 +67,9 @@ OPAMPS: dict[str, tuple[str, tuple[str, ...]]] = {
 """Op-amps of LTspice by name: ports and parameters, and the linear cards that stand for them."""
 LIBRARY = re.compile(r"(?:opamp|universalopamps?2?)\.sub|ltc\d*\.lib|standard\.\w+", re.I)
 """Files that LTspice reads from a folder of its own."""
-SERIES = {"c": ("rser", "lser"), "l": ("rser",), "v": ("rser",)}
-PARALLEL = {"c": ("rpar", "cpar"), "l": ("rpar", "cpar"), "v": ("cpar",)}
-"""Parasitic parts of a capacitor, a coil and a source: within the part, and across all of it."""
+SERIES = {"r": ("rser",), "c": ("rser", "lser"), "l": ("rser",), "v": ("rser",)}
+PARALLEL = {"r": ("cpar",), "c": ("rpar", "cpar"), "l": ("rpar", "cpar"), "v": ("cpar",)}
+"""Parasitic parts of resistors, capacitors, coils and sources: within the part, and across it."""
 IDLE = {
     "r": ("tol", "pwr"),
     "c": ("v", "irms", "mfg", "pn", "type", "tol"),

@@ -32,6 +32,7 @@ from taction.verification.studies.wanted_checks import Wanted
 from taction.verification.verdict.checks import Check, Outcome, overall, undecided
 from taction.verification.verdict.companion import Agreement
 from taction.verification.verdict.output_noise import OutputNoise
+from taction.verification.verdict.record import finite
 
 Progress = Callable[[str], None]
 
@@ -161,8 +162,8 @@ class BoardCheck(Result):
             rise_bound=None if rise is None else rise.uncertainty,
             overshoot=None if over is None else over.value,
             undershoot=None if under is None else under.value,
-            noise=self.noise.rms[n] if self.noise.rms else None,
-            noise_bound=self.noise.error[n] if self.noise.error else None,
+            noise=finite(self.noise.rms[n]) if self.noise.rms else None,
+            noise_bound=finite(self.noise.error[n]) if self.noise.error else None,
             state=channel.state.value,
         )
 

@@ -47,6 +47,7 @@ from taction.netlist_gen.deck.macromodels import (
     with_stubs,
 )
 from taction.netlist_gen.deck.stimuli import FIXED
+from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
 from taction.spice_models.foreign_expressions import number
 from taction.spice_models.imported import ROLES, ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
@@ -223,7 +224,7 @@ def read_board(
     SimulationError
         ngspice is missing, or does not expand the deck.
     """
-    deck = read_deck(file)
+    deck = with_first_steps(read_deck(file))
     deck = with_own_parameters(deck, vendors_of(deck, linearise))
     vendors = vendors_of(deck, linearise)
     stubbed, run = tuple(with_stubs(deck, vendors)), None
@@ -296,6 +297,7 @@ def _notes(
     if immediate:
         yield "uic: the board starts with no charge"
     yield from deck.remarks
+    yield from unanswered(deck)
     for name in dict.fromkeys(ltspice_opamps(deck).values()):
         yield (
             f"{name}: the linear part of LTspice's op-amp of this name, its gain, bandwidth and"

@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, InputError
@@ -94,16 +95,35 @@ class MeasuredBoard:
         return time_scales(self.board, initial=self.initial)
 
     def noise(self, lowest: float | None) -> OutputNoise:
-        """Return the noise of its outputs above a frequency, Hz; or why it is not known."""
+        """Return the noise of its outputs above a frequency, Hz; or why it is not known.
+
+        Where one output has none, the others are known by themselves, and this one is NaN.
+        """
         if not self.poles.known_stable:
             return OutputNoise(unknown="a board that is not stable has no noise at rest")
         models = self.board.circuit.models.values()
         low = lowest or (LOWEST if any(model.flicker_noise > 0.0 for model in models) else 0.0)
         try:
             rms, error = output_noise(self.board, low)
+            return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), lowest=low)
         except EngineError as problem:
-            return OutputNoise(unknown=str(problem))
-        return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), lowest=low)
+            if len(self.board.circuit.outputs) == 1:
+                return OutputNoise(unknown=str(problem))
+        each = [self._noise_of(out, low) for out in self.board.circuit.outputs]
+        return OutputNoise(
+            tuple(rms for rms, _, _ in each),
+            tuple(error for _, error, _ in each),
+            unknown="; ".join(dict.fromkeys(filter(None, (why for _, _, why in each)))),
+            lowest=low,
+        )
+
+    def _noise_of(self, out: Output, low: float) -> tuple[float, float, str]:
+        """Return the noise of one output and its bound, V; or NaN, and why it is not known."""
+        try:
+            rms, error = output_noise(LinearBoard(replace(self.board.circuit, outputs=(out,))), low)
+        except EngineError as problem:
+            return math.nan, math.nan, str(problem)
+        return float(rms[0]), float(error[0]), ""
 
     def checks(
         self,

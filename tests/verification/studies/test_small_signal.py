@@ -93,7 +93,7 @@ def test_a_diode_is_its_conductance(tmp_path: Path) -> None:
 
 def test_both_engines_agree_on_the_linearised_circuit(tmp_path: Path) -> None:
     found = taction.check(written(tmp_path, BIPOLAR), outputs="out", linearise=True)
-    assert [check.name for check in found.checks] == ["engines_agree"]
+    assert [check.name for check in found.checks] == ["stability", "engines_agree"]
     assert found.outcome.value == "pass"
 
 
