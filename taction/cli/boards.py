@@ -21,6 +21,7 @@ from taction.cli.command import (
     Call,
     Command,
     Job,
+    NumberRange,
     argument,
     folder,
     option,
@@ -144,7 +145,7 @@ VERIFY = Command(
             " where GITHUB_ACTIONS is set.",
         ),
         replace(JOBS, of="verify_files"),
-        option("changes", type=click.FloatRange(0), metavar="SECONDS", of="what_to_change"),
+        option("changes", type=NumberRange(0), metavar="SECONDS", of="what_to_change"),
         replace(ANY_PART, of="what_to_change"),
         option(
             "verbose",
@@ -213,7 +214,7 @@ DIFF = Command(
         argument("first", metavar="A", reads=True),
         argument("second", metavar="B", reads=True),
         ENGINE,
-        option("agree", metavar="SHARE", type=click.FloatRange(0, 1, min_open=True)),
+        option("agree", metavar="SHARE", type=NumberRange(0, 1, min_open=True)),
     ),
     ends="Exit status: 0 if all readings are equal within their uncertainties, 1 if one is not, 3"
     " if that is unknown.",
@@ -356,14 +357,14 @@ NEW = Command(
             help="A scene for the problem of SCENE, with G0, U0, s and R that use the swing of its"
             " op-amps and that can be bought; lambda stays. The state-space engine verifies it.",
         ),
-        option("share", type=click.FloatRange(0, 0.9, min_open=True), of="scale"),
+        option("share", type=NumberRange(0, 0.9, min_open=True), of="scale"),
         option("matrix", metavar="T", reads=True),
         option("strain", metavar="EPS", reads=True),
         option("noise", metavar="SIGMA"),
-        option("lam", "--lambda", type=click.FloatRange(0, min_open=True)),
+        option("lam", "--lambda", type=NumberRange(0, min_open=True)),
         option("opamp", metavar="NAME"),
         option("supply", metavar="VOLTS"),
-        option("prune", type=click.FloatRange(0, 1, max_open=True)),
+        option("prune", type=NumberRange(0, 1, max_open=True)),
         ANY_PART,
     ),
 )
@@ -398,6 +399,6 @@ MCP = Command(
     schema=None,
     parameters=(
         argument("folder"),
-        option("limit", metavar="SECONDS", type=click.FloatRange(0, 86400, min_open=True)),
+        option("limit", metavar="SECONDS", type=NumberRange(0, 86400, min_open=True)),
     ),
 )

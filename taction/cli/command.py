@@ -7,6 +7,7 @@ first paragraph of each parameter in its docstring. A second paragraph is for Py
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -298,6 +299,22 @@ class EngineChoice(click.Choice[str]):
         if value in GRID_ENGINES and value not in self.choices:
             text = f"{value!r} runs two engines over a grid of points, for `taction sweep` only"
             self.fail(f"{text}; expected one of {', '.join(map(repr, self.choices))}", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+class NumberRange(click.FloatRange):
+    """A number of an option as scenes have them, finite: ``nan`` passes every comparison."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number, or fail with the numbers that are accepted."""
+        from taction.system.quantities import number
+
+        try:
+            finite = math.isfinite(number(str(value)))
+        except ValueError:
+            finite = False
+        if not finite:
+            self.fail(f"{value!r} is not a valid float range.", param, ctx)
         return super().convert(value, param, ctx)
 
 

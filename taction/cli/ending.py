@@ -10,6 +10,7 @@ import errno
 import io
 import os
 import re
+import resource
 import signal
 import sys
 import threading
@@ -33,6 +34,7 @@ from taction.system.foreign_text import visible
 
 CLOSED_PIPE = 141  # as a shell says of a program that SIGPIPE ended
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+LEAST_MEMORY = 400_000_000  # bytes of address space: numpy and SciPy need 230 MB
 AGAIN = 0.02  # s until a signal comes again whose exception was lost
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a stream that takes no more
 
@@ -139,6 +141,7 @@ def _status(
     function: Callable[[], object], as_json: bool, received: list[int], words: Sequence[str]
 ) -> int:
     try:
+        _refuse_little_memory()
         _run(function, received)
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else 0
@@ -147,7 +150,7 @@ def _status(
     except TactionError as error:
         return _report(error, as_json)
     except MemoryError:
-        return _report(NoVerdictError("out of memory: the scene is too large"), as_json)
+        return _report(NoVerdictError("out of memory: no verdict was reached"), as_json)
     except click.ClickException as error:
         odd = [word for word in words if word != visible(word)]
         if as_json:
@@ -169,6 +172,14 @@ def _status(
             return _report(NoVerdictError(lack), as_json)
         return _bug(error, as_json)
     return 0
+
+
+def _refuse_little_memory() -> None:
+    """Refuse a limit of the memory below which a library ends the process, with status 1."""
+    memory = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if memory != resource.RLIM_INFINITY and memory < LEAST_MEMORY:
+        least = f"expected {LEAST_MEMORY / 1e6:g} MB or more"
+        raise NoVerdictError(f"the memory is limited to {memory / 1e6:.0f} MB (ulimit -v); {least}")
 
 
 def _told(text: str, words: Sequence[str]) -> str:

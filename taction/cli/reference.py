@@ -26,7 +26,7 @@ EXIT_STATUSES = {
 }
 ENVIRONMENT = {
     "TACTION_NGSPICE": "an ngspice in the place of the one on the PATH",
-    "TACTION_FOLDERS": "folders, as PATH lists them: other files are not read",
+    "TACTION_FOLDERS": "folders, a JSON list of texts: other files are not read",
     "COLUMNS": "width of the tables where stdout is no terminal; 160 by default",
     "NO_COLOR": "set: no colours on a terminal",
     "GITHUB_ACTIONS": "true: `taction verify` prints annotations, as with --annotate",
@@ -96,6 +96,7 @@ TYPES = {  # click's names
     "File": "path",
     "Float": "number",
     "FloatRange": "number",
+    "NumberRange": "number",
     "Int": "integer",
     "IntRange": "integer",
     "Path": "path",

@@ -205,6 +205,12 @@ class SimulationError(NoVerdictError):
         return moved
 
 
+def one_line(error: Exception) -> str:
+    """Return the first line of an error, with the folder that a simulation kept for it."""
+    line, folder = str(error).partition("\n")[0], getattr(error, "folder", None)
+    return line if folder is None else f"{line} (reproducer: {folder})"
+
+
 class SimulatorNotFound(SimulationError):  # noqa: N818
     """No ngspice executable.
 

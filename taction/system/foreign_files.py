@@ -6,6 +6,7 @@ than the memory.
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 from collections.abc import Iterator
@@ -18,7 +19,10 @@ LARGEST = 64 * MEGABYTE  # of a table of numbers: 2,800 x 2,800 in binary
 
 
 FOLDERS = "TACTION_FOLDERS"
-"""Environment variable: the only folders of which files are read, as PATH lists them."""
+"""Environment variable: the only folders of which files are read, as a JSON list of texts.
+
+PATH has no way to write a folder with a colon in its name.
+"""
 
 
 class UnusableFileError(ValueError):
@@ -27,13 +31,19 @@ class UnusableFileError(ValueError):
 
 def _may_read(path: str | Path) -> bool:
     """Return whether a file, with links followed, is in a folder that may be read."""
-    folders = os.environ.get(FOLDERS, "")
+    text = os.environ.get(FOLDERS, "")
+    if not text:
+        return True
+    try:
+        folders = [os.path.realpath(folder) for folder in json.loads(text)]
+    except (TypeError, ValueError):
+        reason = f"{FOLDERS} is {text!r}; expected a JSON list of folders"
+        raise UnusableFileError(reason) from None
     try:
         real = os.path.realpath(path)
     except ValueError:  # a zero byte in the name: `os.open` says so
         return True
-    allowed = (os.path.realpath(folder) for folder in folders.split(os.pathsep))
-    return not folders or any(os.path.commonpath((real, folder)) == folder for folder in allowed)
+    return any(os.path.commonpath((real, folder)) == folder for folder in folders)
 
 
 @contextmanager

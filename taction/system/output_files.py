@@ -118,7 +118,8 @@ def check_own_folder(folder: str | Path, files: Collection[str], option: str = "
     Raises
     ------
     InputError
-        `folder` is a file, may not be written, or holds what is not one of `files`.
+        `folder` is a file, may not be written, or holds a link or what is not one of
+        `files`.
     """
     place, text = Path(folder), ""
     there = next(each for each in (place, *place.absolute().parents) if os.path.lexists(each))
@@ -137,9 +138,12 @@ def check_own_folder(folder: str | Path, files: Collection[str], option: str = "
             if not name.startswith(PREFIX)
         }
         foreign = sorted(map(str, found - own - folders))
+        links = sorted(str(each) for each in found if (place / each).is_symlink())
         if foreign:
             named = ", ".join(map(repr, foreign[:3])) + (", ..." if foreign[3:] else "")
             text = f"it holds {named}, not written by this command; expected a new or empty folder"
+        elif links:  # a file would be written where it leads
+            text = f"{links[0]!r} in it is a link; expected a folder without links"
     if text:
         raise InputError(option, Complaint("FOLDER", repr(str(folder)), text))
 

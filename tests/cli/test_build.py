@@ -111,6 +111,22 @@ def test_foreign_files_are_kept(folder: Path) -> None:
     assert "expected a new or empty folder" in here.stderr
 
 
+@pytest.mark.parametrize("name", ["deck.cir", "kicad"])
+def test_no_file_is_written_where_a_link_leads(boards: Path, tmp_path: Path, name: str) -> None:
+    other = tmp_path / "other"
+    if name == "kicad":
+        other.mkdir()
+    else:
+        other.write_text("mine\n")
+    place = boards / "linked"
+    place.mkdir()
+    (place / name).symlink_to(other)
+    found = built(place)
+    assert found.exit_code == 2
+    assert f"'{name}' in it is a link" in found.stderr
+    assert not list(other.iterdir()) if other.is_dir() else other.read_text() == "mine\n"
+
+
 @pytest.mark.parametrize(
     ("place", "says"),
     [("file", "is a file"), ("file/below", "is a file")],

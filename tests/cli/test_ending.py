@@ -255,3 +255,31 @@ def test_the_end_of_a_command_looks_for_no_garbage() -> None:
     found = python("-c", code)
     assert found.returncode == 0, found.stderr
     assert found.stdout == "True\n"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs ulimit -v")
+@pytest.mark.parametrize("megabytes", [60, 100, 200, 390])
+def test_too_little_memory_is_no_verdict_in_one_sentence(megabytes: int) -> None:
+    """At 100 MB OpenBLAS would end the process with 1, which is the status of a failed check."""
+    line = f'ulimit -v {megabytes * 1000}; exec "$0" "$@"'
+    done = subprocess.run(
+        ["bash", "-c", line, sys.executable, "-c", CODE, *VERIFY],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60.0,
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent)},
+    )
+    assert done.returncode == 3
+    assert len(done.stderr.splitlines()) == 1
+    assert "the memory is limited to" in done.stderr
+
+
+def test_a_warning_of_a_library_is_no_message() -> None:
+    """numpy warns a programmer; `-W error` shows it to one."""
+    work = "import warnings, taction.__main__; warnings.warn('divide', RuntimeWarning)"
+    silent = python("-c", work)
+    assert (silent.returncode, silent.stderr) == (0, "")
+    asked = python("-W", "error", "-c", work)
+    assert asked.returncode == 1
+    assert "RuntimeWarning: divide" in asked.stderr

@@ -6,6 +6,7 @@ import json
 import math
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -286,3 +287,17 @@ def test_a_card_that_does_not_run_is_named_with_what_answers(
     place.write_text(f"RC\nV1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n{card}\n.end\n")
     notes = taction.check(place, ngspice=False).notes
     assert any(says in note for note in notes)
+
+
+def test_a_deck_that_ngspice_refuses_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ngspice: str
+) -> None:
+    deck = tmp_path / "bad.cir"
+    deck.write_text("x\nV1 in 0 1\nR1 in out {nosuch}\nC1 out 0 1n\n.end\n")
+    place = tmp_path / "place"
+    place.mkdir()
+    monkeypatch.setenv("TMPDIR", str(place))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    with pytest.raises(InputError, match="does not expand the deck"):
+        taction.check(deck)
+    assert list(place.iterdir()) == []

@@ -23,7 +23,7 @@ from taction.spice_models.imported import (
     check_pins,
 )
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import Complaint, InputError, SimulationError
+from taction.system.errors import Complaint, InputError, SimulationError, one_line
 from taction.system.foreign_files import UnusableFileError, read_bounded
 from taction.system.frozen import frozen
 from taction.system.results import Result
@@ -177,7 +177,7 @@ def _figures(measured: Responses, simulation: Simulation) -> tuple[Figures, list
         slew_rate, swing = _ends(measured, simulation, unity)
     except SimulationError as error:
         slew_rate = swing = None
-        doubts.append(f"slew rate and swing are not known: {str(error).splitlines()[0]}")
+        doubts.append(f"slew rate and swing are not known: {one_line(error)}")
     return Figures(
         dc_gain=float(size[0]),
         unity_gain_bandwidth=unity,

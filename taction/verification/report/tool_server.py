@@ -8,19 +8,22 @@ reads files of the server's folder only, has a time limit, and leaves nothing be
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
-from taction.system.errors import Complaint, InputError
-from taction.system.foreign_files import FOLDERS
+from taction.system.errors import Complaint, InputError, NoVerdictError
+from taction.system.foreign_files import FOLDERS, MEGABYTE
 from taction.system.foreign_text import shortened
 from taction.system.frozen import frozen
 from taction.system.processes import guard
@@ -36,8 +39,10 @@ ABOUT = (
     " is pass, fail or inconclusive."
 )
 PROCESSES = 2  # that run at once
-PATIENCE = 5.0  # s from SIGTERM to SIGKILL
-LARGEST = 64_000_000  # bytes of a document
+ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
+PATIENCE = 3.0  # s from SIGTERM to SIGKILL
+LARGEST = 64 * MEGABYTE  # bytes of a document
+ASKING = "expected a program that asks over stdin"
 TYPES = {"integer": "integer", "number": "number", "boolean": "boolean"}  # others are strings
 
 
@@ -132,10 +137,11 @@ class Tools:
         """
         import anyio
 
-        out, lines, status = b"", list[str](), None
+        out, lines, status = bytearray(), list[str](), None
         with tempfile.TemporaryDirectory() as place:
             line = [*guard(), sys.executable, "-P", "-m", "taction", *self.words(name, given)]
-            own = {FOLDERS: f"{self.folder}{os.pathsep}{place}", "TMPDIR": place, "NO_COLOR": "1"}
+            folders = json.dumps([str(self.folder), place])
+            own = {FOLDERS: folders, "TMPDIR": place, "NO_COLOR": "1"}
             try:
                 process = await anyio.open_process(
                     line,
@@ -150,14 +156,19 @@ class Tools:
                 with anyio.move_on_after(self.limit):
                     async with anyio.create_task_group() as group:
                         group.start_soon(_remarks, process.stderr, lines, told)
-                        out = b"".join([part async for part in _bounded(process.stdout)])
-                    status = await process.wait()
+                        await _take(process.stdout, out)
+                        if len(out) > LARGEST:
+                            group.cancel_scope.cancel()
+                    status = -1 if len(out) > LARGEST else await process.wait()
             finally:
                 with anyio.CancelScope(shield=True):
                     await _end(process)
         if status is None:
             said = "".join(f"\n{line}" for line in lines)
             return None, f"no result within the limit of {self.limit:g} s{said}", True
+        if len(out) > LARGEST:
+            size = f"over {LARGEST / MEGABYTE:g} MB, the largest document that is sent"
+            return None, f"{size}; ask for less, or run the command with --json", True
         try:
             document = json.loads(out)
         except ValueError:
@@ -167,16 +178,90 @@ class Tools:
 
 
 def serve(folder: str | Path, limit: float) -> None:
-    """Answer calls over stdin and stdout until stdin ends; the errors are those of `server`."""
+    """Answer calls over stdin and stdout until stdin ends.
+
+    Raises
+    ------
+    InputError
+        See `server`; or nothing can be read from stdin.
+    NoVerdictError
+        Stdout takes no more.
+    """
+    if not (math.isfinite(limit) and limit > 0.0):
+        expected = "expected a finite number of seconds above zero"
+        raise InputError("--limit", Complaint("SECONDS", repr(limit), expected))
     made = server(folder, limit)
+    if sys.stdin is None:
+        raise InputError("mcp", Complaint("stdin", "", f"closed; {ASKING}"))
     import anyio
     from mcp.server.stdio import stdio_server
 
-    async def run() -> None:
-        async with stdio_server() as (read, write):
-            await made.run(read, write, made.create_initialization_options())
+    handlers = _ending_handlers()
+    received: list[int] = []
 
-    anyio.run(run)
+    async def end(scope: anyio.CancelScope) -> None:
+        with anyio.open_signal_receiver(*handlers) as signals:
+            async for number in signals:
+                received.append(number)
+                scope.cancel()
+
+    async def run() -> None:
+        async with anyio.create_task_group() as group:
+            group.start_soon(end, group.cancel_scope)
+            async with stdio_server(cast(Any, _Lines())) as (read, write):
+                await made.run(read, write, made.create_initialization_options())
+            group.cancel_scope.cancel()
+
+    try:
+        anyio.run(run)
+    except BaseExceptionGroup as group:  # of the tasks that read, answer and write
+        error = _first(group)
+        if isinstance(error, BrokenPipeError) or not isinstance(error, OSError):
+            raise error from None
+        raise NoVerdictError(f"stdout cannot be written: {error.strerror}") from None
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    if received:
+        signal.raise_signal(received[0])  # everything has ended; now as of every command
+
+
+def _ending_handlers() -> dict[signal.Signals, Any]:
+    """Return the handlers of signals that end a command; an error inside a task would be lost."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    known = {each: signal.getsignal(each) for each in signal.Signals if each.name in ENDING}
+    return {number: handler for number, handler in known.items() if callable(handler)}
+
+
+class _Lines:
+    """The lines of stdin; waiting for one can be cancelled, unlike a thread that reads."""
+
+    async def __aiter__(self) -> AsyncIterator[str]:
+        """Yield each line as text."""
+        import anyio
+
+        number, rest = sys.stdin.fileno(), b""
+        while True:
+            with suppress(PermissionError):  # a file and /dev/null are always ready
+                await anyio.wait_readable(number)
+            try:
+                part = os.read(number, MEGABYTE)
+            except OSError as error:
+                text = f"{error.strerror}; {ASKING}"
+                raise InputError("mcp", Complaint("stdin", "", text)) from None
+            *lines, rest = (rest + part).split(b"\n")
+            for line in lines if part else filter(None, [rest]):
+                yield line.decode(errors="replace")
+            if not part:
+                return
+
+
+def _first(error: BaseException) -> BaseException:
+    """Return the first error of a group that is no group."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return error
 
 
 def server(folder: str | Path, limit: float) -> Server[Any]:
@@ -279,13 +364,12 @@ def _option(option: Mapping[str, Any], value: Any) -> Iterator[str]:
         yield f"{flag}={each}"
 
 
-async def _bounded(stream: Any) -> AsyncIterator[bytes]:
-    size = 0
+async def _take(stream: Any, out: bytearray) -> None:
+    """Take what a stream gives, up to a part more than `LARGEST`."""
     async for part in stream:
-        size += len(part)
-        if size > LARGEST:
+        out += part
+        if len(out) > LARGEST:
             return
-        yield part
 
 
 async def _remarks(stream: Any, lines: list[str], told: Callable[[str], Any]) -> None:

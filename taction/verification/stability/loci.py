@@ -267,7 +267,8 @@ class _Trace:
             low[up] *= np.where(kept[up] > 0, 0.5, 1.0)
             high[down] *= np.where(kept[down] < 0, 0.5, 1.0)
             kept[up], kept[down] = 1, -1
-            following = (a * high - b * low) / (high - low)
+            with np.errstate(invalid="ignore", divide="ignore"):  # both ends are on the axis
+                following = (a * high - b * low) / (high - low)
             moved = np.abs(following - m) > PRECISE * b
             active = active[(y != 0.0) & moved[active]]
             if not active.size:

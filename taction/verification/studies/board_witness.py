@@ -11,7 +11,7 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.checks import AGREE
-from taction.system.errors import EngineError, SimulationError, StepTooSmall
+from taction.system.errors import EngineError, SimulationError, StepTooSmall, one_line
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import Run, simulate
@@ -65,7 +65,7 @@ def witnessed(
         record = _after(_simulated(witness, plan, bound, waiting), plan.begin)
         companion = state_space_companion(found.board, plan, record, WANTED)
     except (EngineError, SimulationError) as problem:
-        return None, f"ngspice's transient was not compared: {str(problem).splitlines()[0]}"
+        return None, f"ngspice's transient was not compared: {one_line(problem)}"
     return compare_engines(companion, error * amplitude, limit or AGREE, 1.0), cut
 
 

@@ -51,7 +51,7 @@ from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_ste
 from taction.spice_models.foreign_expressions import number
 from taction.spice_models.imported import ROLES, ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
-from taction.system.errors import Complaint, DidNotLoad, InputError, SimulationError
+from taction.system.errors import Complaint, DidNotLoad, InputError, SimulationError, one_line
 from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.listing import expand, expand_and_wait
@@ -167,7 +167,7 @@ class ForeignBoard:
                 self._circuit(cards) for cards in expand(self._stubbed, find_simulator(), changes)
             ]
         except DidNotLoad as error:
-            text = f"with other values of its .param: {str(error).splitlines()[0]}"
+            text = f"with other values of its .param: {one_line(error)}"
             raise InputError(self.deck.file, Complaint("deck", "", text)) from None
 
     def value_of(self, parameter: str) -> float | None:
@@ -236,7 +236,7 @@ def read_board(
     except DidNotLoad as error:
         refused = unbraced_expression(deck) if "unknown parameter" in str(error) else None
         refused = refused or table(deck, str(error))
-        said = Complaint("deck", "", str(error).splitlines()[0])
+        said = Complaint("deck", "", one_line(error))
         raise refused or InputError(deck.file, said) from None
     try:
         small = ""
@@ -459,7 +459,7 @@ def _imported(deck: ForeignDeck, name: str, order: int, low: float, high: float)
         except (InputError, SimulationError) as error:
             text = str(error).replace(str(place), deck.file.name)
             if isinstance(error, SimulationError):
-                text = f"ngspice does not measure it on its test bench: {text.splitlines()[0]}"
+                text = f"ngspice does not measure it on its test bench: {one_line(error)}"
             raise InputError(deck.file, Complaint(f".subckt {name}", "", text)) from None
     if found.linear is None:
         raise InputError(deck.file, Complaint(f".subckt {name}", "", found.missing))

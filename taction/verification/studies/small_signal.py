@@ -20,7 +20,7 @@ from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.flat_cards import CardError, shown
 from taction.spice_models.foreign_expressions import number
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import SimulationError
+from taction.system.errors import SimulationError, one_line
 from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import simulate, start
@@ -162,7 +162,7 @@ def _operating_point(
     try:
         found = simulate(deck, simulator, timeout=SECONDS)
     except SimulationError as error:
-        text = f"ngspice finds no operating point: {str(error).splitlines()[0]}"
+        text = f"ngspice finds no operating point: {one_line(error)}"
         raise CardError(text) from None
     return {"0": 0.0, **dict(zip(nodes, found.values[-1].tolist(), strict=True))}
 

@@ -79,6 +79,8 @@ def expand(
         commands.append(LIST)
     with _listing(lines, commands, simulator, seconds) as run:
         found = run.accept(_listings)
+    if isinstance(found, DidNotLoad):
+        raise found
     if len(found) != len(values):
         raise DidNotLoad(f"ngspice listed {len(found)} of {len(values)} decks")
     return found
@@ -135,8 +137,11 @@ def _read(folder: Path) -> str:
         return ""
 
 
-def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...]:
-    """Return the cards of every listing; the exit status says only that nothing was simulated."""
+def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...] | DidNotLoad:
+    """Return the cards of every listing, or why there are none; nothing is kept of a refusal.
+
+    The exit status says only that nothing was simulated.
+    """
     check_end(ending)
     found = [_cards(part) for part in _HEAD.split(_read(ending.folder))[1:]]
     text = re.split(r"incomplete or empty netlist", ending.errors)[0]
@@ -147,7 +152,7 @@ def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...]:
         lines = dict.fromkeys(line.strip() for line in wrong)  # places are of the text as written
         said = "; ".join([each for each in lines if not _PLACE.match(each)][:SHOWN])
         said = said or next(iter(lines), "it lists no card")
-        raise DidNotLoad(f"ngspice does not expand the deck: {said}")
+        return DidNotLoad(f"ngspice does not expand the deck: {said}")
     return tuple(found)
 
 

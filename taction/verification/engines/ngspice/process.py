@@ -162,6 +162,8 @@ class _Process:
         self.started = self.ended = time.perf_counter()
         self._popen = launch(simulator, folder, waits=waits)
         if memory is not None:  # of the guard, which becomes the simulator, too
+            most = resource.getrlimit(resource.RLIMIT_AS)[1]  # which nobody may raise
+            memory = memory if most == resource.RLIM_INFINITY else min(memory, most)
             with contextlib.suppress(ProcessLookupError):  # it has ended
                 resource.prlimit(self._popen.pid, resource.RLIMIT_AS, (memory, memory))
         self._over = threading.Event()

@@ -36,8 +36,11 @@ STARTS = 5  # attempts to start a process
 WATCH, STOPPED = 1.0, 30  # s between two looks at a busy process; looks at a stopped process
 PAUSE = 0.05  # s after the first failed attempt, then twice as long each time
 LONGEST_PLACE = 50  # bytes of a folder's name; the name of a socket has at most 107
-SAFE_PATH = {"PYTHONSAFEPATH": "1"}
-"""Without this variable the new Python imports modules from the working folder first."""
+SAFE_PATH = {
+    "PYTHONSAFEPATH": "1",
+    "PYTHONWARNINGS": os.environ.get("PYTHONWARNINGS", "ignore"),
+}
+"""Of the new Python: it does not import from the working folder, and keeps warnings to itself."""
 _STARTING = threading.Lock()  # all threads share the environment
 
 
