@@ -250,6 +250,20 @@ def spaced(name: str) -> str:
     return TERMS.get(name, name.replace("_", " "))
 
 
+def banded(name: str, band: float | None) -> str:
+    """Return the name of a reading in words, that of a settling time with its band.
+
+    `band` is a fraction of the step amplitude; None where the values have several bands.
+
+    Examples
+    --------
+    >>> banded("settling_time", 0.01), banded("settling", 0.005), banded("rise_time", 0.01)
+    ('settling time to ±1 %', 'settling to ±0.5 %', 'rise time')
+    """
+    known = name.startswith("settl") and band is not None
+    return f"{spaced(name)}{f' to ±{100.0 * (band or 0.0):g} %' if known else ''}"
+
+
 def counted(number: int, noun: str, nouns: str = "") -> str:
     """Return a number with its noun; `nouns` is a plural that does not end in an added s.
 

@@ -11,7 +11,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import NoVerdictError
 from taction.system.frozen import frozen
-from taction.system.quantities import percent, readable, show
+from taction.system.quantities import banded, percent, readable, show
 from taction.system.results import Result
 from taction.verification.evidence.paper.findings import paper_scene
 from taction.verification.reference.ideal_answer import ideal_network
@@ -122,7 +122,8 @@ def _works(verdict: Verdict) -> str:
         f"{len(circuit.outputs)} sensors lie below a skin. A cylinder presses on it, and each"
         " sensor feels a mixture of all places. To find the pressures is an inverse problem that"
         f" noise makes unstable; a board of {len(circuit.opamps)} op-amps solves it with a"
-        f" regulariser. Its outputs rest after {_text(_figure(verdict, 'settling_time'), 's')},"
+        f" regulariser. Its outputs {banded('settle', verdict.measurements.band)} of the step in"
+        f" {_text(_figure(verdict, 'settling_time'), 's')},"
         " where a numerical solver says, and overshoot by"
         f" {percent(_figure(verdict, 'overshoot'))}."
     )
@@ -139,7 +140,8 @@ def _oscillates(verdict: Verdict) -> str:
 def _settles(verdict: Verdict, before: Verdict) -> str:
     after, first = (_figure(each, "settling_time") for each in (verdict, before))
     return (
-        f"With the first capacitor, less gain and R for the same solution the board rests after"
-        f" {_text(after, 's')} instead of {_text(first, 's')}, and overshoots by"
+        "With the first capacitor, less gain and R for the same solution the board"
+        f" {banded('settles', verdict.measurements.band)} in {_text(after, 's')} instead of"
+        f" {_text(first, 's')}, and overshoots by"
         f" {percent(_figure(verdict, 'overshoot'), 2)}. `taction design tune` finds such gains."
     )

@@ -9,6 +9,7 @@ from decimal import Decimal
 from taction.spice_models.presets import opamp_name as opamp_name
 from taction.system.quantities import NONE as NONE
 from taction.system.quantities import UNITS, show
+from taction.system.quantities import banded as banded
 from taction.system.quantities import counted as counted
 from taction.system.quantities import percent as percent
 from taction.system.quantities import quantity as quantity
@@ -96,9 +97,9 @@ def glued(text: str, glue: str) -> str:
     return UNIT.sub(rf"\1{glue}", text)
 
 
-def titled(name: str) -> str:
-    """Return the name of a quantity as a title."""
-    text = spaced(name)
+def titled(name: str, band: float | None = None) -> str:
+    """Return the name of a quantity as a title, as `banded` does."""
+    text = banded(name, band)
     return f"{text[:1].upper()}{text[1:]}"
 
 

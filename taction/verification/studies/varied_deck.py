@@ -144,7 +144,13 @@ class VariedDeck(Varied):
         """Its readings, how far it rests from the nominal board, its growth rate and margin."""
         limits = self.asked.limits
         found = [
-            Quantity(name, kind.unit, at_most=self._limit(name)) for name, kind in READINGS.items()
+            Quantity(
+                name,
+                kind.unit,
+                at_most=self._limit(name),
+                band=limits.settling_time.band if name == "settling_time" else None,
+            )
+            for name, kind in READINGS.items()
         ]
         found.append(Quantity("steady_state", "step"))
         if self.asked.oscillates:

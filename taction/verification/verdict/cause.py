@@ -6,6 +6,7 @@ for one cause. Every medium names the cause by this module.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 
@@ -17,7 +18,7 @@ FIRST = ("same_problem", "stability", "steady_state")
 """Checks whose failure explains others; of several failures the first of these is named."""
 SAYING = {
     "steady_state": "rests {} off the reference",
-    "settling_time": "settles in {}",
+    "settling_time": "settles in {}",  # with its band
     "rise_time": "rises in {}",
     "overshoot": "overshoots by {}",
     "undershoot": "undershoots by {}",
@@ -26,6 +27,7 @@ SAYING = {
     "engines_agree": "differs by {} between two engines",
 }
 """What a failed check says of the board; for another one, or without a value, its reason does."""
+BAND = re.compile(r"to ±\S+ %")  # the begin of the reason of a settling time
 VALUELESS = ("headroom",)  # the reason has the value and the limit of the op-amp
 
 
@@ -58,7 +60,7 @@ def cause(checks: Sequence[Check]) -> Cause | None:
     --------
     >>> slow = Check("settling_time", Outcome.FAIL, 3e-3, 1e-9, 2e-3, None, "s", "to ±1 %")
     >>> cause([slow]).text
-    'settles in 3 ms (limit: at most 2 ms)'
+    'settles to ±1 % in 3 ms (limit: at most 2 ms)'
     >>> growth = "oscillates at 38 kHz, growth rate +2 k/s"
     >>> unstable = Check("stability", Outcome.FAIL, 2e3, 1.0, 0.0, None, "1/s", growth)
     >>> lost = Check("settling_time", Outcome.FAIL, None, None, 2e-3, None, "s", "never")
@@ -124,7 +126,14 @@ def said(check: Check) -> str:
         text = check.reason.partition("; ")[0]
         return f"{text} (limit: below 0 /s)" if unstable else text
     text = SAYING.get(check.name, f"{spaced(check.name)}: {{}}")
+    text = text.replace("settles", f"settles {band_text(check)}".rstrip(), 1)
     return f"{text.format(amount(check.value, check.unit))}{_missed(check, check.value)}"
+
+
+def band_text(check: Check) -> str:
+    """Return the band of a settling time: ``"to ±1 %"``; empty for another check, or without."""
+    band = BAND.match(check.reason) if check.name == "settling_time" else None
+    return band[0] if band else ""
 
 
 def _missed(check: Check, value: float) -> str:

@@ -22,9 +22,6 @@ from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.course import Course
 from taction.verification.readings.exact_signal import ExactGrid, ExactSignal
 
-DRIVE = "drive"
-"""The input of an op-amp at the large-signal level; beyond its range the output slews."""
-
 FULL = 0.9  # of a limit: above it the small-signal solution is not taken for true
 PRECISION = 0.01  # of a limit: error of a peak
 DETAIL = 0.02  # of a limit: smaller modes need no points of their own
@@ -33,6 +30,8 @@ INSTANTS = 1000  # of such a board, in geometric progression
 EARLIEST = 1e-6  # of the record: the first of them
 
 Quantity = Literal["voltage", "slope", "current", "drive"]
+DRIVE: Quantity = "drive"
+"""The input of an op-amp at the large-signal level; beyond its range the output slews."""
 UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A", "drive": "V"}
 
 
@@ -469,11 +468,13 @@ def limited_text(load: Load) -> str:
     Examples
     --------
     >>> limited_text(Load("z_1", "slope", 49.8e6, 20e6, 1e-7, 0.0, 1.0, slewing=1.2e-6))
-    'slews for 1.2 us: needs 49.8 V/us of 20 V/us'
+    'slews for 1.2 us: needs 49.8 V/us of 20'
     """
     does = {"slope": "slew rate counts", "voltage": "clips", "current": "limits its current"}
     text = f"slews for {show(load.slewing, 's', 2)}" if load.slewing else does[load.quantity]
-    return f"{text}: needs {amount(load, load.peak)} of {amount(load, load.limit)}"
+    (number, unit), needed = amount(load, load.limit).split(" "), amount(load, load.peak)
+    limit = number if needed.endswith(f" {unit}") else f"{number} {unit}"
+    return f"{text}: needs {needed} of {limit}"
 
 
 def describe(load: Load) -> str:

@@ -23,7 +23,7 @@ OFF = Check("steady_state", FAIL, 0.03, 1e-9, 0.0, 1e-3, "step", "largest")
 @pytest.mark.parametrize(
     ("check", "text"),
     [
-        (SLOW, "settles in 3 ms (limit: at most 2 ms)"),
+        (SLOW, "settles to ±1 % in 3 ms (limit: at most 2 ms)"),
         (HIGH, "overshoots by 25 % (limit: at most 20 %)"),
         (LOW, "rises in 8 us (limit: at least 10 us)"),
         (replace(LOW, expected=None), "rises in 8 us (limit: at least 10 us)"),

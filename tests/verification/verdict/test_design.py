@@ -146,7 +146,7 @@ def test_both_engines_agree_on_a_board_that_slews_and_clips(volts: float) -> Non
     agree, headroom = named(verdict, "engines_agree"), named(verdict, "headroom")
     assert (verdict.outcome, agree.outcome) == (Outcome.PASS, Outcome.PASS)
     assert agree.value < 1e-4
-    assert "needs 1.58 V/us of 0.5 V/us" in headroom.reason or volts > 1.0
+    assert "needs 1.58 V/us of 0.5;" in headroom.reason or volts > 1.0
     document = verdict_document(verdict)
     assert document["opamp_level"] == "large-signal"
     assert document["headroom"][0]["share"] == pytest.approx(3.164 * volts, rel=2e-3)
@@ -165,8 +165,8 @@ def test_a_headroom_says_how_long_an_op_amp_slews() -> None:
     assert load.slewing == pytest.approx(expected, rel=0.02)
     assert load.peak == pytest.approx(0.5 * volts * rate, rel=1e-3)
     check = named(verdict, "headroom")
-    assert check.reason.startswith("slews for 7.7 us: needs 25.1 V/us of 1 V/us; op-amp v_1")
-    assert check_bar(check).value == "slews for 7.7 µs: needs 25.1 V/µs of 1 V/µs"
+    assert check.reason.startswith("slews for 7.7 us: needs 25.1 V/us of 1; op-amp v_1")
+    assert check_bar(check).value == "slews for 7.7 µs: needs 25.1 V/µs of 1"
     assert check_bar(check).share is None  # no other load hides it
 
 

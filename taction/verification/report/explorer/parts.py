@@ -42,6 +42,7 @@ from taction.verification.report.views.checks import check_bar, decisive_text
 from taction.verification.report.views.stability import pole_map, ranges_text
 from taction.verification.report.views.waveforms import end_names
 from taction.verification.stability.edges import Edges
+from taction.verification.verdict.cause import band_text
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import ERROR
 
@@ -197,8 +198,9 @@ def simulation_part(found: Judgement) -> Part:
 
 def _figures(found: Judgement) -> dict[str, str]:
     value = found.record.value
+    band = next(filter(None, map(band_text, found.record.checks)), "")
     return {
-        "settling time": quantity(value("settling_time"), "s"),
+        f"settling time {band}".rstrip(): quantity(value("settling_time"), "s"),
         "rise time": quantity(value("rise_time"), "s"),
         "overshoot": figure(value("overshoot") if found.record.stable else None, "step"),
     }

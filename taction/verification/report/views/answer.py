@@ -73,9 +73,20 @@ def _truth(answer: AnswerError, subject: str, *, short: bool = False) -> str:
         return f"{subject} is the true stress {_within(volts, answer.unit)}"
     text = f"{subject} is {figure(far, 'step', 3)} from the true stress"
     if short:
-        return f"{text} by {_causes(answer)}"
+        return f"{text} by {_causes(answer)}{_lambda(answer, short=True)}"
     place = f" in channel {n + 1}" if len(stress) > 1 else ""
-    return f"{text}{place}, because of {_causes(answer)}"
+    return f"{text}{place}, because of {_causes(answer)}{_lambda(answer)}"
+
+
+def _lambda(answer: AnswerError, *, short: bool = False) -> str:
+    """Return what another lambda does to an error; empty where lambda is 0 or a cause unknown."""
+    if not answer.regularisation or answer.noise is None:
+        return ""
+    if abs(answer.regularisation) >= abs(answer.noise):
+        how = "trades bias for noise" if short else "regularises less, but lets more noise through"
+        return f"; a smaller lambda {how}"
+    how = "trades noise for bias" if short else "lets less noise through, but regularises more"
+    return f"; a larger lambda {how}"
 
 
 def _causes(answer: AnswerError) -> str:

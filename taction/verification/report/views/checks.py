@@ -10,7 +10,7 @@ from typing import Any
 from taction.system.quantities import readable
 from taction.verification.report.blocks import Bar
 from taction.verification.report.texts import KNOWN, figure, spaced, with_error
-from taction.verification.verdict.cause import FIRST, cause, causes, listed, named
+from taction.verification.verdict.cause import FIRST, band_text, cause, causes, listed, named
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict
 
@@ -85,17 +85,18 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     share, doubt = _share(off, limit, check.uncertainty or 0.0, least=least)
     side = "at least" if least else "below" if unit == "1/s" else "at most"
     side = f"{figure(centre, unit)} ±" if centre else side
+    band = band_text(check)
     shown = with_error(value, check.uncertainty, unit)
     if value is None and check.outcome is Outcome.PASS:  # the reason says what limits the board
         limit, shown = None, readable(check.reason.partition("; ")[0])
     return Bar(
-        name=spaced(check.name),
+        name=f"settling {band}" if band else spaced(check.name),
         outcome=check.outcome.value,
         share=share,
         doubt=doubt,
         value=shown,
         limit="" if limit is None else f"{side} {figure(limit, unit)}",
-        reason=readable(check.reason),
+        reason=readable(check.reason.removeprefix(band).strip()),
     )
 
 

@@ -37,6 +37,7 @@ from taction.verification.report.texts import (
     readable,
     spaced,
 )
+from taction.verification.verdict.cause import band_text
 from taction.verification.verdict.record import ERROR, finite
 
 if TYPE_CHECKING:
@@ -201,10 +202,12 @@ def _outcome(design: ChosenDesign) -> Cell:
 
 
 def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesign], Shown]]:
+    bands = (band_text(check) for each in designs for check in each.record.checks)
+    settling = f"settling {next(filter(None, bands), '')}".rstrip()
     columns: dict[str, Callable[[ChosenDesign], Shown]] = {
         "op-amp": lambda each: each.group,
         **dict(_moved_columns(designs)),
-        "settling": lambda each: number_cell(finite(each.settling_time), "s", 3),
+        settling: lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
         "op-amp load": lambda each: number_cell(each.headroom, "step", 3),
         "output noise": lambda each: number_cell(each.noise, "V", 3),

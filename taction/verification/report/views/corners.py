@@ -70,7 +70,7 @@ def _range(quantity: Quantity, corners: Sequence[Corner]) -> Range | None:
     count = len(found) - len(values)
     shown = {"least": min(values), "typical": nominal, "largest": max(values)}
     missing = f"{count} corners without a value" if count else ""
-    return value_range(quantity.name, quantity.unit, shown, quantity.limits, missing)
+    return value_range(quantity.title, quantity.unit, shown, quantity.limits, missing)
 
 
 def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Block]:
@@ -80,7 +80,7 @@ def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[
         "outcome": lambda corner: outcome_cell(corner.result.outcome),
     }
     for each in reported:
-        columns[spaced(each.name)] = partial(_quantity, each)
+        columns[each.title] = partial(_quantity, each)
     yield Table.of("Corners", corners, columns)
     yield Notes("Why, and most moved by", tuple(filter(None, map(_remark, corners))))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
 from taction.verification.report.blocks import BOTH, Block, Notes, Page, Section, Sheet, Table
 from taction.verification.report.texts import outcome_cell
+from taction.verification.report.views.answer import answer_text
 from taction.verification.report.views.checks import decisive_text
 from taction.verification.report.views.origin import origin_section
 from taction.verification.report.views.waveforms import outputs_chart, stress_chart
@@ -53,11 +54,13 @@ def _sections(number: int, step: DemonstrationStep) -> tuple[Section, ...]:
         },
     )
 
+    answers = (answer_text(verdict.answer),) if number == 1 else ()
+
     def charts() -> tuple[Block, ...]:
         pressures = number == 1
         return (outputs_chart(verdict), *((stress_chart(verdict),) if pressures else ()))
 
     return (
-        Section(title, (Notes("", (step.text,)), table), media=BOTH),
+        Section(title, (Notes("", (step.text, *answers)), table), media=BOTH),
         Section(f"{title}: outputs", charts),
     )

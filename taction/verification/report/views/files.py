@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from taction.system.documents import read
-from taction.verification.report.blocks import BOTH, Notes, Page, Section, Table
+from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Table
 from taction.verification.report.charts import OUTCOMES, Outcome
 from taction.verification.report.texts import counted, number_cell, outcome_cell
 from taction.verification.report.views.checks import margin_lines
 from taction.verification.studies.verify_files import VerifiedFiles
-from taction.verification.verdict.cause import causes
+from taction.verification.verdict.cause import band_text, causes
 from taction.verification.verdict.checks import Check
 
 Document = Mapping[str, Any]
@@ -25,7 +26,7 @@ def view(files: VerifiedFiles) -> Page:
         "scene": lambda each: each["file"],
         "outcome": lambda each: outcome_cell(each["outcome"], _outcome(each["outcome"])),
         "checks": _passed,
-        "settling": lambda each: number_cell(each.get("settling_time"), "s"),
+        "settling": _settling,
         "overshoot": lambda each: number_cell(_largest(each, "overshoot"), "step"),
         "time": lambda each: number_cell(each.get("timing", {}).get("total"), "s", 3),
     }
@@ -43,6 +44,14 @@ def view(files: VerifiedFiles) -> Page:
             Section("Remarks", tuple(remarks), media=BOTH),
         ),
     )
+
+
+def _settling(document: Document) -> Cell:
+    """Return a settling time with its band, which each file has of its own."""
+    checks = checks_of(document) if "checks" in document else ()
+    cell = number_cell(document.get("settling_time"), "s")
+    bands = filter(None, map(band_text, checks))
+    return cell if cell.number is None else replace(cell, text=" ".join((cell.text, *bands)))
 
 
 def _outcome(name: str) -> Outcome:

@@ -141,7 +141,7 @@ def _ranges(result: YieldReport) -> Ranges:
         for each in result.quantities
     )
     rows = tuple(
-        value_range(each.name, each.unit, values, (each.at_least, each.at_most))
+        value_range(each.title, each.unit, values, (each.at_least, each.at_most))
         for each, values in spreads
         if all(map(math.isfinite, values.values()))
     )
@@ -203,7 +203,7 @@ def spreads(result: YieldReport) -> Table:
         return lambda each: number_cell(getattr(each, name), each.unit)
 
     columns = {
-        "quantity": lambda each: spaced(each.name),
+        "quantity": lambda each: each.title,
         "at least": number("at_least"),
         "at most": number("at_most"),
         "5 %": number("low"),
@@ -228,7 +228,7 @@ def histograms(result: YieldReport) -> Iterator[Block]:
         values = values[np.isfinite(values)]
         if len(values) and np.ptp(values) <= SAME * np.abs(values).max():
             text = f"every sample has {figure(float(values[0]), spread.unit)}"
-            yield Notes(titled(spread.name), (f"{titled(spread.name)}: {text}.",))
+            yield Notes(titled(spread.title), (f"{titled(spread.title)}: {text}.",))
         elif len(values):
             yield _histogram(spread, values)
 
@@ -266,8 +266,8 @@ def _histogram(spread: QuantitySpread, values: Floats) -> Chart:
         f" {figure(float(values.max()), spread.unit)}; {message}."
     )
     return Chart(
-        titled(spread.name),
-        Axis(spaced(spread.name), UNITS.get(spread.unit, spread.unit)),
+        titled(spread.title),
+        Axis(spread.title, UNITS.get(spread.unit, spread.unit)),
         Axis("samples", whole=True),
         tuple(marks),
         message,

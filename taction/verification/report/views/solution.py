@@ -36,9 +36,10 @@ def _lines(solution: Solution) -> Iterator[str]:
 def transient_view(result: MeasuredTransient) -> Page:
     """Return the page of the measurements of a transient, and what it cost."""
     cost, channels = result.waveforms.cost, channels_of(result.measurements)
+    table = channel_table(channels, result.measurements.band)
     return Page(
         title=result.circuit.name,
         command="taction export waveforms",
-        sections=(Section("Channels", (channel_table(channels),), media=EVERYWHERE),),
+        sections=(Section("Channels", (table,), media=EVERYWHERE),),
         foot=(f"{result.waveforms.simulator}: {cost.points} points, {cost.seconds:.3g} s",),
     )

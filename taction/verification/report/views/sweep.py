@@ -40,6 +40,7 @@ from taction.verification.report.charts import (
 )
 from taction.verification.report.texts import (
     LEAST_SHARE,
+    banded,
     counted,
     number_cell,
     outcome_cell,
@@ -51,6 +52,7 @@ from taction.verification.report.views.sweep_maps import (
     ENGINES,
     Names,
     Plane,
+    band_of,
     boundary_at,
     curve_of,
     place_text,
@@ -322,7 +324,13 @@ def _table(
 ) -> Table:
     figures = columns_of(plan.scene)
     several, last = ("engine",) * engine, ("why",) * why
-    titles = (*(a.name for a in plan.axes), *several, "outcome", *map(spaced, figures), *last)
+    titles = (
+        *(a.name for a in plan.axes),
+        *several,
+        "outcome",
+        *(banded(name, band_of(plan)) for name in figures),
+        *last,
+    )
     rows = (
         (
             *(_value(record["values"][each.name], each) for each in plan.axes),

@@ -27,9 +27,9 @@ from taction.verification.report.charts import (
 )
 from taction.verification.report.texts import (
     LEAST_SHARE,
+    banded,
     figure,
     quantity,
-    spaced,
     titled,
 )
 from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
@@ -87,7 +87,7 @@ class Plane:
     ) -> None:
         (self.x, self.across), (self.y, self.down) = (axis_of(g[0]) for g in plan.groups[:2])
         self.engines, self.boundary, self.where = plan.engines, boundary, where
-        self.growth = growth
+        self.growth, self.band = growth, band_of(plan)
 
     @property
     def edge(self) -> Curve | None:
@@ -152,16 +152,22 @@ class Plane:
             self.across, self.down, values.T, unit, scale,  # type: ignore[arg-type]
             limits=limits, warm="positive",
         )  # fmt: skip
+        title = titled(name, self.band)
         colours = " The strongest colour is the largest value."
         if signed:
             colours = " Blue decays, orange grows."
         summary = (
-            f"{titled(name)} over {self.x.title} and {self.y.title}.{colours} Empty: no value."
-            f"{self.note}"
+            f"{title} over {self.x.title} and {self.y.title}.{colours} Empty: no value.{self.note}"
         )
         marks = (heat,) if self.edge is None else (heat, self.edge)
         message = f"{extent(values, unit)}{self.where}"
-        return Chart(titled(name), self.x, self.y, marks, message, summary, (), "", 400)
+        return Chart(title, self.x, self.y, marks, message, summary, (), "", 400)
+
+
+def band_of(plan: Plan) -> float | None:
+    """Return the settling band of a sweep; None if it is swept."""
+    swept = any(each.key.path == "checks.settling_time.band" for each in plan.axes)
+    return None if swept else plan.scene.checks.settling_time.band
 
 
 def extent(values: Floats, unit: str) -> str:
@@ -198,10 +204,11 @@ def curve_of(
     limits = None
     if log and unit == "step":  # below `LEAST_SHARE` lies rounding
         limits = (max(float(known.min()), LEAST_SHARE) * 0.8, float(known.max()) * 1.25)
-    y = Axis(spaced(name), unit, "log" if log else "linear", limits)
-    summary = f"{titled(name)} over {x.title}; the mark is the result of the point."
+    title = titled(name, band_of(plan))
+    y = Axis(banded(name, band_of(plan)), unit, "log" if log else "linear", limits)
+    summary = f"{title} over {x.title}; the mark is the result of the point."
     return Chart(
-        titled(name), x, y, tuple(marks), extent(values, unit), summary, (), "below", 340
+        title, x, y, tuple(marks), extent(values, unit), summary, (), "below", 340
     )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark, Text
-from taction.verification.report.texts import figure, number_cell, percent, quantity
+from taction.verification.report.texts import banded, figure, number_cell, percent, quantity
 from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.report.views.verdict_screen import on_screen
 from taction.verification.stability.margin import first_knob
@@ -40,7 +40,8 @@ def view(result: Tuned) -> Page:
     tuning, verdict = result.tuning, result.verdict
     verified = verdict_report(verdict, "taction design tune")
     before, after = tuning.before.settling_time, tuning.after.settling_time
-    summary = f"Settles in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
+    lead = banded("settles", verdict.measurements.band).capitalize()
+    summary = f"{lead} in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
     own = (
         Section("Tuning", tuple(_blocks(tuning, verdict)), media=BOTH),
         Section("Trade-off", lambda: (_tradeoff(tuning),)),
@@ -67,7 +68,8 @@ def _blocks(tuning: Tuning, verdict: Verdict) -> Iterator[Block]:
         )
         for name, trial in (("before", tuning.before), ("after", tuning.after))
     )
-    titles = ("design", *map(_key_name, units), "settling time", "overshoot")
+    settling = banded("settling_time", tuning.scene.checks.settling_time.band)
+    titles = ("design", *map(_key_name, units), settling, "overshoot")
     yield Table("Before and after", titles, rows)
     facts = (
         ("designs tried", str(tuning.tried)),
@@ -105,7 +107,8 @@ def sheet(tuning: Tuning) -> Sheet:
     """Return what the picture of a tuning shows: settling time against overshoot."""
     after = figure(tuning.after.settling_time, "s")
     overshoot = figure(tuning.after.overshoot, "step")
-    title = f"{tuning.scene.name}: settled in {after}, overshoot {overshoot}"
+    settled = banded("settled", tuning.scene.checks.settling_time.band)
+    title = f"{tuning.scene.name}: {settled} in {after}, overshoot {overshoot}"
     return Sheet(title, ((_tradeoff(tuning),),), size=(8.5, 5.5))
 
 
@@ -156,7 +159,7 @@ def _tradeoff(tuning: Tuning) -> Chart:
     return Chart(
         "Trade-off",
         Axis("overshoot", "step", limits=ends),
-        Axis("settling time", "s", "log"),
+        Axis(banded("settling_time", tuning.scene.checks.settling_time.band), "s", "log"),
         tuple(marks),
         message=_gain(tuning),
         summary=(

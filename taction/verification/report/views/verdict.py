@@ -28,6 +28,7 @@ from taction.verification.report.blocks import (
 )
 from taction.verification.report.charts import Axis, Chart, Columns, Limit, View
 from taction.verification.report.texts import (
+    banded,
     counted,
     figure,
     number_cell,
@@ -59,6 +60,7 @@ from taction.verification.report.views.waveforms import (
     deviation_chart,
     difference_chart,
     outputs_chart,
+    settled_text,
     stress_chart,
 )
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
@@ -140,7 +142,7 @@ def _sheet(verdict: Verdict) -> Sheet:
     settling, title = verdict.measurements.settling_time, title_of(verdict)
     if verdict.outcome is Outcome.PASS:
         title += ": pass"
-        title += "" if settling is None else f", settled at {quantity(settling.value, 's')}"
+        title += "" if settling is None else f", {settled_text(verdict)}"
     return Sheet(
         title,
         (left, (stress_chart(verdict), bars)),
@@ -193,13 +195,13 @@ def _records(verdict: Verdict) -> tuple[Chart, Chart, Chart | None]:
 
 def _channels(verdict: Verdict) -> Table:
     noise = () if verdict.noise is None or verdict.noise.unknown else verdict.noise.rms
-    return channel_table(Record.of(verdict).channels, noise)
+    return channel_table(Record.of(verdict).channels, verdict.measurements.band, noise)
 
 
-def channel_table(channels: Sequence[Channel], noise: Sequence[float] = ()) -> Table:
+def channel_table(channels: Sequence[Channel], band: float, noise: Sequence[float] = ()) -> Table:
     """Return target, end, times and excursions of every channel, numbered from 1.
 
-    What is known at rest, and `noise` (N,), V, have a column.
+    What is known at rest, and `noise` (N,), V, have a column; `band` is that of the settling.
     """
 
     def volts(name: str) -> Callable[[Channel], Cell]:
@@ -213,7 +215,8 @@ def channel_table(channels: Sequence[Channel], noise: Sequence[float] = ()) -> T
         columns["at rest"] = volts("equilibrium")
     columns["end"] = volts("final")
     for name, known in READINGS.items():
-        columns[known.short if name in TIMES else name] = partial(_reading, name)
+        title = banded(known.short, band) if name in TIMES else name
+        columns[title] = partial(_reading, name)
     if noise:
         columns["output noise, rms"] = lambda each: number_cell(noise[each.index - 1], "V", 3)
     columns["state"] = lambda each: each.state
@@ -426,7 +429,10 @@ def _effort(verdict: Verdict) -> Facts:
             f"{ideal.solution.certificate_kind} {ideal.solution.certificate:.2g}, bound"
             f" {ideal.solution.bound:.2g}",
         ),
-        ("the ideal network settles in", quantity(ideal.transient.settling_time, "s")),
+        (
+            f"{banded('settling_time', verdict.measurements.band)} of the ideal network",
+            quantity(ideal.transient.settling_time, "s"),
+        ),
     ]
     if plane is not None:
         stage = "oscillates by itself"

@@ -23,7 +23,7 @@ from taction.verification.report.charts import (
     spread_colours,
     thinned,
 )
-from taction.verification.report.texts import counted, figure, quantity
+from taction.verification.report.texts import banded, counted, figure, quantity
 from taction.verification.report.views.answer import answer_heading
 from taction.verification.verdict.verify import Verdict
 
@@ -164,9 +164,17 @@ def _settled(verdict: Verdict) -> str:
     """Return when the board settles, or that it does not."""
     settling = verdict.measurements.settling_time
     if settling is not None:
-        return f"settled at {quantity(settling.value, 's')}"
+        return settled_text(verdict)
     states = {channel.state.value for channel in verdict.measurements.channels} - {"settled"}
     return f"not settled ({', '.join(sorted(states))})" if states else "not settled"
+
+
+def settled_text(verdict: Verdict) -> str:
+    """Return when a network settles, to which band: ``"settled to ±1 % at 2.42 ms"``."""
+    found = verdict.measurements
+    time = found.settling_time
+    at = "–" if time is None else quantity(time.value, "s")
+    return f"{banded('settled', found.band)} at {at}"
 
 
 def _window(verdict: Verdict) -> tuple[float, float, bool]:
@@ -215,7 +223,7 @@ def deviation_chart(verdict: Verdict) -> Chart:
     if m.settling_time is None:
         views.insert(0, View("up to the supply", *_up_to_supply(verdict, off / 1.05)))
     else:
-        settled = f"dashed: settled at {quantity(m.settling_time.value, 's')}"
+        settled = f"dashed: {settled_text(verdict)}"
         inside = "every"
         marks.append(Limit(m.settling_time.value, "x"))
         views.insert(0, View("around the band", (0.0, end), (-6.0 * band, 6.0 * band)))

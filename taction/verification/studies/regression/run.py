@@ -33,6 +33,7 @@ from taction.verification.studies.regression.baseline import (
 )
 from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.studies.scene_files import find_scenes
+from taction.verification.verdict.cause import band_text
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import (
     Difference,
@@ -197,8 +198,16 @@ class SceneResult:
 
     @property
     def changes(self) -> tuple[Difference, ...]:
-        """Differences above their tolerance, the largest first; infinite differences lead."""
-        changed = (d for d in self.differences if d.beyond)
+        """Differences above their tolerance, the largest first; infinite differences lead.
+
+        The note of a settling time is its band.
+        """
+        band = next(filter(None, map(band_text, self.checks)), "")
+        changed = (
+            replace(d, note=d.note or band) if d.name == "settling_time" else d
+            for d in self.differences
+            if d.beyond
+        )
         return tuple(sorted(changed, key=lambda d: -d.off))
 
     @property

@@ -19,6 +19,7 @@ from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.documents import INLINE
 from taction.system.frozen import frozen
+from taction.system.quantities import banded
 from taction.verification.studies.running.collecting import (
     attempted,
     collected_together,
@@ -86,6 +87,12 @@ class Quantity:
     worse: float = 1.0  # 1: larger, -1: smaller
     at_least: float | None = None
     at_most: float | None = None
+    band: float | None = None  # of a settling time, fraction of the step amplitude
+
+    @property
+    def title(self) -> str:
+        """The name in words."""
+        return banded(self.name, self.band)
 
     @property
     def limits(self) -> tuple[float | None, float | None]:

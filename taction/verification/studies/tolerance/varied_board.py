@@ -63,7 +63,7 @@ def quantities(scene: Scene) -> tuple[Quantity, ...]:
     checks = scene.checks
     steady = Quantity("steady_state", "step", at_most=checks.steady_state.tolerance)
     reported = [
-        _limited(scene, Quantity("settling_time", "s")),
+        _limited(scene, Quantity("settling_time", "s", band=checks.settling_time.band)),
         *(_limited(scene, Quantity(name, "step")) for name in EXCURSIONS),
         steady,
         Quantity("growth_rate", "1/s", at_most=0.0),

@@ -17,7 +17,7 @@ from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.frozen import frozen
-from taction.system.quantities import percent
+from taction.system.quantities import banded, percent
 from taction.system.results import Result
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
 
@@ -94,6 +94,12 @@ class QuantitySpread:
     median: float
     high: float
     missing: int  # samples without the quantity
+    band: float | None = None  # of a settling time, fraction of the step amplitude
+
+    @property
+    def title(self) -> str:
+        """The name in words."""
+        return banded(self.name, self.band)
 
 
 @frozen
@@ -254,7 +260,8 @@ def _spread(quantity: Quantity, samples: list[BoardSample]) -> QuantitySpread:
     if len(known):
         low, median, high = np.quantile(known, QUANTILES, method="inverted_cdf").tolist()
     least, most = quantity.limits
-    return QuantitySpread(quantity.name, quantity.unit, least, most, low, median, high, missing)
+    found = (low, median, high, missing)
+    return QuantitySpread(quantity.name, quantity.unit, least, most, *found, band=quantity.band)
 
 
 def _sensitivities(

@@ -26,6 +26,8 @@ from taction.verification.report.views.waveforms import stress_chart
 from taction.verification.verdict.answer_error import AnswerError
 
 SCENE = "scenes/custom-matrix.toml"
+LESS = "; a smaller lambda regularises less, but lets more noise through"
+MORE = "; a larger lambda lets less noise through, but regularises more"
 
 
 def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5) -> AnswerError:
@@ -70,9 +72,26 @@ def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5
 def test_causes(eps: float, lam: float, end: str) -> None:
     start = "The board finds the regularised answer within 0.0005 % (of the largest true stress, "
     answer = one(eps, lam, 1.0)
+    if "because" in end:
+        end += MORE if abs(eps - 1.0) > lam else LESS  # 1 + lambda divides both
     assert answer_text(answer) == f"{start}2 V); that answer is {end}."
     unit = "; % of the largest true stress, 2 V" * ("from" in end)
     assert true_error_text(answer) == f"The regularised answer is {end}{unit}."
+
+
+def test_lambda_trades_regularisation_against_noise_as_the_sentence_says() -> None:
+    """A smaller lambda has less of the one part and more of the other; the sentence names it."""
+    for eps, ends in ((1.1, LESS), (1.6, MORE)):
+        less, own, more = (one(eps, lam, 1.0) for lam in (0.2, 0.25, 0.3))
+        assert f"{ends}." in answer_text(own)
+        bias, noise = (
+            [abs(getattr(each, name)) for each in (less, own, more)]
+            for name in ("regularisation", "noise")
+        )
+        assert bias == sorted(bias)
+        assert noise == sorted(noise, reverse=True)
+        errors = [abs(each.true_error) for each in (less, own, more)]
+        assert (errors == sorted(errors)) is (ends is LESS)
 
 
 def test_what_is_known() -> None:

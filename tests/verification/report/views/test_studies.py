@@ -125,7 +125,7 @@ def ends(plane: Plane) -> list[tuple[float, float, float, float]]:
 
 def test_three_axes_are_maps_at_each_value_of_the_third() -> None:
     found = _charts("sweep, three axes")
-    assert [each.title for each in found] == ["Outcome", "Settling time"] * 2
+    assert [each.title for each in found] == ["Outcome", "Settling time to ±1 %"] * 2
     places = ["1 pF"] * 2 + ["9 pF"] * 2
     for each, place in zip(found, places, strict=True):
         assert each.message.endswith(f"at stray_capacitance = {place}")

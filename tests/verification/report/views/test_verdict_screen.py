@@ -73,7 +73,7 @@ def test_the_screen_of_a_pass_names_nearest_limit_distance_answer_and_warnings()
     first, *bars = lines_of(screen(verdict))[:6]
     text = " ".join(lines_of(screen(verdict)))
     assert first == "PASS: paper-breadboard, 5 checks; nearest to its limit: overshoot (95.8 %)"
-    assert bars[1] == "  settling time  #####.......|     2.42 ms, at most 5 ms (48.4 %)"
+    assert bars[1] == "  settling to ±1 %  #####.......|     2.42 ms, at most 5 ms (48.4 %)"
     assert "Distance to oscillation: damping ratio 0.0048 at 37.3 kHz" in text
     assert "within 0.00056 % of 955 mV; it is 77 % from the true stress by regularisation" in text
     assert "warning: 60 of 74 matrix resistors are above 10 Mohm, up to 247.3 Mohm" in text

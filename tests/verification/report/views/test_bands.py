@@ -1,0 +1,64 @@
+"""A settling time stands beside its band in every medium that shows one."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.loading import load_scene
+from taction.netlist_gen.scene.writing import scene_text
+from taction.verification.report.blocks import Table
+from taction.verification.report.charts import Chart
+from taction.verification.report.renderers.markdown import markdown
+from taction.verification.report.renderers.page import page_html
+from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.verdict import view
+from taction.verification.report.views.verdict_screen import screen
+from taction.verification.verdict.cause import cause
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.verify import verify
+from tests.support.report_pages import STUDIES, page
+
+BOARD = "scenes/known-readings.toml"
+BAND = "to ±2.5 %"
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene whose band is no round number, so that no text has it by chance."""
+    scene = with_values(load_scene(BOARD), {"checks.settling_time.band": 0.025})
+    free = scene.checks.settling_time.model_copy(update={"min": None, "max": 1e-3})
+    checks = scene.checks.model_copy(update={"settling_time": free})
+    place = tmp_path_factory.mktemp("bands") / "board.toml"
+    found = scene.model_copy(update={"checks": checks}).with_engine("statespace")
+    place.write_text(scene_text(found), encoding="utf-8")
+    return place
+
+
+def test_verdicts_in_every_medium(file: Path) -> None:
+    verdict = verify(load_scene(file))
+    whole = view(verdict)
+    for text in (page_text(whole), page_text(screen(verdict)), markdown(whole), page_html(whole)):
+        assert re.search(rf"[Ss]ettl\w* {BAND}", re.sub(r"\s+", " ", text))
+    assert BAND in whole.sheet().title
+    slow = [replace(c, expected=1e-9) for c in verdict.checks if c.name == "settling_time"]
+    late = cause([replace(c, outcome=Outcome.FAIL) for c in slow])
+    assert late is not None
+    assert late.text.startswith(f"settles {BAND} in ")
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_columns_and_axes_of_studies(name: str) -> None:
+    titles = []
+    for block in page(name).blocks():
+        if isinstance(block, Table):
+            titles += block.columns
+        elif isinstance(block, Chart):
+            titles += [block.title, block.y.title, block.x.title]
+    for title in titles:
+        if re.match(r"settl(ing|es)( time)?\b", title, re.IGNORECASE):
+            assert re.search(r"to ±[\d.]+ %$", title), title
