@@ -106,7 +106,7 @@ def test_the_verdict_is_printed_before_the_search_and_each_change_when_it_is_fou
     places = [
         lines.index(next(line for line in lines if part in line))
         for part in (
-            "settles in", "more: -v", "the search begins", "what to change", "C = 1 nF",
+            "settles to ±1 % in", "more: -v", "the search begins", "what to change", "C = 1 nF",
             "the search goes on", "gain = 1 Mohm",
         )
     ]  # fmt: skip

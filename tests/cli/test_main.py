@@ -55,7 +55,7 @@ def test_verify_json_has_the_promised_keys() -> None:
 def test_verify_for_people() -> None:
     result = taction("verify", TUNED, *FAST)
     assert result.exit_code == 0
-    for part in ("tuned-breadboard", "settling time", "PASS", "from the true stress"):
+    for part in ("tuned-breadboard", "settling to ±1 %", "PASS", "from the true stress"):
         assert part in result.stdout
     assert "Parts of the error" not in result.stdout
     tables = taction("verify", TUNED, *FAST, "-v").stdout

@@ -27,7 +27,7 @@ def test_the_table_has_a_row_for_each_scene_and_the_reasons_below(folder: Path) 
     result = taction("verify", str(folder), "--exclude", "draft-*", "--jobs", "1")
     assert result.exit_code == 1
     assert f"{folder}/good.toml" in result.stdout
-    assert "settles in " in result.stdout
+    assert "settles to ±1 % in " in result.stdout
     assert "2 scenes: 1 pass, 1 fail" in result.stdout
 
 
@@ -103,7 +103,7 @@ def test_annotations_stand_on_stderr_where_github_runs(
     slow = str(folder / "slow.toml")
     several = taction("verify", slow, str(folder / "good.toml"), "--json", "--jobs", "1")
     alone = taction("verify", slow, "--json", "--changes", "0")
-    start = f"::error file={slow},title=taction verify (fail)::settles in "
+    start = f"::error file={slow},title=taction verify (fail)::settles to ±1 %25 in "
     for result in (several, alone):
         assert any(line.startswith(start) for line in result.stderr.splitlines())
         assert "::error" not in result.stdout

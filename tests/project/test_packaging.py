@@ -191,7 +191,7 @@ def test_the_three_line_job_shows_what_the_command_shows(site: Path, tmp_path: P
     assert (shown.returncode, command.returncode) == (0, 0), shown.stderr + command.stderr
     screens = [re.sub(r"(?<=, exact: )[\d.]+ m?s;", "", run.stdout) for run in (shown, command)]
     assert screens[0] == screens[1]
-    assert "settling time" in screens[0]
+    assert "settling to ±" in screens[0]
     assert shown.stdout.splitlines()[-1] == "PASS"
 
 

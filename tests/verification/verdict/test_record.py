@@ -74,7 +74,7 @@ def test_a_failed_verdict_says_why() -> None:
     record = Record.of(verdict)
     assert verdict.outcome is Outcome.FAIL
     assert record.failed == ("settling_time",)
-    assert re.fullmatch(r"settles in [\d.]+ [mu]s \(limit: at most 1 ns\)", record.reason)
+    assert re.fullmatch(r"settles to ±1 % in [\d.]+ [mu]s \(limit: at most 1 ns\)", record.reason)
 
 
 def test_without_a_verdict_there_is_a_record_too() -> None:
