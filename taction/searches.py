@@ -283,7 +283,7 @@ def scale(
     verdict = verify(scaling.scene.with_engine("statespace"), progress)
     if output is not None:
         _write_scene(scaling.scene, output)
-    return Scaled(scaling, verdict)
+    return Scaled.of(scaling, verdict)
 
 
 def new(
@@ -396,7 +396,7 @@ def new(
         write_atomically(name, text)
     verdict = verify(load_scene(path).with_engine("statespace"), progress)
     written = tuple(map(str, (*fresh.files, path)))
-    return NewScene(str(path), written, fresh, Scaled(fresh.scaling, verdict))
+    return NewScene(str(path), written, fresh, Scaled.of(fresh.scaling, verdict))
 
 
 def _template(opamp: str) -> str:

@@ -32,6 +32,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.frozen import frozen
+from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.design.search import search_range
 from taction.verification.design.stable_ranges import stable_ranges
@@ -46,10 +47,16 @@ from taction.verification.engines.statespace.linearised.time_scales import time_
 from taction.verification.reference.dynamics import lambda_times_resistance
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.stability.poles import Poles, poles_behind
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL, Load, PartLoads, describe
 from taction.verification.verdict.transient_plan import plan_transient
 from taction.verification.verdict.verify import Verdict
 
+NO_C = (
+    "no C that was tried makes the board pass",
+    "no C within a factor of 100 makes the board stable",
+)
+"""Notes that a board which passes contradicts."""
 MIDDLE = 1e5  # ohm: geometric mean of the largest and the smallest matrix resistor
 
 SHARE = 0.5  # of the swing, for the highest output voltage
@@ -180,6 +187,16 @@ class Scaled(Result):
 
     scaling: Scaling = field(repr=False)
     verdict: Verdict
+
+    @classmethod
+    def of(cls, scaling: Scaling, verdict: Verdict) -> Scaled:
+        """Return scalings with their verdict, without a note that a pass contradicts.
+
+        The limits of a new scene follow from its board, after C was searched with others.
+        """
+        wrong = NO_C if verdict.outcome is Outcome.PASS else ()
+        notes = tuple(note for note in scaling.notes if not note.startswith(wrong))
+        return cls(replace(scaling, notes=notes), verdict)
 
     @property
     def outcome(self) -> str:
@@ -345,11 +362,13 @@ def _with_stable_capacitance(scene: Scene, problem: InverseProblem, notes: list[
         return scene
     (stable,) = stable_ranges(Trials(scene), ["design.capacitance"])
     if stable.edge is None:
-        notes.append("no C within a factor of 100 makes the board stable")
+        notes.append(NO_C[1])
         return scene
     series = scene.design.capacitor_series
     farads = buyable(RESERVE * stable.edge, "E12" if series == "exact" else series)
-    notes.append(f"C is larger than the scene's: below {stable.edge:.3g} F the board oscillates")
+    notes.append(
+        f"C is larger than the scene's: below {show(stable.edge, 'F', 3)} the board oscillates"
+    )
     return with_values(scene, {"design.capacitance": farads})
 
 
@@ -367,10 +386,10 @@ def _with_passing_capacitance(
         return scene
     found = search_range(trials, path)
     if found is None or found.found is None:
-        notes.append(f"no C makes the board pass: {own.refused or own.record.reason}")
+        notes.append(f"{NO_C[0]}: {own.refused or own.record.reason}")
         return None
     farads = found.found.values[path]
-    notes.append(f"C is another than the scene's, so that all checks pass: {farads:.3g} F")
+    notes.append(f"C is another than the scene's, so that all checks pass: {show(farads, 'F', 3)}")
     return with_values(scene, {path: farads})
 
 

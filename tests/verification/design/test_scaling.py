@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.system.quantities import parse
-from taction.verification.design.scaling import scale
+from taction.verification.design.scaling import NO_C, Scaled, scale
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene, write_matrix_scene
 from tests.support.paths import ROOT
@@ -66,6 +67,16 @@ def test_a_larger_capacitance_is_named() -> None:
     found = scale(scene)
     assert found.circuit.value("C") > scene.design.capacitance
     assert any("C is another than the scene's" in note for note in found.notes)
+
+
+def test_no_note_contradicts_a_pass() -> None:
+    """The limits of a new scene are set after C was searched: what failed then may pass."""
+    scene = shipped("tuned-breadboard", "ideal")
+    scaling = replace(scale(scene), notes=(f"{NO_C[0]}: it settles late", "s is not balanced"))
+    passing = verify(scene.with_engine("statespace"))
+    late = with_values(scene, {"checks.settling_time.max": 1e-9}).with_engine("statespace")
+    assert Scaled.of(scaling, passing).scaling.notes == ("s is not balanced",)
+    assert Scaled.of(scaling, verify(late)).scaling.notes == scaling.notes
 
 
 def test_a_smaller_gain_lets_the_outputs_use_the_swing() -> None:
