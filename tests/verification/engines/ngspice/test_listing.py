@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import time
@@ -86,6 +87,26 @@ def test_a_simulator_that_does_not_list_is_told_of(
     monkeypatch.setattr(listing, "SECONDS", 0.3)
     with pytest.raises(ENDINGS[ending]):
         expand_and_wait(LINES, wrapped(simulator, tmp_path, ending))
+
+
+def test_both_runs_of_a_listing_have_one_time_limit_and_little_memory(
+    simulator: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, waiting = expand_and_wait(LINES, simulator)
+    assert waiting is not None
+    number = waiting._process._popen.pid
+    assert resource.prlimit(number, resource.RLIMIT_AS) == (listing.MEMORY, listing.MEMORY)
+    waiting.cancel()
+    given = list[float]()
+
+    def second(lines: object, simulator: object, *, seconds: float) -> list[tuple[str, ...]]:
+        given.append(seconds)
+        return [("r1 a 0 1",)]
+
+    monkeypatch.setattr(listing, "expand", second)
+    complaining = (*LINES, "r2 out 0 {nothing}")
+    assert expand_and_wait(complaining, simulator) == (("r1 a 0 1",), None)
+    assert 0.0 < given[0] < listing.SECONDS
 
 
 def test_a_simulator_that_ends_before_it_gets_its_deck_is_told_of(
