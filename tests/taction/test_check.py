@@ -13,6 +13,9 @@ import pytest
 
 import taction
 from taction.system.errors import InputError
+from taction.verification.report.charts import Curve, Text
+from taction.verification.report.views.board_check import _family
+from taction.verification.report.views.stability import pole_map
 from taction.verification.studies.foreign_board import read_board
 from tests.support.designer_decks import DECKS
 from tests.support.nodal_analysis import exact_poles
@@ -301,3 +304,36 @@ def test_a_deck_that_ngspice_refuses_leaves_nothing(
     with pytest.raises(InputError, match="does not expand the deck"):
         taction.check(deck)
     assert list(place.iterdir()) == []
+
+
+def test_a_pole_map_shows_every_pair_that_is_near() -> None:
+    """Two pairs of a Butterworth filter at 10 kHz; its op-amps have poles at some MHz."""
+    found = taction.check(CASES / "mfb4.cir", ngspice=False)
+    pairs = [row for row in found.pole_rows if row.frequency and row.frequency < 1e5]
+    assert len(pairs) == 2
+    first = pole_map(found.poles).views[0]
+    assert first.x is not None
+    assert first.y is not None
+    for row in pairs:
+        assert row.real is not None
+        assert row.frequency is not None
+        assert first.x[0] < row.real < first.x[1]
+        assert first.y[0] <= row.frequency < first.y[1]
+    texts = [mark.text for mark in pole_map(found.poles).marks if isinstance(mark, Text)]
+    assert any("4 farther" in text for text in texts)
+
+
+def test_a_sweep_shows_the_values_around_a_crossing_first_and_a_family(tmp_path: Path) -> None:
+    place, picture = str(CASES / "ldo.cir"), tmp_path / "ldo.png"
+    status, text = run(place, "--no-ngspice", "--over", "ESR", "--plot", str(picture))
+    assert status == 1
+    assert text.index("Around the crossings") < text.index("Values")
+    assert picture.stat().st_size > 1000
+    (sweep,) = taction.check(place, over="ESR", ngspice=False).sweeps
+    low, high = (sweep.points[n] for n in sweep.beside_crossings(1))
+    assert (low.stable, high.stable) == (False, True)
+    chart = _family(sweep)
+    assert chart is not None
+    assert [curve.line for curve in chart.marks if isinstance(curve, Curve)] == ["dash"] * 4 + [
+        "solid"
+    ] * 3

@@ -50,6 +50,7 @@ class Sweep:
     own: Number
     edges: Edges
     points: tuple[PointRow, ...]
+    boards: tuple[MeasuredBoard | Exception, ...] = ()
 
     @property
     def crossings(self) -> tuple[Edge, ...]:
@@ -64,6 +65,15 @@ class Sweep:
             for low, high in self.edges.stable_ranges
             if not any(low <= value <= high for value in self.doubtful)
         )
+
+    def beside_crossings(self, reach: int) -> tuple[int, ...]:
+        """Return the numbers of the points next to a crossing, up to `reach` on either side."""
+        values = [point.value or 0.0 for point in self.points]
+        found = set[int]()
+        for edge in self.crossings:
+            above = sum(value < edge.value for value in values)
+            found.update(range(max(above - reach, 0), min(above + reach, len(values))))
+        return tuple(sorted(found))
 
     @property
     def doubtful(self) -> tuple[float, ...]:
@@ -110,8 +120,9 @@ def sweep_board(
         edges = family.edges(min(values), max(values))
     else:
         edges = family.scan(values, logarithmic=swept.logarithmic)
-    points = tuple(map(_point, values, measure_boards(boards, initial, band)))
-    return Sweep(swept.name, swept.unit, swept.own, edges, points)
+    measured = tuple(measure_boards(boards, initial, band))
+    points = tuple(map(_point, values, measured))
+    return Sweep(swept.name, swept.unit, swept.own, edges, points, measured)
 
 
 def _over(build: Build, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:

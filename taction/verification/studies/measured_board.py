@@ -217,9 +217,12 @@ class MeasuredBoard:
             ),
         )
 
-    def curve(self) -> tuple[Floats, Floats] | None:
-        """Return instants and outputs of the step, (K,) and (K, N), to be drawn; None without."""
-        stop = min(self.scales.stop, self.scales.growth_time)
+    def curve(self, until: float = math.inf) -> tuple[Floats, Floats] | None:
+        """Return instants and outputs of the step, (K,) and (K, N), to be drawn; None without.
+
+        They end where the board has settled or has grown, or at `until`, s.
+        """
+        stop = min(self.scales.stop, self.scales.growth_time, until)
         if not (math.isfinite(stop) and stop > 0.0):
             return None
         late = np.linspace(0.0, stop, DRAWN)

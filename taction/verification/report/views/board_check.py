@@ -18,7 +18,14 @@ from taction.verification.report.blocks import (
     Sheet,
     Table,
 )
-from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit
+from taction.verification.report.charts import (
+    SERIES,
+    Axis,
+    Chart,
+    Curve,
+    Limit,
+    spread_colours,
+)
 from taction.verification.report.texts import (
     KNOWN,
     figure,
@@ -37,10 +44,13 @@ from taction.verification.report.views.montecarlo import causes, failures, histo
 from taction.verification.report.views.stability import pole_map, ranges_words
 from taction.verification.studies.board_check import BoardCheck
 from taction.verification.studies.board_sweep import Sweep
+from taction.verification.studies.measured_board import MeasuredBoard
 from taction.verification.studies.part_influence import PartRow
 from taction.verification.verdict.checks import overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
+BESIDE = 3  # values on either side of a crossing that come first
+FAMILY = 5  # step responses in a picture, beside those around crossings
 RINGS = 0.3  # damping ratio below which the summary says first that the board rings
 PART_WORDS = (
     "Moves the pole by: the change of the rightmost pole, 1/s and Hz, for 1 % more of the value."
@@ -69,7 +79,7 @@ def view(found: BoardCheck) -> Page:
             Section("Pole map", lambda: (pole_map(found.poles),)),
             Section("Step response", lambda: (_response(found),)),
             Section("Parts", lambda: _parts(found), media=BOTH),
-            *(_swept(each) for each in found.sweeps),
+            *(section for each in found.sweeps for section in _swept(each)),
             *_varied(found),
         ),
         foot=(_witness(found),),
@@ -216,8 +226,9 @@ def _edge(part: PartRow, value: float | None) -> Cell:
     return _amount(value, part.unit)
 
 
-def _swept(found: Sweep) -> Section:
-    return Section(f"Over {found.name}", lambda: _sweep(found), media=BOTH)
+def _swept(found: Sweep) -> Iterator[Section]:
+    yield Section(f"Over {found.name}", lambda: _sweep(found), media=BOTH)
+    yield Section(f"Step responses over {found.name}", lambda: (_family(found),))
 
 
 def _sweep(found: Sweep) -> Iterator[Block]:
@@ -245,7 +256,47 @@ def _sweep(found: Sweep) -> Iterator[Block]:
         "overshoot": lambda each: number_cell(each.overshoot, "step"),
         "undershoot": lambda each: number_cell(each.undershoot, "step"),
     }
+    beside = found.beside_crossings(BESIDE)
+    if len(found.points) > POINTS and beside:
+        yield Table.of("Around the crossings", [found.points[n] for n in beside], points)
     yield Table.of("Values", found.points, points, most={"terminal": POINTS}, more="--json has all")
+
+
+def _family(found: Sweep) -> Chart | None:
+    """Return the step responses of the first output at some of the values."""
+    count = len(found.boards)
+    spread = {round(k * (count - 1) / (FAMILY - 1)) for k in range(FAMILY)} if count else set()
+    chosen = sorted({*spread, *found.beside_crossings(1)})
+    boards = [(n, b) for n in chosen if isinstance(b := found.boards[n], MeasuredBoard)]
+    stops = [b.scales.stop for _, b in boards if b.poles.stable and b.scales.stop > 0.0]
+    until = math.exp(sum(map(math.log, stops)) / len(stops)) if stops else math.inf
+    drawn = [(n, b, *curve) for n, b in boards if (curve := b.curve(until)) is not None]
+    if not drawn:
+        return None
+    stable = [each for each in drawn if each[1].poles.stable] or drawn
+    seen = [float(volts[:, 0].max()) for _, _, _, volts in stable]
+    least = [float(volts[:, 0].min()) for _, _, _, volts in stable]
+    room = 0.1 * ((max(seen) - min(least)) or 1.0)
+    curves = [
+        Curve(
+            time,
+            volts[:, 0],
+            figure(found.points[n].value, found.unit or "ratio", 3),
+            colour,
+            "solid" if board.poles.stable else "dash",
+        )
+        for (n, board, time, volts), colour in zip(drawn, spread_colours(len(drawn)), strict=True)
+    ]
+    return Chart(
+        f"Step responses over {found.name}",
+        Axis("time", "s"),
+        Axis(drawn[0][1].board.circuit.outputs[0].node, "V",
+             limits=(min(least) - room, max(seen) + room)),
+        tuple(curves),
+        "",
+        "The first output over time after the step, for some of the values; dashed: not stable.",
+        legend="beside",
+    )  # fmt: skip
 
 
 def _varied(found: BoardCheck) -> Iterator[Section]:
@@ -297,7 +348,7 @@ def _witness(found: BoardCheck) -> str:
 
 
 def _sheet(found: BoardCheck) -> Sheet:
-    charts = tuple(
-        chart for chart in (_response(found), pole_map(found.poles)) if chart is not None
-    )
+    families = map(_family, found.sweeps)
+    made = (_response(found), pole_map(found.poles), *families)
+    charts = tuple(chart for chart in made if chart is not None)
     return Sheet.of(f"{found.name}: {_summary(found)}", charts, 2, (6.0, 4.2), (0.0, 0.6))

@@ -34,7 +34,7 @@ from taction.verification.verdict.verify import Verdict
 SHOWN = 2000  # poles
 MOST = 100  # channels up to which the stable values of C cost some seconds
 SCANNED = 32  # the same where a scan has to find them: of a knob that scales an array
-RINGING = 0.5  # damping ratio up to which a pole is said to ring
+FAR = 30.0  # times the size of the smallest pair: pairs beyond it are not in the first view
 DAMPING = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.7)
 Window = tuple[float, float, float]
 
@@ -162,6 +162,10 @@ def pole_map(poles: Poles, ranges: str = "") -> Chart:
     marks.append(damping_lines(DAMPING, reach))
     marks += mode_marks(values.real, values.imag / math.tau, values.real)
     marks.append(Text("grows →", None, None, ("left", "above")))
+    low, _, up = views[0][1]
+    if far := values[(values.real < low) | (values.imag > up)].tolist():
+        size = figure(max(map(abs, far)), "1/s", 2)
+        marks.append(Text(f"← {len(far)} farther, to {size}", None, None, ("right", "below")))
     summary = (
         "Poles of the linearised board in the upper half plane. Circles decay, crosses in the"
         " shaded half grow. On a thin line the damping ratio is"
@@ -216,13 +220,14 @@ def _result(poles: Poles) -> str:
 
 
 def _views(values: Complexes) -> list[tuple[str, Window]]:
-    """Return the parts of the pole map: the rightmost ringing poles, then all poles."""
+    """Return the parts of the pole map: the pairs that are not far away, then all poles."""
     views = [("all poles", _around(values, values.real.min(initial=0.0)))]
-    ringing = values[(values.imag > 0.0) & (-values.real < RINGING * np.abs(values))]
-    if len(ringing):
-        lead = ringing[:1]
+    pairs = values[values.imag > 0.0]
+    if len(pairs):
+        lead, sizes = pairs[:1], np.abs(pairs)
+        near = pairs[sizes <= FAR * max(sizes.min(), abs(lead[0]))]
         views.insert(0, ("rightmost pair", _around(lead, -3.0 * abs(lead[0].real))))
-        views.insert(0, ("ringing poles", _around(ringing, ringing.real.min())))
+        views.insert(0, ("pairs", _around(near, near.real.min())))
     return views
 
 
