@@ -69,11 +69,11 @@ def view(result: Reproduction) -> Page:
     chapters = []
     columns = {
         "claim": lambda each: each.claim.claim,
+        "verdict": _verdict,
         "place": lambda each: each.claim.place,
         "what was run": lambda each: each.finding.run,
         "printed": lambda each: each.claim.printed,
         "ours": lambda each: each.finding.ours,
-        "verdict": _verdict,
     }
     for chapter in result.sections:
         table = Table.of(chapter.title, chapter.judged, columns)

@@ -336,13 +336,19 @@ def _table(
             *(_value(record["values"][each.name], each) for each in plan.axes),
             *(record[name] for name in several),
             outcome_cell(record["outcome"]),
-            *(number_cell(record[name], FIGURES[name].unit) for name in figures),
+            *(figure_cell(record, name) for name in figures),
             *(_why(record) for _ in last),
         )
         for record in listed
     )
     cells = tuple(tuple(map(cell, row)) for row in rows)
     return Table(title, titles, cells, heads=len(plan.axes) + engine)
+
+
+def figure_cell(record: Mapping[str, Any], name: str) -> Cell:
+    """Return a figure of a point; an excursion of a growing record has no value."""
+    grows = name in EXCURSIONS and (record["growth_rate"] or 0.0) > 0.0
+    return number_cell(None if grows else record[name], FIGURES[name].unit)
 
 
 def _why(record: dict[str, Any]) -> str:

@@ -99,6 +99,10 @@ def outputs_chart(verdict: Verdict) -> Chart:
         largest = quantity(float(np.abs(verdict.u).max()), "V", 2)
         supply = quantity(verdict.circuit.supply, "V", 3)
         summary += f" The chart ends where the record grows to {largest}; the supply is ±{supply}."
+    views = [View("first rise", (0.0, early)), View("whole record", (0.0, end))]
+    if verdict.poles.known_unstable:  # the first periods are flat beside the growth
+        amplitude = verdict.measurements.amplitude or 1.0
+        views.insert(0, View("growth", _up_to_supply(verdict, verdict.u / amplitude)[0]))
     return Chart(
         "Outputs",
         Axis("time", "s"),
@@ -106,7 +110,7 @@ def outputs_chart(verdict: Verdict) -> Chart:
         tuple(marks),
         _settled(verdict),
         summary,
-        (View("first rise", (0.0, early)), View("whole record", (0.0, end))),
+        tuple(views),
         height=420,
     )
 

@@ -16,8 +16,10 @@ from taction.verification.report.charts import Chart
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.sweep import figure_cell
 from taction.verification.report.views.verdict import view
 from taction.verification.report.views.verdict_screen import screen
+from taction.verification.report.views.waveforms import outputs_chart
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
@@ -62,3 +64,24 @@ def test_columns_and_axes_of_studies(name: str) -> None:
     for title in titles:
         if re.match(r"settl(ing|es)( time)?\b", title, re.IGNORECASE):
             assert re.search(r"to ±[\d.]+ %$", title), title
+
+
+def test_a_board_that_grows_opens_on_its_growth() -> None:
+    """At the end of the first view the outputs are far above those of its first tenth."""
+    board = with_values(load_scene(BOARD), {"design.capacitance": 1e-12})
+    verdict = verify(board.with_engine("statespace"))
+    assert verdict.poles.known_unstable
+    first = outputs_chart(verdict).views[0]
+    assert first.x is not None
+    time, sizes = verdict.waveforms.time, abs(verdict.u).max(axis=1)
+    early = sizes[time <= 0.1 * first.x[1]].max()
+    assert sizes[time <= first.x[1]].max() > 3.0 * early
+
+
+@pytest.mark.parametrize(("rate", "shown"), [(2.0, None), (-2.0, 18.4), (None, 18.4)])
+def test_a_sweep_shows_no_excursion_of_a_growing_record(
+    rate: float | None, shown: float | None
+) -> None:
+    record = {"growth_rate": rate, "overshoot": 18.4, "settling_time": 1.0}
+    assert figure_cell(record, "overshoot").number == shown
+    assert figure_cell(record, "settling_time").number == 1.0
