@@ -254,7 +254,7 @@ def regress(
     baseline : path
         Stored results (JSON).
     update : bool
-        Write changed results into the baseline.
+        Write changed results into the baseline; scenes that fail stay as they were.
     jobs : int, optional
         Number of processes; by default one per core.
     progress : callable, optional

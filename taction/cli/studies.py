@@ -382,7 +382,8 @@ REGRESS = Command(
         JOBS,
     ),
     ends="Exit status: 1 if a check failed, or if a result differs from the baseline by more than"
-    " the scene's table [regression] allows. --update accepts differences, but no failed check.",
+    " the scene's table [regression] allows. --update stores differences, but"
+    " leaves a scene with a failed check as it was.",
 )
 STRESS = Command(
     function="stress",

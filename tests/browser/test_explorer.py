@@ -191,12 +191,18 @@ def test_an_unstable_board_and_the_boundary_of_onset(explore: Callable[..., Open
 
 def test_wrong_values_are_refused_and_change_nothing(explore: Callable[..., Opened]) -> None:
     page = explore().page
-    for text in ("12 ohm", "-1 pF", "<b>1</b>"):
+    before = page.inner_text("#verdict-text")
+    for text in ("12 ohm", "-1 pF", "<b>1</b>", "10"):
         page.locator("#value-0").fill(text)
         page.locator("#value-0").press("Enter")
-        page.wait_for_function("document.getElementById('mistake').textContent.length > 0")
-        assert page.input_value("#value-0") == "10 pF"
-        page.evaluate("document.getElementById('mistake').textContent = ''")
+        page.wait_for_function("document.getElementById('mistake-0').textContent.length > 0")
+        assert page.input_value("#value-0") == text
+        assert page.get_attribute("#value-0", "aria-invalid") == "true"
+        assert page.inner_text("#verdict-text") == before
+        page.evaluate("document.getElementById('mistake-0').textContent = ''")
+    type_value(page, 0, "10 pF")
+    assert page.get_attribute("#value-0", "aria-invalid") is None
+    assert page.inner_text("#mistake-0") == ""
 
 
 def test_ngspice_lies_over_the_state_space(explore: Callable[..., Opened], ngspice: Path) -> None:

@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, InputError
 from taction.system.frozen import frozen
-from taction.system.quantities import number, parse
+from taction.system.quantities import EXAMPLES, number, parse
 from taction.verification.reference.lambda_rule import resolve_lambda
 
 LAMBDA, STRAY, VARIANCE = "design.lambda", "design.stray_capacitance", "problem.noise.variance"
@@ -265,7 +265,8 @@ def read_value(control: Control, text: str) -> float:
     Raises
     ------
     InputError
-        The text is no value in the unit of the control.
+        The text is no value in the unit of the control, or a number without a unit: of a field that
+        shows pF, nobody can say what 10 means.
 
     Examples
     --------
@@ -273,7 +274,15 @@ def read_value(control: Control, text: str) -> float:
     1.2e-11
     """
     try:
-        return parse(text.strip(), control.unit) if control.unit else _plain(text)
+        if not control.unit:
+            return _plain(text)
+        value = parse(text.strip(), control.unit)
+        if value != 0.0 and text.strip()[-1] in "0123456789.":
+            like = EXAMPLES[control.unit]
+            raise ValueError(
+                f"the unit is missing; expected a value with its unit, such as {like!r}"
+            )
+        return value
     except ValueError as error:
         raise InputError("explore", Complaint(control.path, repr(text[:40]), str(error))) from None
 

@@ -59,21 +59,21 @@ class ExplorerJob:
 
     def __init__(self) -> None:
         self._worker, self._began = Worker(), 0.0
+        self._owner: object = None  # of the running call
         self._turn = asyncio.Lock()
 
-    @property
-    def seconds(self) -> float:
-        """For how long a call has been running, s; 0 if none is."""
-        return time.monotonic() - self._began if self._began else 0.0
+    def seconds(self, owner: object) -> float:
+        """For how long a call of `owner` has been running, s; 0 if none is."""
+        return time.monotonic() - self._began if self._began and self._owner is owner else 0.0
 
     async def run(
-        self, wanted: Callable[[], bool], function: Callable[..., T], *args: Any
+        self, owner: object, wanted: Callable[[], bool], function: Callable[..., T], *args: Any
     ) -> T | None:
         """Return ``function(*args)`` after the calls before it; None if nobody wants it by then."""
         async with self._turn:
             if not wanted():
                 return None
-            self._began = time.monotonic()
+            self._began, self._owner = time.monotonic(), owner
             try:
                 return await asyncio.to_thread(self._worker.call, None, function, *args)
             finally:
@@ -84,9 +84,9 @@ class ExplorerJob:
         async with self._turn:
             await asyncio.to_thread(self._worker.start)
 
-    def stop_if_running(self) -> None:
-        """End the running call, if there is one; the next call has a new process."""
-        if self._began:
+    def stop_if_running(self, owner: object) -> None:
+        """End the running call, if it is one of `owner`; the next call has a new process."""
+        if self._began and self._owner is owner:
             self.stop()
 
     def stop(self) -> None:
@@ -136,11 +136,13 @@ class Session:
         try:
             self.settings = self._taken(wanted)
         except (InputError, ValueError) as error:
-            self._tell(mistake=readable(str(error)), **settings_part(self.start, self.settings))
+            wrong = list(wanted.get("texts", ())) if isinstance(wanted.get("texts"), dict) else []
+            shown = settings_part(self.start, self.settings)
+            self._tell(mistake=readable(str(error)), wrong=wrong, **shown)
             return
         self._number += 1
         number, settings = self._number, self.settings
-        if self.judging.seconds > PATIENCE:
+        if self.judging.seconds(self) > PATIENCE:
             self.judging.stop()
         self.cancel()
         async with self._turn:
@@ -196,7 +198,7 @@ class Session:
                 return
         try:
             found = await self.judging.run(
-                lambda: number == self._number, judge, look.scene, "statespace", KEPT
+                self, lambda: number == self._number, judge, look.scene, "statespace", KEPT
             )
         except WorkerDiedError as error:
             found = Judgement.without_verdict(error)
@@ -224,7 +226,9 @@ class Session:
                 continue
             try:
                 scene = spot.settings.scene(self.start)
-                found = await self.judging.run(lambda: number == self._number, outcome_of, scene)
+                found = await self.judging.run(
+                    self, lambda: number == self._number, outcome_of, scene
+                )
             except (InputError, WorkerDiedError) as error:
                 found = ERROR, str(error).partition("\n")[0]
             if found is None or number != self._number:
@@ -289,17 +293,18 @@ class Session:
             return
 
         def current() -> bool:
-            return number == self._number
+            return self._simulates and number == self._number
 
         self._tell(simulating=True)
         self._simulates = True
         try:
-            found = await self.simulating.run(current, judge, look.scene, "ngspice", KEPT)
+            found = await self.simulating.run(self, current, judge, look.scene, "ngspice", KEPT)
+            found = found if current() else None
         except WorkerDiedError:
             found = None
         finally:
             self._simulates = False
-        if found is None or not current():
+        if found is None:
             self._tell(simulating=False)
             return
         if self._look is not None:
@@ -309,7 +314,8 @@ class Session:
     def cancel(self) -> None:
         """End the run of ngspice of this page, if there is one."""
         if self._simulates:
-            self.simulating.stop_if_running()
+            self._simulates = False  # also of a run that waits for that of another page
+            self.simulating.stop_if_running(self)
 
     def save(self, name: str) -> None:
         """Write the present values to a new file."""

@@ -54,7 +54,10 @@ def view(report: RegressionReport) -> Page:
         command="taction regress",
         outcome=EXITS.get(report.exit_status, "inconclusive"),
         summary=headline(report),
-        lines=("The run was interrupted.",) if report.interrupted else (),
+        lines=(
+            *(("The run was interrupted.",) if report.interrupted else ()),
+            *((f"Not stored, a check fails: {', '.join(report.left)}.",) if report.left else ()),
+        ),
         sections=(
             Section("Scenes", (_scenes(report.results),), media=BOTH),
             Section("Changes", changes, media=(TERMINAL,)),

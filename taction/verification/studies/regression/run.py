@@ -276,6 +276,11 @@ class RegressionReport(Result):
             return 1
         return 3 if Status.NO_VERDICT in statuses else 0
 
+    @property
+    def left(self) -> tuple[str, ...]:
+        """The scenes that an update leaves as they were, since a check fails."""
+        return tuple(each.file for each in self.results if self.updated and each.failed)
+
     def count(self) -> dict[str, int]:
         """Return the number of scenes by status, without zeros."""
         statuses = [result.status for result in self.results]
@@ -344,12 +349,12 @@ def updated_baseline(report: RegressionReport, baseline: Baseline) -> dict[str, 
     """Return the entries of the updated baseline.
 
     An unchanged scene keeps its entry, so many changes below the tolerance cannot add up from
-    update to update. A scene without a verdict keeps its entry, too.
+    update to update. A scene that fails or has no verdict is left as it was, or out.
     """
     entries = {}
     for result in report.results:
         old, new = baseline.get(result.file), result.entry
-        keep = new is None or result.status in KEPT or _unchanged(result)
+        keep = new is None or result.failed or result.status in KEPT or _unchanged(result)
         chosen = old if keep else new
         if chosen is not None and result.status is not Status.MISSING:
             entries[result.file] = chosen

@@ -6,6 +6,7 @@ import asyncio
 import base64
 import importlib.util
 import socket
+import time
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,7 @@ from taction.system.errors import InputError
 from taction.verification.design import outcomes_along
 from taction.verification.design.explorer_settings import Settings, Start
 from taction.verification.report.explorer import server, session
-from taction.verification.report.explorer.session import Session
+from taction.verification.report.explorer.session import ExplorerJob, Session
 from taction.verification.studies.running.worker import WorkerDiedError
 from taction.verification.verdict.checks import Outcome
 from tests.support.paths import SCENES
@@ -30,18 +31,20 @@ C = "design.capacitance"
 class Here:
     """A job that runs in this process."""
 
-    seconds = 0.0
-
     def __init__(self) -> None:
         self.calls = 0
 
+    def seconds(self, owner: object) -> float:
+        """Nothing runs between two calls."""
+        return 0.0
+
     async def run(
-        self, wanted: Callable[[], bool], function: Callable[..., Any], *args: Any
+        self, owner: object, wanted: Callable[[], bool], function: Callable[..., Any], *args: Any
     ) -> Any:
         self.calls += 1
         return function(*args) if wanted() else None
 
-    def stop_if_running(self) -> None:
+    def stop_if_running(self, owner: object) -> None:
         """Nothing runs between two calls."""
 
 
@@ -49,7 +52,7 @@ class Ended(Here):
     """A job whose process ends."""
 
     async def run(
-        self, wanted: Callable[[], bool], function: Callable[..., Any], *args: Any
+        self, owner: object, wanted: Callable[[], bool], function: Callable[..., Any], *args: Any
     ) -> Any:
         raise WorkerDiedError("the process was ended")
 
@@ -241,3 +244,65 @@ def test_a_browser_needs_a_display(
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv(variable, ":0")
     assert server.has_display() is shown
+
+
+@pytest.mark.parametrize("text", ["10", "1e-11", "12 ohm", "-1 pF"])
+def test_a_wrong_text_names_its_field(text: str) -> None:
+    (part,) = told({"texts": {C: text}})
+    assert part["wrong"] == [C]
+    if text[-1].isdigit():
+        assert "the unit is missing" in part["mistake"]
+    assert part["values"][C]["text"] == "10 pF"
+
+
+def test_a_page_ends_no_run_of_another_page() -> None:
+    """Both pages share the processes; the second one moves and cancels, the first one runs."""
+
+    async def run() -> tuple[float, float, str]:
+        job, first, second = ExplorerJob(), object(), object()
+        try:
+            await job.warm_up()
+            call = asyncio.create_task(job.run(first, lambda: True, time.sleep, 0.5))
+            while not job.seconds(first):
+                await asyncio.sleep(0.01)
+            job.stop_if_running(second)
+            others = job.seconds(second)
+            await call
+            call = asyncio.create_task(job.run(first, lambda: True, time.sleep, 60.0))
+            while not job.seconds(first):
+                await asyncio.sleep(0.01)
+            job.stop_if_running(first)
+            with pytest.raises(WorkerDiedError) as ended:
+                await call
+            return others, job.seconds(first), str(ended.value)
+        finally:
+            job.close()
+
+    others, own, said = asyncio.run(run())
+    assert others == own == 0.0
+    assert said
+
+
+def test_a_run_that_waits_for_another_page_can_be_cancelled() -> None:
+    parts: list[Any] = []
+
+    class Busy(Here):
+        """A job that another page has."""
+
+        async def run(
+            self, owner: object, wanted: Callable[[], bool], function: Any, *args: Any
+        ) -> Any:
+            page.cancel()
+            return await super().run(owner, wanted, function, *args)
+
+    start = Start.of(load_scene(SCENES / "paper-breadboard.toml"))
+    page = Session(start, parts.append, Here(), Busy())  # type: ignore[arg-type]
+
+    async def run() -> None:
+        await page.move({})
+        await asyncio.gather(*page._tasks)
+        await page.simulate()
+
+    asyncio.run(run())
+    assert [part["simulating"] for part in parts if "simulating" in part] == [True, False]
+    assert not any("simulation" in part for part in parts)

@@ -48,7 +48,9 @@ def passing(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Entry]:
 def failing(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Entry]:
     folder = tmp_path_factory.mktemp("failing")
     write_fast(folder / "a.toml", limit="1us")
-    return entries(folder)
+    entry = only(run(folder)).entry
+    assert entry is not None
+    return {"a.toml": entry}
 
 
 def test_a_scene_without_baseline_is_new_and_judged_by_its_checks(tmp_path: Path) -> None:
@@ -152,7 +154,11 @@ def test_an_update_accepts_a_change_but_not_a_failed_check(
     assert (only(report).status, report.exit_status) == (Status.CHANGED, 0)
     assert only(run(tmp_path, updated_baseline(report, passing))).status is Status.SAME
     write_fast(tmp_path / "a.toml", limit="1us")
-    assert run(tmp_path, passing, updated=True).exit_status == 1
+    report = run(tmp_path, passing, updated=True)
+    assert report.exit_status == 1
+    assert updated_baseline(report, passing) == passing
+    assert updated_baseline(report, {}) == {}
+    assert "Not stored, a check fails: a.toml." in report.page().lines
 
 
 def test_an_entry_within_its_tolerances_stays_as_it_is(

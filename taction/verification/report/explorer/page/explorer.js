@@ -65,7 +65,10 @@ const control = (each, steps, n) => {
   ends.setAttribute("aria-hidden", "true");
   const along = make("div", { className: "along" });
   along.setAttribute("role", "img");
-  const made = make("div", { className: "control" }, head, slider, along, ends);
+  const mistake = make("p", { className: "mistake", id: `mistake-${n}` });
+  mistake.setAttribute("role", "alert");
+  text.setAttribute("aria-describedby", mistake.id);
+  const made = make("div", { className: "control" }, head, mistake, slider, along, ends);
   made.dataset.path = each.path;
   if (n === 0) {
     const stable = make("div", { className: "stable unknown", id: "stable" });
@@ -73,12 +76,14 @@ const control = (each, steps, n) => {
     along.before(stable);
     made.append(make("p", { className: "stable-text", id: "stable-text", textContent: `stable values of ${each.symbol}: computing` }));
   }
-  state.controls.set(each.path, { slider, text, along, name });
+  state.controls.set(each.path, { slider, text, along, name, mistake });
   return made;
 };
-const showValues = (values) => {
+const showValues = (values, wrong, said) => {
   for (const [path, value] of Object.entries(values)) {
-    const { slider, text } = state.controls.get(path);
+    const { slider, text, mistake } = state.controls.get(path);
+    mistake.textContent = wrong.includes(path) ? said : "";
+    if (wrong.includes(path)) { text.setAttribute("aria-invalid", "true"); continue; }
     if (state.pending && path in state.pending.places) continue;
     if (state.dragged !== path) slider.value = value.place;
     slider.setAttribute("aria-valuetext", value.text);
@@ -133,6 +138,10 @@ const showVerdict = (verdict) => {
   get("checks").replaceChildren(...verdict.checks.map(bar));
   get("warnings").replaceChildren(...items(verdict.warnings));
 };
+const showRefused = () => {
+  get("verdict-text").textContent = "no board with these values";
+  get("verdict-mark").replaceChildren(mark("error"));
+};
 const showBoundary = (boundary) => {
   const bars = boundary.parts.map(([low, high]) => {
     const part = make("div");
@@ -174,16 +183,16 @@ const show = (part) => {
     const same = part.same || [];
     if ("cost" in part || part.refused) for (const key of FRESH) if (!same.includes(key)) delete state.part[key];
     flush();
-    showValues(part.values);
+    const wrong = (part.wrong || []).filter((path) => state.controls.has(path));
+    showValues(part.values, wrong, part.mistake);
+    if (part.mistake && "refused" in state.part) showRefused(); // nothing has changed
+    else if (part.mistake && state.judged === part.number) showVerdict(state.part.verdict);
     get("opamp").value = part.opamp;
     get("command").textContent = part.command;
-    get("mistake").textContent = part.mistake || "";
+    get("mistake").textContent = wrong.length ? "" : part.mistake || "";
   }
   Object.assign(state.part, part);
-  if ("refused" in part) {
-    get("verdict-text").textContent = "no board with these values";
-    get("verdict-mark").replaceChildren(mark("error"));
-  }
+  if ("refused" in part) showRefused();
   if ("simulating" in part) {
     get("simulate").disabled = part.simulating;
     get("cancel").hidden = !part.simulating;
@@ -197,7 +206,7 @@ const show = (part) => {
   if (part.facts) get("facts").replaceChildren(...rows(part.facts));
   if (part.boundary) showBoundary(part.boundary);
   if (part.along) showAlong(part.along);
-  if (part.verdict) showVerdict(part.verdict);
+  if (part.verdict) { state.judged = part.number; showVerdict(part.verdict); }
   if (part.verdict && (state.waiting || state.pending)) outdated(); // it is of earlier values
   if (["refused", "doubts", "limits", "cost"].some((key) => key in part)) showDoubts();
   draw(part);
