@@ -10,15 +10,11 @@ from typing import Annotated
 
 import numpy as np
 
+from taction.system.array_types import Floats
 from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.engines.statespace.transients.piecewise import (
-    PiecewiseCurve,
-    is_piecewise,
-    solve_pieces,
-)
-from taction.verification.engines.statespace.transients.switching import ActiveSet
+from taction.verification.engines.statespace.transients.stepped import SteppedCurve, simulate
 from taction.verification.stability.margin import find_margin, first_knob
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.recording import Recording
@@ -67,35 +63,46 @@ def visited_sets(recording: Recording) -> tuple[VisitedSet, ...]:
     Raises
     ------
     EngineError
-        As `taction.verification.engines.statespace.transients.piecewise.solve_pieces`.
+        As `taction.verification.engines.statespace.transients.stepped.simulate`.
     """
-    board = recording.design.board
-    if board.circuit.is_linear or not is_piecewise(board):
+    board, transient = recording.design.board, recording.design.transient
+    if board.circuit.is_linear or board.descriptor.is_large or not board.has_only_breaks:
         return ()
     curve = recording.waveforms.curve
-    if not isinstance(curve, PiecewiseCurve):
-        transient = recording.design.transient
-        nodes = board.reported(None)
-        curve = solve_pieces(board, transient, nodes, transient.stop, bounded=False)
-    keys = [piece.active.segments for piece in curve.pieces]
-    sets = {piece.active.segments: piece.active for piece in curve.pieces}
-    stays = {key: float(curve.lengths[[k == key for k in keys]].sum()) for key in sets}
+    if not isinstance(curve, SteppedCurve):
+        curve = simulate(board, transient, times=np.array([0.0, transient.stop])).curve
+    if not isinstance(curve, SteppedCurve):
+        return ()
+    switches = curve.dense.switches
+    begins = np.array([switch.time for switch in switches])
+    lengths = np.diff(np.append(begins, min(curve.dense.ends[-1], curve.run.stop)))
+    keys = [switch.segments for switch in switches]
+    stays = {key: float(lengths[[k == key for k in keys]].sum()) for key in keys}
     kept = set(sorted(stays, key=stays.__getitem__, reverse=True)[:MOST])
+    devices, pieces = board.descriptor.devices, curve.run.reported.amplifiers
     return tuple(
-        _visited(board, active, float(curve.begins[keys.index(key)]), stays[key], keys.count(key))
-        for key, active in sets.items()
+        _visited(
+            board, key, pieces.slopes_along(np.zeros((1, devices.count, 1)), np.array([key]))[0],
+            float(begins[keys.index(key)]), stays[key], keys.count(key),
+        )
+        for key in stays
         if key in kept
-    )
+    )  # fmt: skip
 
 
 def _visited(
-    board: LinearBoard, active: ActiveSet, begin: float, stay: float, visits: int
+    board: LinearBoard,
+    segments: tuple[int, ...],
+    slopes: Floats,
+    begin: float,
+    stay: float,
+    visits: int,
 ) -> VisitedSet:
-    point = Equilibrium(board.descriptor, np.zeros(board.descriptor.size), active.slopes, 0.0, 0)
+    point = Equilibrium(board.descriptor, np.zeros(board.descriptor.size), slopes, 0.0, 0)
     alone = LinearBoard(board.circuit, point=point)
     found, name = poles(alone), first_knob(board.circuit)
     margin = find_margin(alone, name, found=found) if name and found.known_stable else None
     words = "unstable" if not found.known_stable else margin.text if margin else ""
-    text = "".join(map(str, active.segments))
+    text = "".join(map(str, segments))
     factor = 0.0 if margin is None else margin.factor
     return VisitedSet(text, begin, stay, visits, found.rightmost.real, factor, words)

@@ -39,6 +39,7 @@ from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
 from taction.verification.verdict.simulation import (
     StateSpaceError,
     begin,
+    on_curve,
     state_space_error,
 )
 from taction.verification.verdict.transient_plan import coarser
@@ -106,7 +107,8 @@ def find_companion(design: PlannedBoard, record: Waveforms) -> Companion:
         The state-space engine has no solution, and the second run of ngspice failed.
     """
     board, tolerance = design.board, design.plan.tolerance
-    dense = None if is_exact(board) else design.plan.instants(board)
+    by_patterns = board.circuit.is_linear and not is_exact(board)
+    dense = design.plan.instants(board) if by_patterns else None
     try:
         return state_space_companion(
             board, design.transient, record, tolerance, dense, design.wanted
@@ -157,15 +159,21 @@ def state_space_companion(
     times = instants
     if dense is not None:
         times = np.union1d(instants, dense[dense < instants[-1]])
-    beside = watched_nodes(board.circuit)
-    solution = simulate(board, transient, times=times, tolerance=tolerance, beside=beside)
-    if len(solution.time) < len(times):
+    stepped = not board.circuit.is_linear
+    solution = simulate(
+        board, transient, times=times, tolerance=tolerance, beside=watched_nodes(board.circuit),
+        resolved=stepped,
+    )  # fmt: skip
+    if solution.time[-1] < times[-1]:
         raise EngineError("its record ends before the record of ngspice")
     error = state_space_error(board, solution, wanted)
     if not math.isfinite(error.volts):
         raise EngineError(error.how)
     how = "difference to the state-space engine, and the error of that engine"
-    other = outputs(board.circuit, error.record)[np.searchsorted(times, instants)]
+    shown = error.record
+    if stepped:
+        shown = replace(shown, time=instants, values=on_curve(shown, instants))
+    other = outputs(board.circuit, shown)[np.searchsorted(shown.time, instants)]
     return Companion(instants, u, other, error.record, error, how)
 
 

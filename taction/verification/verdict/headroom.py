@@ -18,7 +18,7 @@ from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
-from taction.verification.engines.statespace.transients.simulate import simulate, takes_steps
+from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.readings.course import Course
 from taction.verification.readings.exact_signal import ExactGrid, ExactSignal
 
@@ -106,7 +106,7 @@ def _loads_together(requests: Sequence[Request]) -> list[tuple[Load, ...] | Engi
                 loads = _Loads.of(board, rows)
                 if transient is None or is_exact(board):
                     exact[place] = loads, loads.solution(initial)
-                elif takes_steps(board):
+                elif not board.circuit.is_linear:
                     stepped[place] = loads, transient, tolerance
                 else:
                     wave = simulate(board, transient, nodes=loads.nodes, times=_instants(transient))
@@ -297,7 +297,9 @@ def _by_steps(
         if isinstance(wave, EngineError):
             yield wave
         else:
-            time, curve = _instants(transient), cast(SteppedCurve, wave.curve)
+            curve = cast(SteppedCurve, wave.curve)
+            time = np.union1d(_instants(transient), curve.points())
+            time = time[time <= transient.stop]
             beside = curve.at(time)[:, -len(loads.nodes) :]
             yield _sorted(_sampled(loads, time, beside))
 

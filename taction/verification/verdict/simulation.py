@@ -22,6 +22,7 @@ import numpy as np
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
 from taction.system.errors import (
     BadEvidence,
     DivergesError,
@@ -38,7 +39,6 @@ from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import is_exact
-from taction.verification.engines.statespace.transients.simulate import takes_steps
 from taction.verification.verdict.headroom import watched_nodes
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
@@ -91,22 +91,36 @@ def _bounded(board: LinearBoard, record: Waveforms) -> StateSpaceError:
     if is_exact(board):
         how = "bound on the rounding of the exact solution"
         return StateSpaceError(record.rounding, how, record)
-    from taction.verification.engines.statespace.transients import piecewise, reduced_transient
-    from taction.verification.engines.statespace.transients.stepped import halved
+    from taction.verification.engines.statespace.transients import reduced_transient
+    from taction.verification.engines.statespace.transients.stepped import METHOD, halved
 
-    if record.method == piecewise.METHOD:
-        how = "bound on the rounding of the exact pieces, through their switches"
-        return StateSpaceError(record.rounding, how, record)
     try:
-        if record.method == reduced_transient.METHOD:
-            better, share, other = reduced_transient.refined(record), PATTERNED, "fewer patterns"
+        if record.method == METHOD:
+            better, share, other = halved(record, resolved=True), HALVED, "twice the steps"
+            apart = beside(better, record)
         else:
-            better, share, other = halved(record), HALVED, "twice the steps"
+            better, share, other = reduced_transient.refined(record), PATTERNED, "fewer patterns"
+            apart = float(np.abs(better.values - record.values).max())
     except EngineError as error:
         return StateSpaceError(math.nan, f"the second run failed: {error}", record)
-    apart = float(np.abs(better.values - record.values).max())
     how = f"difference to a run with {other}, and what rounding leaves"
     return StateSpaceError(share * apart + better.rounding, how, better)
+
+
+def on_curve(record: Waveforms, times: Floats) -> Floats:
+    """Return the voltages of a record with a curve at `times` (P,), V, (P, K)."""
+    if record.curve is None:
+        raise EngineError("the record is not known between its points")
+    nodes = np.arange(len(record.nodes))
+    values = record.curve(np.repeat(times, nodes.size), np.tile(nodes, times.size))
+    return values.reshape(times.size, nodes.size)
+
+
+def beside(one: Waveforms, other: Waveforms) -> float:
+    """Return the largest difference of two records with curves at the points of both, V."""
+    times = np.union1d(one.time, other.time)
+    times = times[times <= min(one.time[-1], other.time[-1])]
+    return float(np.abs(on_curve(one, times) - on_curve(other, times)).max(initial=0.0))
 
 
 # With KLU the tiny steps after a start from zero have more rounding than with the older solver;
@@ -321,16 +335,19 @@ def _statespace(design: PlannedBoard) -> Callable[[], Waveforms]:
 
     board, plan = design.board, design.plan
     analysis = plan.transient
+    ends = np.array([0.0, analysis.stop])
 
     def fill() -> Waveforms:
-        times, beside = plan.instants(board), watched_nodes(board.circuit)
-        return simulate(board, analysis, times=times, tolerance=plan.tolerance, beside=beside)
+        nodes, stepped = watched_nodes(board.circuit), not (board.circuit.is_linear or plan.growing)
+        times = ends if stepped else plan.instants(board)
+        return simulate(
+            board, analysis, times=times, tolerance=plan.tolerance, beside=nodes, resolved=stepped
+        )
 
     if plan.growing:
         analysis = replace(analysis, max_step=min(analysis.max_step, analysis.stop / GROWING))
     try:
         if is_exact(board) and not plan.growing:  # measured on the solution, not on its points
-            ends = np.array([0.0, analysis.stop])
             waveforms = replace(simulate(board, analysis, times=ends), fill=fill)
         else:
             waveforms = fill()
@@ -349,8 +366,8 @@ def _statespace_together(
     from taction.verification.engines.statespace.transients.stepped import Task, simulate_together
 
     tasks = [
-        Task(design.board, design.plan.transient, None, design.plan.instants(design.board),
-             design.plan.tolerance, watched_nodes(design.circuit))
+        Task(design.board, design.plan.transient, None, np.array([0.0, design.transient.stop]),
+             design.plan.tolerance, watched_nodes(design.circuit), resolved=True)
         for design in (designs[k] for k in chosen)
     ]  # fmt: skip
     for k, record in zip(chosen, simulate_together(tasks, halves=True), strict=True):
@@ -361,7 +378,7 @@ def _statespace_together(
 
 def _is_stepped(design: PlannedBoard) -> bool:
     board = design.board
-    return takes_steps(board) and not (board.descriptor.is_large or design.plan.growing)
+    return not board.circuit.is_linear and not (board.descriptor.is_large or design.plan.growing)
 
 
 def _known(waveforms: Waveforms) -> Waveforms:

@@ -77,6 +77,12 @@ class LinearBoard:
         kinds = self.descriptor.devices.kinds
         return any(kind in GAINS and GAINS[kind].breaks is not None for kind in kinds)
 
+    @property
+    def has_only_breaks(self) -> bool:
+        """Whether all amplifiers consist of straight pieces."""
+        kinds = self.descriptor.devices.kinds
+        return all(kind in GAINS and GAINS[kind].breaks is not None for kind in kinds)
+
     def at_start(self, initial: Initial) -> LinearBoard:
         """Return the linear board that has the slopes of the amplifiers at the start.
 

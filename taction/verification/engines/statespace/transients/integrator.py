@@ -12,21 +12,26 @@ polynomial between the stages.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
-from taction.system.errors import EngineError
 from taction.system.progress import reached
-from taction.verification.engines.statespace.transients.steps import (
-    STAGES,
-    TABLE,
-    Amplifiers,
-    Boards,
-    Steps,
+from taction.verification.engines.statespace.transients.dense import Dense
+from taction.verification.engines.statespace.transients.radau import STAGES, TABLE
+from taction.verification.engines.statespace.transients.steps import Amplifiers, Boards, Steps
+from taction.verification.engines.statespace.transients.straight_pieces import (
+    JUMPS,
+    MOST_SWITCHES,
+    PASSED,
+    ROUNDED,
+    SLACK,
+    Switch,
+    first_passage,
+    hull,
+    shortened,
 )
 
 ITERATIONS = 12  # of the inputs in a step
@@ -38,88 +43,9 @@ LAST_BUT_ONE = 0.2  # weight of the last but one Legendre coefficient in the err
 SPREAD = 3.0  # times what rounding made of one draw: what it may make of another one
 # Of a change: rounding of the stages' sums over the systems of the method, as random errors add.
 SCATTER = EPS / SPREAD * float(np.sqrt(np.abs(TABLE.right) ** 2 @ np.abs(TABLE.left) ** 2).max())
+TINY = 1e-300
 COUNTED = 0.01  # of the tolerance: rounding above it is added up
-# Error over last Legendre coefficient of a mode much faster than a step: the stages are all at its
-# end, so that the coefficient is half of its change; a mode that rings may be off by twice that.
-LAYER = 4.0
-RESOLVED = 1.0 / 16.0  # of a coefficient: that of half a step which resolves its modes is 1/256
 MAX_STEPS = 1_000_000
-
-
-@dataclass(eq=False)
-class Dense:
-    """Dense output: Legendre coefficients of the watched voltages in every step.
-
-    Attributes
-    ----------
-    ends : list of float
-        0 and the end of every step, s.
-    pieces : list of ndarray (W, s + 1)
-        Coefficients over a step.
-    levels : list of int
-        Binary logarithms of the lengths, in units of the base.
-    rejected, factorisations : int
-        What it cost.
-    escaped : bool
-        Whether it ended early because a voltage passed its limit.
-    rounding : float
-        What rounding left where it was more than the tolerance, V.
-    coarse : bool
-        Whether it was in a step.
-    tails : list of float
-        The largest last Legendre coefficient of each accepted step, V, without its rounding.
-    failure : str
-        Why the integration ended without a solution, or empty.
-    """
-
-    ends: list[float] = field(default_factory=lambda: [0.0])
-    pieces: list[Floats] = field(default_factory=list)
-    levels: list[int] = field(default_factory=list)
-    rejected: int = 0
-    factorisations: int = 0
-    escaped: bool = False
-    rounding: float = 0.0
-    coarse: bool = False
-    tails: list[float] = field(default_factory=list)
-    failure: str = ""
-
-    def checked(self, board: str) -> Dense:
-        """Return this output; raise EngineError, with the name of the board, without a solution."""
-        if self.failure:
-            raise EngineError(f"board {board!r}: {self.failure}; try --engine ngspice")
-        return self
-
-    def unresolved(self, whole: Dense) -> float:
-        """Return what fast modes can do within steps that are too long for them, V.
-
-        Half the steps of the run `whole` are too long, too, so the difference of the two runs does
-        not show it. In a step that resolves its modes half of it has a far smaller coefficient.
-        """
-        ends, halves = np.array(self.ends), np.zeros(whole.steps)
-        within = np.searchsorted(whole.ends, 0.5 * (ends[:-1] + ends[1:])) - 1
-        np.maximum.at(halves, within, self.tails)
-        passed = halves > RESOLVED * np.array(whole.tails)
-        return LAYER * float(halves.max(initial=0.0, where=passed))
-
-    @property
-    def steps(self) -> int:
-        """Accepted steps."""
-        return len(self.pieces)
-
-    @cached_property
-    def _whole(self) -> tuple[Floats, Floats]:
-        """The ends and the coefficients of all steps, of an integration that has ended."""
-        return np.array(self.ends), np.stack(self.pieces)
-
-    def at(self, times: Floats) -> Floats:
-        """Watched voltages at `times`, shape (P, W)."""
-        from numpy.polynomial.legendre import legvander
-
-        ends, pieces = self._whole
-        which = np.clip(np.searchsorted(ends, times, side="left") - 1, 0, self.steps - 1)
-        theta = (times - ends[which]) / (ends[which + 1] - ends[which])
-        basis = legvander(2.0 * theta - 1.0, STAGES)
-        return np.asarray((pieces[which] @ basis[:, :, None])[:, :, 0])
 
 
 class Reported(Protocol):
@@ -174,6 +100,8 @@ class Present:
         self.level = np.zeros(count, dtype=np.int64)
         self.t = np.zeros(count)
         self.stop = np.zeros(count)
+        self.segments = np.zeros(self.slopes.shape, dtype=np.int64)  # straight pieces of inputs
+        self.slack = np.ones(self.slopes.shape)  # of a break, V
         self.far = np.zeros(count)  # largest distance of a reported voltage from rest, V
         self.fresh = np.zeros(count, dtype=np.bool_)  # linearised at the step's own start
         self.noise = np.full((count, LEVELS, self.now.shape[1]), np.nan)
@@ -203,8 +131,40 @@ class RadauIntegrator:
         self.out = [Dense() for _ in present.now]
         present.far = reported.distance(present.now)
         self.todo: list[list[int]] | None = None  # levels of the steps to come, where given
+        self.caps: Sequence[Dense] = ()  # integrations whose steps are at least twice as long
+        self.most_switches = MOST_SWITCHES
         draw = np.random.default_rng(1992)
         self.draws = [draw.standard_normal(x.shape[1]) for x in (present.state, present.slopes)]
+        self._find_pieces()
+
+    def _find_pieces(self) -> None:
+        """Find the straight pieces of the start."""
+        now, amplifiers, pieces = self.present, self.amplifiers, self.amplifiers.pieces
+        if pieces is None:
+            return
+        scale, inputs = amplifiers.v_scale[:, :, 0], now.now[:, : amplifiers.count]
+        now.segments = pieces.at(inputs / scale)
+        size = np.maximum(np.abs(inputs), scale).max(axis=1, keepdims=True)
+        steepest = np.maximum(amplifiers.steepest(), TINY)
+        now.slack = np.maximum(SLACK * now.tolerance[:, None] / steepest, ROUNDED * size)
+        self._begin_pieces(np.ones(len(size), dtype=np.bool_), inputs[:, :, None])
+
+    def _begin_pieces(self, rows: Bools, inputs: Floats) -> None:
+        """Linearise boards that begin on other straight pieces, at inputs (R, m, 1)."""
+        now = self.present
+        self._linearise(rows, inputs, only_pieces=True)
+        jumping = self.board.jumping(now.slopes)
+        for row in np.flatnonzero(rows).tolist():
+            out = self.out[now.place[row]]
+            segments = tuple(now.segments[row].tolist())
+            out.switches.append(Switch(float(now.t[row]), segments, now.state[row].copy()))
+            if jumping[row]:
+                out.failure = JUMPS
+            elif len(out.switches) > self.most_switches:
+                out.failure = (
+                    f"the amplifiers switch more than {self.most_switches} times before"
+                    f" {now.t[row].item():.3g} s; a shorter analysis.stop ends the record earlier"
+                )
 
     def run(self, stop: Floats, max_steps: int = MAX_STEPS) -> list[Dense]:
         """Integrate to `stop` (R,), s, or beyond it, or until a voltage passes the limit.
@@ -213,10 +173,15 @@ class RadauIntegrator:
         underflows.
         """
         self.present.stop = np.asarray(stop, dtype=np.float64)
+        self._end(max_steps)
         while len(self.present.place):
             now = self.present
             longest = np.ceil(np.log2((now.stop - now.t) / now.base)).astype(np.int64)
             now.level = np.minimum(now.level, longest)
+            if self.caps:
+                pairs = zip(now.place.tolist(), now.t.tolist(), strict=True)
+                most = [self.caps[place].level_at(t) - 1 for place, t in pairs]
+                now.level = np.minimum(now.level, most)
             self._attempt()
             reached(float((now.t / now.stop).min()))
             self._end(max_steps)
@@ -275,22 +240,57 @@ class RadauIntegrator:
         step = self.board.step(length, now.slopes)
         with np.errstate(invalid="ignore", over="ignore"):
             inputs, remainder, parts, contraction, found = self._iterate(step)
-            change, watched = step.end(remainder, inputs, parts)
+            parts, watched = step.end(remainder, inputs, parts)
             watched = now.now[:, :, None] + watched
             piece = np.concatenate([now.now[:, :, None], watched], axis=2) @ TABLE.legendre.T
             gain, left, tail = self._judge(step, piece, watched)
-        lost, found = ~found & ~small, found & ~small
-        accepted = found & ((gain >= 0) | fixed)
+            lost, found = ~found & ~small, found & ~small
+            accepted = found & ((gain >= 0) | fixed)
+            weights = np.repeat(TABLE.right[-1:], len(length), axis=0)
+            moves = self._passages(accepted, length, piece, watched, weights)
+            change = step.moved(parts, weights)
         if lost.any():
             self._repeat_lost(lost)
         slow = accepted & (contraction > SLOW) & ~now.fresh
         self._accept(accepted, length, change, watched, piece, left, tail)
+        inputs = watched[:, : self.amplifiers.count, -1:]
+        if moves.any():
+            now.segments = now.segments + moves
+            self._begin_pieces(moves.any(axis=1), inputs)
         if slow.any():
-            self._linearise(slow, watched[:, : self.amplifiers.count, -1:])
+            self._linearise(slow, inputs)
         if not fixed:
             jump = np.clip(gain, -LONGEST_JUMP, LONGEST_JUMP)
             now.level = np.where(found, now.level + jump, now.level)
         now.fresh &= ~accepted
+
+    def _passages(
+        self, accepted: Bools, length: Floats, piece: Floats, watched: Floats, weights: Any
+    ) -> Ints:
+        """End accepted steps where an input leaves its straight piece; all arrays change in place.
+
+        Return by how many pieces each input moves, (R, m).
+        """
+        now, m, moves = self.present, self.amplifiers.count, np.zeros_like(self.present.segments)
+        if self.amplifiers.pieces is None:
+            return moves
+        scale = self.amplifiers.v_scale[:, :, 0]
+        ends = [scale * end / now.slack for end in self.amplifiers.pieces.ends(now.segments)]
+        scaled = piece[:, :m] / now.slack[:, :, None]
+        y = hull(scaled)
+        excess = np.concatenate(
+            [y - (ends[1] + 1.0)[:, :, None], (ends[0] - 1.0)[:, :, None] - y], axis=1
+        )
+        for row in np.flatnonzero(accepted & (excess > 0.0).any(axis=(1, 2))).tolist():
+            theta = first_passage(excess[row])
+            if theta == 1.0 and not (excess[row, :, -1] > 0.0).any():
+                continue
+            piece[row], watched[row, :, -1], weights[row] = shortened(piece[row], theta)
+            length[row] *= theta
+            inputs = watched[row, :m, -1] / now.slack[row]
+            moves[row] += inputs > ends[1][row] + PASSED
+            moves[row] -= inputs < ends[0][row] - PASSED
+        return moves
 
     def _repeat_lost(self, lost: Bools) -> None:
         """Linearise steps whose iterations do not converge anew, then shorten them."""
@@ -373,16 +373,23 @@ class RadauIntegrator:
                 continue
             if self.todo is not None:
                 self.todo[now.place[row]].pop()
-            out.pieces.append(piece[row])
-            out.levels.append(int(now.level[row]))
+            if now.t[row] > out.ends[-1]:  # else it ended at once, at a break
+                out.pieces.append(piece[row])
+                out.levels.append(int(now.level[row]))
+                out.tails.append(float(tail[row]))
+                out.ends.append(float(now.t[row]))
             out.rounding += float(left[row])
-            out.tails.append(float(tail[row]))
-            out.ends.append(float(now.t[row]))
             out.escaped = bool(escaped[row])
 
-    def _linearise(self, rows: Bools, inputs: Floats) -> None:
+    def _linearise(self, rows: Bools, inputs: Floats, *, only_pieces: bool = False) -> None:
         """Linearise the next steps of some boards at inputs (R, m, s), by the mean slopes."""
-        slopes = self.amplifiers.slopes(inputs).mean(axis=2)
+        pieces = self.amplifiers.pieces
+        if pieces is None:
+            slopes = self.amplifiers.slopes(inputs).mean(axis=2)
+        else:
+            slopes = self.amplifiers.slopes_along(inputs, self.present.segments)
+            if only_pieces:
+                slopes = np.where(pieces.broken, slopes, self.present.slopes)
         rows = rows & np.isfinite(slopes).all(axis=1)
         self.present.slopes = np.where(rows[:, None], slopes, self.present.slopes)
         self.present.noise[rows] = np.nan
@@ -394,8 +401,8 @@ class RadauIntegrator:
         whether they converged, (R,).
         """
         now, m = self.present, self.amplifiers.count
-        before_step = now.now[:, :m, None]
-        outputs = self.amplifiers.outputs(before_step)
+        before_step, pieces = now.now[:, :m, None], now.segments
+        outputs = self.amplifiers.along(before_step, pieces)
         free, parts = step.free(self.board.rate(now.state, before_step[:, :, 0], outputs[:, :, 0]))
         # At the start of the step there are no remainders: the first iteration gives `free`.
         inputs, remainder, last = free, np.zeros_like(free), np.zeros(len(free))
@@ -411,7 +418,7 @@ class RadauIntegrator:
         for k in range(1, ITERATIONS):
             if not going.any():
                 break
-            beyond = self.amplifiers.outputs(before_step + inputs) - outputs - slopes * inputs
+            beyond = self.amplifiers.along(before_step + inputs, pieces) - outputs - slopes * inputs
             going &= np.isfinite(beyond).all(axis=(1, 2))
             beyond = np.where(going[:, None, None], beyond, remainder)
             following = free + step.response(beyond, parts)

@@ -55,3 +55,8 @@ def tableau(stages: int) -> Tableau:
         right=(vectors[:, kept] * weight).astype(np.complex128),
         legendre=np.linalg.inv(legvander(2.0 * np.append(0.0, c) - 1.0, stages)).astype(np.float64),
     )
+
+
+STAGES = 9
+TABLE = tableau(STAGES)
+NODES = np.append(0.0, TABLE.c)

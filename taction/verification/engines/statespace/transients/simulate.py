@@ -28,10 +28,10 @@ def simulate(
     times: Floats | None = None,
     tolerance: float | None = None,
     beside: tuple[str, ...] = (),
+    resolved: bool = False,
 ) -> Waveforms:
     """Simulate a transient: by `exact` if the board is linear and small, else by `stepped`.
 
-    A small board of piecewise linear amplifiers is simulated by `piecewise`.
     A large linear board is simulated by `reduced_transient`, if that reaches the tolerance.
 
     Parameters
@@ -48,6 +48,8 @@ def simulate(
         Of one step in `stepped`, of the outputs in `reduced_transient`; by default theirs.
     beside : tuple of str
         Nodes that the curve of a record by `stepped` has, too.
+    resolved : bool
+        Whether a record by `stepped` has the points of its solution, up to the last of `times`.
 
     Returns
     -------
@@ -61,11 +63,6 @@ def simulate(
         As `exact.exact_solution` and `stepped.simulate`.
     """
     board = LinearBoard.of(circuit)
-    if not board.circuit.is_linear:
-        from taction.verification.engines.statespace.transients import piecewise
-
-        if piecewise.is_piecewise(board):
-            return piecewise.simulate(board, analysis, nodes=nodes, times=times)
     if not board.circuit.is_linear or board.descriptor.is_large:
         from taction.verification.engines.statespace.transients import stepped
 
@@ -77,7 +74,9 @@ def simulate(
             found = reduced_transient.simulate(board, analysis, nodes=nodes, times=times, **given)
             if found is not None:
                 return found
-        return stepped.simulate(board, analysis, nodes=nodes, times=times, beside=beside, **given)
+        return stepped.simulate(
+            board, analysis, nodes=nodes, times=times, beside=beside, resolved=resolved, **given
+        )
     began = clock.perf_counter()
     solution = exact_solution(
         board,
@@ -90,15 +89,6 @@ def simulate(
     return Waveforms(
         instants, solution.nodes, values, ENGINE, cost, flags, solution.error, method=METHOD
     )
-
-
-def takes_steps(board: LinearBoard) -> bool:
-    """Whether the integrator alone solves a board: its amplifiers are not piecewise linear."""
-    if board.circuit.is_linear:
-        return False
-    from taction.verification.engines.statespace.transients.piecewise import is_piecewise
-
-    return not is_piecewise(board)
 
 
 def _sampled(

@@ -17,16 +17,16 @@ from copy import copy
 
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
+from taction.verification.engines.statespace.transients.radau import TABLE
 from taction.verification.engines.statespace.transients.steps import (
     BEYOND,
     SIGMA,
-    TABLE,
     Amplifiers,
     Function,
 )
@@ -214,6 +214,7 @@ class SmallBoards:
         self.seen_inputs, self.seen_others = seen[:, :, :m], seen[:, :, m:]
         self.direct_inputs, self.direct_others = direct[:, :, :m], direct[:, :, m:]
         k = len(SIGMA)
+        self.at_once = np.stack([each.H[: each.count] for each in boards])
         self.length, self.at = np.zeros(count), np.full((count, m), np.nan)
         self.weight = self.matrix.inverse(np.ones((count, k), dtype=np.complex128))
         self.core = np.zeros((count, k, m, m), dtype=np.complex128)
@@ -274,9 +275,20 @@ class SmallBoards:
         """See `Steps`."""
         nu = _systems(remainder + self.change[:, :, None] * inputs)
         x = parts + self.weight.times((nu @ self.drive)[:, :, None])[:, :, 0]
-        half = 0.5 * (TABLE.right[-1] @ x)
-        change = half + half[np.arange(len(half))[:, None], self.mates].conj()
         if not self.seen_others.shape[2]:
-            return change, inputs
+            return x, inputs
         others = _stages(x @ self.seen_others + nu @ self.direct_others)
-        return change, np.concatenate([inputs, others], axis=1)
+        return x, np.concatenate([inputs, others], axis=1)
+
+    def moved(self, parts: Complexes, weights: Complexes) -> Complexes:
+        """See `Steps`."""
+        half = 0.5 * (weights[:, None, :] @ parts)[:, 0]
+        return np.asarray(half + half[np.arange(len(half))[:, None], self.mates].conj())
+
+    def jumping(self, slopes: Floats) -> Bools:
+        """See `Boards`: the sign of ``det(1 - H slopes)`` is 1 where nothing comes back at once.
+
+        With one sign on all straight pieces, none turns back at a break.
+        """
+        loop = np.eye(slopes.shape[1]) - self.at_once * slopes[:, None, :]
+        return np.asarray(np.linalg.slogdet(loop)[0] <= 0.0)

@@ -27,11 +27,9 @@ from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.linearised.modes import Modes
-from taction.verification.engines.statespace.transients.integrator import (
-    Dense,
-    Present,
-    RadauIntegrator,
-)
+from taction.verification.engines.statespace.transients.dense import Dense
+from taction.verification.engines.statespace.transients.integrator import Present, RadauIntegrator
+from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
 from taction.verification.engines.statespace.transients.record_times import ESCAPED, record_times
 from taction.verification.engines.statespace.transients.small_steps import (
     SmallBoards,
@@ -39,13 +37,27 @@ from taction.verification.engines.statespace.transients.small_steps import (
     is_basis,
 )
 from taction.verification.engines.statespace.transients.steps import Amplifiers, Boards
+from taction.verification.engines.statespace.transients.straight_pieces import (
+    LimitCycle,
+    limit_cycle,
+)
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 
 METHOD = "Radau IIA"
 TOLERANCE = 1e-9  # of a step, in step amplitudes
 FLOOR = 1e-3  # of the board's largest voltage: the least voltage to which errors are relative
 REPEATED = 1.0 / 16.0  # of the tolerance: what a second run leaves of its iterations
+FOLLOWED, LATER = 100, 30.0  # switches, times the record: how far a limit cycle is looked for
+FINER = 2.0**-STAGES  # of the tolerance: that of half the steps
 FIRST = 2.0**-16  # of the record: the first step tried
+BETWEEN = 2e-8  # of the step amplitude: error of a cubic between points of a record
+MOVE = 0.02  # of the step amplitude: largest change between two points
+FEWEST, MOST_PARTS = 200.0, 1000.0  # points of a record, and of a step
+# Fourth derivatives of the Legendre polynomials of ``2 theta - 1``, at their largest.
+BENDS = np.array([
+    0.0 if n < 4 else math.factorial(n + 4) / (24.0 * math.factorial(n - 4))
+    for n in range(STAGES + 1)
+])  # fmt: skip
 BESIDE = 1e-3  # the same as `TOLERANCE` of nodes that are watched beside, in their own amplitudes
 
 
@@ -93,7 +105,9 @@ class ReportedOutputs:
         The inputs of amplifiers that are not reported count as volts themselves.
         """
         slopes = np.abs(self.amplifiers.slopes(inputs)).max(axis=2, initial=0.0)
-        seen = np.where(self.linear, 1.0, slopes)
+        # An input on a flat piece counts, too: it decides when the amplifier leaves the piece.
+        slopes = np.maximum(slopes, self.amplifiers.steepest())
+        seen = np.where(self.linear, np.maximum(self.amplifiers.steepest(), 1.0), slopes)
         if not self.others:
             return seen
         return np.concatenate([seen, self.weights], axis=1)
@@ -191,20 +205,22 @@ def _equations(
     return StateBoard(space, reported.others, slopes), least, modes if known else None
 
 
-def integrate(
-    runs: Sequence[SteppedRun], levels: Sequence[Sequence[int]] | None = None, share: float = 1.0
-) -> list[Dense]:
-    """Integrate boards, those of one kind together, up to their stops or by steps of `levels`.
+def integrate(runs: Sequence[SteppedRun], whole: Sequence[Dense] = ()) -> list[Dense]:
+    """Integrate boards up to their stops, those of one kind together, by half the steps of `whole`.
 
-    `share` is the part of the tolerance. An output has a `failure` where there is no solution.
+    Where amplifiers have straight pieces, steps end at other instants; those of a second run are at
+    most half as long at each. An output has a `failure` where there is no solution.
     """
     found: dict[int, Dense] = {}
     for places in of_one_kind({place: run.kind for place, run in enumerate(runs)}):
-        work = _integrator([runs[place] for place in places], share)
-        if levels is None:
-            outs = work.run(np.array([runs[place].stop for place in places]))
+        some, first = [runs[place] for place in places], [whole[k] for k in places if whole]
+        bent = some[0].reported.amplifiers.pieces is not None
+        work = _integrator(some, 1.0 if not whole else FINER if bent else REPEATED)
+        if whole and not bent:
+            outs = work.repeat([[level - 1 for level in x.levels for _ in "ab"] for x in first])
         else:
-            outs = work.repeat([levels[place] for place in places])
+            work.caps = first
+            outs = work.run(np.array([run.stop for run in some]))
         found.update(zip(places, outs, strict=True))
     return [found[place] for place in range(len(runs))]
 
@@ -247,6 +263,29 @@ class SteppedCurve:
         instants, place = np.unique(times, return_inverse=True)
         return np.asarray(self.at(instants)[place, columns])
 
+    def points(self) -> Floats:
+        """Return instants between which a cubic through the reported voltages errs by `BETWEEN`, s.
+
+        Every step is divided evenly. How often follows from the fourth derivatives of the voltages
+        and from their changes in it, so that all that the steps resolve is seen at the instants.
+        """
+        reported, ends = self.run.reported, np.array(self.dense.ends)
+        at_nodes = np.stack(self.dense.pieces) @ np.linalg.inv(TABLE.legendre).T  # (S, W, s + 1)
+        flat = at_nodes.transpose(0, 2, 1).reshape(-1, at_nodes.shape[1])
+        values = reported.voltages(flat)[:, : len(reported.nodes)]
+        pieces = np.abs(TABLE.legendre @ values.reshape(len(at_nodes), NODES.size, -1))
+        unit = self.run.unit
+        bend = (pieces * BENDS[:, None]).sum(axis=1).max(axis=1)
+        parts = (3.0 / 128.0 * bend / (BETWEEN * unit)) ** 0.25
+        parts = np.maximum(parts, 2.0 * pieces[:, 1:].sum(axis=1).max(axis=1) / (MOVE * unit))
+        parts = np.maximum(parts, FEWEST * np.diff(ends) / ends[-1])
+        count = np.ceil(np.clip(parts, 2.0, MOST_PARTS)).astype(np.int64)
+        step = np.repeat(np.arange(len(count)), count)
+        share = (np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)) / count[step]
+        found = np.append(ends[step] + share * np.diff(ends)[step], ends[-1])
+        stop = min(self.run.stop, ends[-1])
+        return np.append(found[found < stop * (1.0 - 1e-12)], stop)
+
 
 def simulate(
     circuit: Circuit | LinearBoard,
@@ -256,6 +295,7 @@ def simulate(
     times: Floats | None = None,
     tolerance: float = TOLERANCE,
     beside: tuple[str, ...] = (),
+    resolved: bool = False,
 ) -> Waveforms:
     """Simulate a transient by steps.
 
@@ -267,6 +307,8 @@ def simulate(
         Of one step and of the solution within it, in step amplitudes.
     beside : tuple of str
         Further nodes that the curve of the record has, to `BESIDE`.
+    resolved : bool
+        Whether the record has the points of the solution instead, up to the last of `times`.
 
     Returns
     -------
@@ -281,7 +323,7 @@ def simulate(
         No equilibrium, no state space, or the solution leaves the range of floats.
     """
     board = LinearBoard.of(circuit)
-    (found,) = simulate_together([Task(board, analysis, nodes, times, tolerance, beside)])
+    (found,) = simulate_together([Task(board, analysis, nodes, times, tolerance, beside, resolved)])
     if isinstance(found, EngineError):
         raise found
     return found
@@ -297,6 +339,7 @@ class Task:
     times: Floats | None = None
     tolerance: float = TOLERANCE
     beside: tuple[str, ...] = ()
+    resolved: bool = False
 
     @property
     def stop(self) -> float:
@@ -318,10 +361,27 @@ class Task:
         ended = min(dense.checked(run.name).ends[-1], self.stop)
         diverges = f"the board diverges: it passes {run.limit:.3g} V at {show(ended, 's')}"
         instants = record_times(self.analysis, ended, self.times)
-        waveforms = _record(curve, instants, (diverges,) * dense.escaped)
+        if self.resolved:
+            instants = curve.points()
+        flags = (diverges,) * dense.escaped
+        cycle = None if dense.escaped else self._cycle(dense)
+        waveforms = _record(curve, instants, flags if cycle is None else (*flags, str(cycle)))
         if self.times is not None and dense.escaped:
             raise DivergesError(diverges, waveforms)
         return waveforms
+
+    def _cycle(self, dense: Dense) -> LimitCycle | None:
+        """Return the cycle in which straight pieces end; an unstable board may reach it later."""
+        if not dense.switches:
+            return None
+        found = limit_cycle(dense.switches)
+        if found is None and self.board.state_space.modes.poles[0].real > 0.0:
+            run = replace(SteppedRun.of(self), stop=LATER * self.stop)
+            work = _integrator([run], 1.0)
+            work.most_switches = FOLLOWED
+            (later,) = work.run(np.array([run.stop]))
+            found = None if later.escaped else limit_cycle(later.switches)
+        return found
 
 
 def simulate_together(
@@ -380,14 +440,15 @@ def _record(curve: SteppedCurve, instants: Floats, flags: tuple[str, ...]) -> Wa
 
 def _halve(curves: Sequence[SteppedCurve]) -> None:
     """Integrate the runs of `curves` again with every step halved."""
-    levels = [[level - 1 for level in x.dense.levels for _ in range(2)] for x in curves]
-    outs = integrate([curve.run for curve in curves], levels, REPEATED)
+    outs = integrate([curve.run for curve in curves], [curve.dense for curve in curves])
     for curve, dense in zip(curves, outs, strict=True):
         curve.halves.append(dense)
 
 
-def halved(first: Waveforms) -> Waveforms:
+def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
     """Repeat a run of `simulate`, or of this, with every step halved, at the same instants.
+
+    With `resolved` the instants are those that the new run resolves.
 
     A run with a smaller tolerance would take many of the same steps, since their lengths are powers
     of two, and the difference of the two runs would not show their error. Nor does it show the
@@ -406,7 +467,8 @@ def halved(first: Waveforms) -> Waveforms:
         _halve([curve])
     dense = curve.halves[0].checked(curve.run.name)
     seconds = first.cost.seconds + clock.perf_counter() - began
-    found = _record(SteppedCurve(curve.run, dense, seconds), first.time, ())
+    better = SteppedCurve(curve.run, dense, seconds)
+    found = _record(better, better.points() if resolved else first.time, ())
     return replace(
         found, flags=first.flags, rounding=found.rounding + dense.unresolved(curve.dense)
     )

@@ -21,13 +21,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from taction.system.array_types import Floats, Ints
+from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Devices
-from taction.verification.engines.statespace.transients.radau import tableau
+from taction.verification.engines.statespace.transients.radau import TABLE
+from taction.verification.engines.statespace.transients.straight_pieces import StraightPieces
 
-STAGES = 9
-TABLE = tableau(STAGES)
 SIGMA = TABLE.left.sum(axis=1)
 
 Function = Callable[[Floats], Floats]
@@ -44,6 +43,8 @@ class Amplifiers:
         self.kinds, self.gain, self.count = devices.kinds, gain_of(devices.kinds), devices.count
         self.u_scale = devices.u_scale[None, :, None]
         self.v_scale = devices.v_scale[None, :, None]
+        found = StraightPieces(devices.kinds)
+        self.pieces = found if found.broken.any() else None
 
     @classmethod
     def joined(cls, several: Sequence[Amplifiers]) -> Amplifiers:
@@ -69,6 +70,30 @@ class Amplifiers:
             slope = self._by_row(self.gain.slope, inputs / self.v_scale)
             return np.asarray(-self.u_scale / self.v_scale * slope)
 
+    def steepest(self) -> Floats:
+        """Return the largest slopes of straight pieces, V/V, (R, m); 0 of other amplifiers."""
+        largest = 0.0 if self.pieces is None else self.pieces.steepest
+        return np.asarray((self.u_scale / self.v_scale)[:, :, 0] * largest)
+
+    def along(self, inputs: Floats, segments: Ints) -> Floats:
+        """Return the outputs, V, those of straight pieces along `segments` (R, m), also beyond."""
+        if self.pieces is None:
+            return self.outputs(inputs)
+        rise, offset = (part[:, :, None] for part in self.pieces.lines(segments))
+        lines = -self.u_scale * (rise * (inputs / self.v_scale) + offset)
+        if self.pieces.broken.all():
+            return np.asarray(lines)
+        return np.where(self.pieces.broken[:, None], lines, self.outputs(inputs))
+
+    def slopes_along(self, inputs: Floats, segments: Ints) -> Floats:
+        """Return the mean slopes over inputs (R, m, s), those of straight pieces along theirs."""
+        slopes = self.slopes(inputs).mean(axis=2)
+        if self.pieces is None:
+            return slopes
+        rise, _ = self.pieces.lines(segments)
+        lines = -(self.u_scale / self.v_scale)[:, :, 0] * rise
+        return np.where(self.pieces.broken, lines, slopes)
+
     @staticmethod
     def _by_row(function: Function, y: Floats) -> Floats:
         """Apply a function whose first axis is that of the amplifiers."""
@@ -87,7 +112,11 @@ class Steps(Protocol):
         ...
 
     def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Any, Floats]:
-        """Return the changes of the states, and of inputs and watched nodes (R, m + K, s)."""
+        """Return what `moved` needs, and the changes of inputs and watched nodes (R, m + K, s)."""
+        ...
+
+    def moved(self, parts: Any, weights: Complexes) -> Any:
+        """Return the changes of the states up to where the systems have `weights` (R, k)."""
         ...
 
 
@@ -102,6 +131,10 @@ class Boards(Protocol):
 
     def step(self, length: Floats, slopes: Floats) -> Steps:
         """Prepare a step of each board, of lengths (R,), s, at slopes (R, m), before the next."""
+        ...
+
+    def jumping(self, slopes: Floats) -> Bools:
+        """Return which boards (R,) have several voltages for a state at slopes (R, m)."""
         ...
 
     def part(self, rows: Ints) -> Boards:

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats, Ints
+from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.radau import TABLE
 from taction.verification.engines.statespace.transients.steps import (
     BEYOND,
     SIGMA,
-    TABLE,
     Amplifiers,
 )
 
@@ -55,12 +55,16 @@ class StructuredStep:
         parts[1:] = [self._stages(rhs)]
         return np.asarray(parts[1][0][:, : self.count])
 
-    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Floats, Floats]:
+    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Complexes, Floats]:
         """See `Steps`."""
         stages, x = parts[0]
         for more, y in parts[1:]:
             stages, x = stages + more, x + y
-        return (TABLE.right[-1] @ x).real[None], stages
+        return x, stages
+
+    def moved(self, parts: Complexes, weights: Complexes) -> Floats:
+        """See `Steps`."""
+        return np.asarray((weights[0] @ parts).real[None])
 
 
 class StructuredBoard:
@@ -82,6 +86,10 @@ class StructuredBoard:
     def part(self, rows: Ints) -> StructuredBoard:
         """See `Boards`."""
         return self
+
+    def jumping(self, slopes: Floats) -> Bools:
+        """See `Boards`: not looked for."""
+        return np.zeros(1, dtype=np.bool_)
 
     def state(self, unknowns: Floats) -> Floats:
         """Return the state of all unknowns, which they are themselves."""

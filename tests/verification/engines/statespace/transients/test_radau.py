@@ -11,13 +11,13 @@ import pytest
 
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.transients.dense import Dense
 from taction.verification.engines.statespace.transients.integrator import (
-    Dense,
     Present,
     RadauIntegrator,
 )
-from taction.verification.engines.statespace.transients.radau import tableau
-from taction.verification.engines.statespace.transients.steps import SIGMA, STAGES, TABLE
+from taction.verification.engines.statespace.transients.radau import STAGES, TABLE, tableau
+from taction.verification.engines.statespace.transients.steps import SIGMA
 
 
 def test_three_stages_are_the_published_ones() -> None:
@@ -51,7 +51,7 @@ class Functions:
     """``a = f(v)`` of m amplifiers of one kind."""
 
     def __init__(self, count: int, f: Callable[[Floats], Floats], slope: Any) -> None:
-        self.count, self.f, self.slope = count, f, slope
+        self.count, self.f, self.slope, self.pieces = count, f, slope, None
 
     def outputs(self, inputs: Floats) -> Floats:
         with np.errstate(over="ignore"):
@@ -59,6 +59,9 @@ class Functions:
 
     def slopes(self, inputs: Floats) -> Floats:
         return np.asarray(self.slope(inputs))
+
+    def along(self, inputs: Floats, segments: Ints) -> Floats:
+        return self.outputs(inputs)
 
 
 @dataclass
@@ -122,9 +125,12 @@ class SolvedStep:
         parts[1:] = [self._solved((TABLE.left @ remainder[0].T) @ self.board.E.T)]
         return self._stages(parts[1])[:, : self.board.m]
 
-    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Floats, Floats]:
+    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Any, Floats]:
         x = sum(parts)
-        return (TABLE.right[-1] @ x).real[None], self._stages(x)
+        return x, self._stages(x)
+
+    def moved(self, parts: Any, weights: Any) -> Floats:
+        return np.asarray((weights[0] @ parts).real[None])
 
 
 class OneBoard:
