@@ -18,7 +18,7 @@ from taction.netlist_gen.topologies.frame import laws
 from taction.netlist_gen.topologies.frame.laws import Loops
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import ModeShares
-from taction.verification.engines.statespace.transients.switching import Piece
+from taction.verification.engines.statespace.transients.straight_pieces import StraightPieces
 from taction.verification.readings.readings import Step
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
@@ -253,15 +253,15 @@ SECOND_WITNESS = (
     Mutation(
         "a switch of a piecewise linear amplifier is missed",
         "switches of the state space",
-        planting.in_a_method(Piece, "ends", lambda instant: None),
+        planting.in_a_method(StraightPieces, "ends", lambda ends: tuple(1e9 * end for end in ends)),
         "lasso",
         NGSPICE,
         (AGREE,),
     ),
     Mutation(
-        "a switch of a piecewise linear amplifier is 20 % late",
+        "a piecewise linear amplifier switches 20 % behind its break",
         "switches of the state space",
-        planting.in_a_method(Piece, "ends", lambda instant: None if not instant else 1.2 * instant),
+        planting.in_a_method(StraightPieces, "ends", lambda ends: tuple(1.2 * end for end in ends)),
         "box",
         NGSPICE,
         (AGREE,),

@@ -14,9 +14,10 @@ from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, InputError
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import piecewise
+from taction.verification.engines.statespace.transients.stepped import SteppedCurve, simulate
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.stability.poles import poles
+from taction.verification.verdict.simulation import on_curve, state_space_error
 from tests.support.kinked import kinked_transient
 from tests.support.random_scenes import random_scene
 
@@ -24,6 +25,7 @@ KINDS = ("deadzone", "rectifier", "saturation")
 SHARES = (0.0, 0.5, 1.0)
 POINTS = 1001
 LIVES, GROWN = 12.0, 3.0  # time constants of a stable board, of an unstable one
+TOLERANCE = 1e-7  # of a step
 TRUTH = 1e-10  # of the largest voltage: accuracy of the other transient
 STIFF = 1e-6  # accuracy of its state matrix over the slowest rate, above which it tells nothing
 PROXIMAL = 1e-9  # accuracy of the proximal gradient
@@ -71,10 +73,10 @@ def compare_board(seed: int, points: int = POINTS) -> Comparison:
     if stiff > STIFF:
         raise NotComparableError("too stiff for the other transient")
     stop = (LIVES if found.stable else GROWN) / abs(found.rightmost.real)
-    error, record, first = _differences(board, scene, stop, stiff, points)
+    error, record, bound, first = _differences(board, scene, stop, stiff, points)
     outside = first is not None
     if first is not None:  # the other transient misses a stay that is short beside its steps
-        outside = _differences(board, scene, first, stiff, points)[2] is not None
+        outside = _differences(board, scene, first, stiff, points)[3] is not None
     if solution.trusted:
         given = network.T, network.eps, network.lam, KINDS[seed % 3], SHARES[seed // 3 % 3]
         u = proximal(*given)
@@ -82,25 +84,27 @@ def compare_board(seed: int, points: int = POINTS) -> Comparison:
         if step * _condition(network.T, network.lam, given[-1]) < PROXIMAL / 10.0:  # converged
             gap = float(np.abs(u - solution.u).max())
             outside |= gap > PROXIMAL * (1.0 + float(np.abs(u).max()))
-    assert isinstance(record.curve, piecewise.PiecewiseCurve)
-    switches = len(record.curve.pieces) - 1
-    return Comparison(KINDS[seed % 3], SHARES[seed // 3 % 3], switches, error,
-                      record.rounding, outside)  # fmt: skip
+    assert isinstance(record.curve, SteppedCurve)
+    switches = len(record.curve.dense.switches) - 1
+    return Comparison(KINDS[seed % 3], SHARES[seed // 3 % 3], switches, error, bound, outside)
 
 
 def _differences(
     board: LinearBoard, scene: Scene, stop: float, stiff: float, points: int
-) -> tuple[float, Waveforms, float | None]:
-    """Return the largest difference, V, the engine's record, and the first instant outside, s."""
+) -> tuple[float, Waveforms, float, float | None]:
+    """Return the largest difference, V, the record and its bound, and the first instant outside."""
     times = np.linspace(0.0, stop, points)
     transient = Transient(stop, stop / points, initial=scene.analysis.initial)
-    record = piecewise.simulate(board, transient, times=times)
-    assert isinstance(record.curve, piecewise.PiecewiseCurve)
+    ends = times[[0, -1]]
+    first = simulate(board, transient, times=ends, tolerance=TOLERANCE, resolved=True)
+    found = state_space_error(board, first)
     truth, doubt, _ = kinked_transient(board, transient, times, board.reported(None))
-    size, error = float(np.abs(truth).max()), np.abs(truth - record.values)
-    bounds = record.curve.bounds(times) + doubt.max() + (TRUTH + stiff) * size
-    beyond = times[np.any(error > bounds, axis=1)]
-    return float(error.max()), record, float(beyond[0]) if beyond.size else None
+    size, error = float(np.abs(truth).max()), np.abs(truth - on_curve(found.record, times))
+    bound = found.volts + doubt.max() + (TRUTH + stiff) * size
+    beyond = times[np.any(error > bound, axis=1)]
+    return (
+        float(error.max()), found.record, found.volts, float(beyond[0]) if beyond.size else None,
+    )  # fmt: skip
 
 
 def _condition(T: Floats, lam: float, share: float) -> float:

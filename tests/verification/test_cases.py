@@ -150,3 +150,15 @@ def test_a_channel_rises_long_after_the_board_has_settled(engine: str) -> None:
     rise = verify(scene.with_engine(engine)).measurements.channels[0].rise_time
     assert abs(rise.value - 113.906e-6) <= rise.uncertainty + 1e-9
     assert rise.uncertainty < 2e-3 * rise.value
+
+
+def test_readings_are_seen_where_amplifiers_saturate_at_rest() -> None:
+    """It passed: the points of the record were those of the modes at rest, which are slow."""
+    verdict = verdict_of("saturation-passes", "statespace")
+    assert verdict.outcome is FAIL
+    settled, under = (named(verdict, name) for name in ("settling_time", "undershoot"))
+    assert abs(settled.value - 4.689117521e-6) <= settled.uncertainty + 1e-15
+    assert abs(under.value - 0.00743902) <= under.uncertainty + 1e-8
+    settled = named(verdict_of("saturation-settling", "statespace"), "settling_time")
+    assert abs(settled.value - 340.9034e-9) <= settled.uncertainty + 1e-13
+    assert settled.uncertainty < 1e-11

@@ -164,16 +164,16 @@ def state_space_companion(
         board, transient, times=times, tolerance=tolerance, beside=watched_nodes(board.circuit),
         resolved=stepped,
     )  # fmt: skip
-    if solution.time[-1] < times[-1]:
+    if solution.time[-1] < times[-1] * (1.0 - 1e-9):
         raise EngineError("its record ends before the record of ngspice")
     error = state_space_error(board, solution, wanted)
     if not math.isfinite(error.volts):
         raise EngineError(error.how)
     how = "difference to the state-space engine, and the error of that engine"
-    shown = error.record
+    at = error.record
     if stepped:
-        shown = replace(shown, time=instants, values=on_curve(shown, instants))
-    other = outputs(board.circuit, shown)[np.searchsorted(shown.time, instants)]
+        at = replace(at, time=instants, values=on_curve(at, instants))
+    other = outputs(board.circuit, at)[np.searchsorted(at.time, instants)]
     return Companion(instants, u, other, error.record, error, how)
 
 

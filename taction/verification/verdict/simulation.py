@@ -44,7 +44,7 @@ from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
 
 PATTERNED = 1.0  # of the difference to a model of fewer patterns, which may err hardly more
-HALVED = 0.5  # of the difference to twice the steps: error of the record if it errs a third
+HALVED = 1.25  # of the difference to twice the steps by other roundings of the coefficients
 HALVINGS = 3  # most, where the error of a record is above what is wanted
 
 

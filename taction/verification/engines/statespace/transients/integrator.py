@@ -256,7 +256,7 @@ class RadauIntegrator:
         inputs = watched[:, : self.amplifiers.count, -1:]
         if moves.any():
             now.segments = now.segments + moves
-            self._begin_pieces(moves.any(axis=1), inputs)
+            self._begin_pieces(np.asarray(moves.any(axis=1)), inputs)
         if slow.any():
             self._linearise(slow, inputs)
         if not fixed:

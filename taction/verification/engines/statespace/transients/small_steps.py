@@ -17,7 +17,7 @@ from copy import copy
 
 import numpy as np
 
-from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
@@ -31,6 +31,7 @@ from taction.verification.engines.statespace.transients.steps import (
     Function,
 )
 
+ROUNDED = 4.0 * EPS  # of the coefficients of a board
 DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solves keep
 
 
@@ -105,6 +106,12 @@ class StateBoard:
         self.C = np.concatenate([space.C[places], watched])
         D = np.concatenate([space.D[places], direct])
         self.D, self.H = D[:, :2].sum(axis=1), D[:, 2:]
+        self.draws = 0
+        self._close()
+
+    def _close(self) -> None:
+        """Compute the matrices with the slopes in the place of the amplifiers."""
+        slopes = self.slopes
         loop = np.linalg.inv(np.eye(self.count) - self.H[: self.count] * slopes)
         closed = loop @ self.C[: self.count]
         beyond = np.eye(self.count) + slopes[:, None] * (loop @ self.H[: self.count])
@@ -115,6 +122,22 @@ class StateBoard:
             self.H @ beyond,
         )
         self.constant = self.B + (self.E * slopes) @ (loop @ self.D[: self.count])
+
+    def perturbed(self) -> StateBoard:
+        """Return the board with every coefficient moved by a draw of its rounding.
+
+        A slow mode beside fast ones has few digits in A: a second run by the same matrices has the
+        same errors, one by these shows them.
+        """
+        found = copy(self)
+        found.draws = self.draws + 1
+        draw = np.random.default_rng([1992, found.draws])
+        for name in ("A", "B", "E", "C", "D"):
+            values = getattr(self, name)
+            moved = values * (1.0 + ROUNDED * draw.choice([-1.0, 1.0], values.shape))
+            setattr(found, name, moved)
+        found._close()
+        return found
 
     def state(self, unknowns: Floats) -> Floats:
         """Return the states of all unknowns, (n,)."""

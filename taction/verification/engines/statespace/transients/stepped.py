@@ -177,6 +177,12 @@ class SteppedRun:
             unit, stop * FIRST, ESCAPED * (largest or 1.0), stop,
         )  # fmt: skip
 
+    def perturbed(self) -> SteppedRun:
+        """Return the run of a board whose coefficients are moved by their rounding."""
+        if isinstance(self.board, StructuredBoard):
+            return self
+        return replace(self, board=self.board.perturbed())
+
     @property
     def kind(self) -> tuple[Hashable, ...]:
         """What boards have in common that are integrated together."""
@@ -439,8 +445,9 @@ def _record(curve: SteppedCurve, instants: Floats, flags: tuple[str, ...]) -> Wa
 
 
 def _halve(curves: Sequence[SteppedCurve]) -> None:
-    """Integrate the runs of `curves` again with every step halved."""
-    outs = integrate([curve.run for curve in curves], [curve.dense for curve in curves])
+    """Integrate the runs of `curves` again with every step halved and the coefficients moved."""
+    runs = [curve.run.perturbed() for curve in curves]
+    outs = integrate(runs, [curve.dense for curve in curves])
     for curve, dense in zip(curves, outs, strict=True):
         curve.halves.append(dense)
 
@@ -467,7 +474,7 @@ def halved(first: Waveforms, *, resolved: bool = False) -> Waveforms:
         _halve([curve])
     dense = curve.halves[0].checked(curve.run.name)
     seconds = first.cost.seconds + clock.perf_counter() - began
-    better = SteppedCurve(curve.run, dense, seconds)
+    better = SteppedCurve(curve.run.perturbed(), dense, seconds)
     found = _record(better, better.points() if resolved else first.time, ())
     return replace(
         found, flags=first.flags, rounding=found.rounding + dense.unresolved(curve.dense)

@@ -83,7 +83,7 @@ class Amplifiers:
         lines = -self.u_scale * (rise * (inputs / self.v_scale) + offset)
         if self.pieces.broken.all():
             return np.asarray(lines)
-        return np.where(self.pieces.broken[:, None], lines, self.outputs(inputs))
+        return np.asarray(np.where(self.pieces.broken[:, None], lines, self.outputs(inputs)))
 
     def slopes_along(self, inputs: Floats, segments: Ints) -> Floats:
         """Return the mean slopes over inputs (R, m, s), those of straight pieces along theirs."""
@@ -92,7 +92,7 @@ class Amplifiers:
             return slopes
         rise, _ = self.pieces.lines(segments)
         lines = -(self.u_scale / self.v_scale)[:, :, 0] * rise
-        return np.where(self.pieces.broken, lines, slopes)
+        return np.asarray(np.where(self.pieces.broken, lines, slopes))
 
     @staticmethod
     def _by_row(function: Function, y: Floats) -> Floats:

@@ -127,7 +127,7 @@ class StraightPieces:
 
     def at(self, y: Floats) -> Ints:
         """Return the piece of each input (R, m)."""
-        return (y[:, :, None] >= self.edges[:, 1:-1]).sum(axis=2)
+        return np.asarray((y[:, :, None] >= self.edges[:, 1:-1]).sum(axis=2))
 
     def ends(self, segments: Ints) -> tuple[Floats, Floats]:
         """Return both ends of pieces (R, m)."""

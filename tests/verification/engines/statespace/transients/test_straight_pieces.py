@@ -1,12 +1,12 @@
-"""Boards of piecewise linear amplifiers: switches against an independent transient, and events."""
+"""Boards of straight amplifiers: steps that end at breaks against an independent transient."""
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.polynomial.legendre import legval
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Output
@@ -23,8 +23,17 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import piecewise, simulate
-from taction.verification.engines.statespace.transients.piecewise import PiecewiseCurve
+from taction.verification.engines.statespace.transients.radau import STAGES
+from taction.verification.engines.statespace.transients.simulate import simulate
+from taction.verification.engines.statespace.transients.stepped import SteppedCurve
+from taction.verification.engines.statespace.transients.straight_pieces import (
+    StraightPieces,
+    first_passage,
+    hull,
+    limit_cycle,
+    shortened,
+)
+from taction.verification.verdict.simulation import on_curve, state_space_error
 from tests.support.boards import bare
 from tests.support.kinked import kinked_transient
 from tests.support.piecewise_boards import compare_board
@@ -44,9 +53,14 @@ def one_channel(strain: float, capacitance: float, amplifier: str = "saturation"
     return LinearBoard(synthesise(scene))
 
 
-def curve_of(board: LinearBoard, stop: float) -> PiecewiseCurve:
-    nodes = board.reported(None)
-    return piecewise.solve_pieces(board, Transient(stop, stop), nodes, stop)
+def curve_of(board: LinearBoard, stop: float) -> SteppedCurve:
+    curve = simulate(board, Transient(stop, stop), times=np.array([0.0, stop])).curve
+    assert isinstance(curve, SteppedCurve)
+    return curve
+
+
+def segments_of(curve: SteppedCurve) -> list[tuple[int, ...]]:
+    return [switch.segments for switch in curve.dense.switches]
 
 
 @pytest.mark.parametrize("seed", [0, 3, 30, 41])
@@ -58,70 +72,87 @@ def test_random_boards_are_within_their_bound_of_another_transient(seed: int) ->
 @pytest.mark.parametrize(("name", "stop"), [("lasso", 4e-3), ("non-negative", 1e-4), ("box", 2e-3)])
 def test_the_shipped_scenes_are_within_their_bound(name: str, stop: float) -> None:
     board = LinearBoard(synthesise(load_scene(SCENES / f"{name}.toml")))
-    times = np.linspace(0.0, stop, 51)
-    record = simulate.simulate(board, Transient(stop, stop / 50), times=times)
-    assert record.method == piecewise.METHOD
-    curve = record.curve
-    assert isinstance(curve, PiecewiseCurve)
-    assert len(curve.pieces) > 1
-    truth, doubt, _ = kinked_transient(
-        board, Transient(stop, stop / 50), times, board.reported(None)
-    )
-    assert np.all(np.abs(record.values - truth) <= curve.bounds(times) + doubt + 1e-9)
+    times, transient = np.linspace(0.0, stop, 51), Transient(stop, stop / 50)
+    record = simulate(board, transient, times=times[[0, -1]], tolerance=1e-6, resolved=True)
+    found = state_space_error(board, record)
+    truth, doubt, _ = kinked_transient(board, transient, times, board.reported(None))
+    assert isinstance(record.curve, SteppedCurve)
+    assert len(record.curve.dense.switches) > 1
+    assert np.all(np.abs(on_curve(found.record, times) - truth) <= found.volts + doubt + 1e-9)
+    assert found.volts < 1e-5
+
+
+def test_first_passages_are_those_of_the_polynomials_roots() -> None:
+    """Drawn polynomials of the degree of a step, against their values on a fine grid."""
+    draw, t = np.random.default_rng(7), np.linspace(0.0, 1.0, 20_001)
+    passed = 0
+    for _ in range(400):
+        piece = draw.standard_normal((2, STAGES + 1)) * 0.4 ** np.arange(STAGES + 1)
+        level = draw.uniform(0.0, 1.5)
+        values = legval(2.0 * t - 1.0, piece.T)
+        if (values[:, 0] >= level).any():
+            continue
+        beyond = (values > level).any(axis=0)
+        found = first_passage(1e9 * (hull(piece) - level))
+        if not beyond.any():
+            assert found == 1.0 or values.max() > level - 1e-6
+            continue
+        passed += 1
+        assert t[beyond.argmax()] - t[1] <= found <= t[beyond.argmax()] + 1e-12
+        left, ends, _ = shortened(piece, found)
+        assert ends == pytest.approx(legval(2.0 * found - 1.0, piece.T), abs=1e-12)
+        middle = legval(2.0 * 0.5 * found - 1.0, piece.T)
+        assert legval(0.0, left.T) == pytest.approx(middle, abs=1e-12)
+    assert passed > 20
+
+
+def test_pieces_are_those_of_the_functions() -> None:
+    kinds = ("deadzone", "tanh", "rectifier", "saturation")
+    pieces = StraightPieces(kinds)
+    y = np.array([[-3.0, 0.2, 2.0, 0.5], [0.0, 0.0, -1.0, 7.0]])
+    segments = pieces.at(y)
+    assert segments.tolist() == [[0, 0, 1, 1], [1, 0, 0, 2]]
+    rise, offset = pieces.lines(segments)
+    assert (rise * y + offset)[:, [0, 2, 3]].tolist() == [[-2.0, 2.0, 0.5], [0.0, 0.0, 1.0]]
+    low, high = pieces.ends(segments)
+    assert low[0].tolist() == [-np.inf, -np.inf, 0.0, -1.0]
+    assert high[0].tolist() == [-1.0, np.inf, np.inf, 1.0]
 
 
 def test_channels_that_mirror_each_other_switch_together() -> None:
-    board = LinearBoard(synthesise(load_scene(SCENES / "lasso.toml")))
-    curve = curve_of(board, 1e-3)
-    segments = np.array([piece.active.segments for piece in curve.pieces])
+    curve = curve_of(LinearBoard(synthesise(load_scene(SCENES / "lasso.toml"))), 1e-3)
+    segments = np.array(segments_of(curve))
+    times = np.array([switch.time for switch in curve.dense.switches])
     apart = (segments != segments[:, ::-1]).any(axis=1)
-    assert curve.lengths[apart].sum() <= 1e-9 * curve.stop  # rounding of an input over its slope
-    assert curve.pieces[-1].active.segments == (1, 1, 2, 2, 2, 1, 1)
+    assert np.diff(np.append(times, 1e-3))[apart].sum() <= 1e-9 * 1e-3
+    assert segments[-1].tolist() == [1, 1, 2, 2, 2, 1, 1]
 
 
 def test_an_input_that_only_touches_a_break_changes_nothing_at_once() -> None:
     """Just below and just above a grazing contact the records are alike, with and without it."""
     stop, low, high = 1e-4, 0.6, 0.99
-    for _ in range(60):
+    for _ in range(25):
         middle = 0.5 * (low + high)
-        few = len(curve_of(one_channel(middle, 20e-12), stop).pieces) == 1
+        few = len(segments_of(curve_of(one_channel(middle, 20e-12), stop))) == 1
         low, high = (middle, high) if few else (low, middle)
     below, above = (curve_of(one_channel(strain, 20e-12), stop) for strain in (low, high))
-    assert len(below.pieces) == 1
+    assert len(segments_of(below)) == 1
     times = np.linspace(0.0, stop, 2001)
-    assert below.at(times) == pytest.approx(above.at(times), abs=1e-9)
-    farther = curve_of(one_channel(1.01 * high, 20e-12), stop)
-    assert len(farther.pieces) > 1
-    assert 0.0 < farther.lengths[1] < stop  # behind the break, and back
-
-
-def test_no_input_is_behind_a_break_between_two_switches() -> None:
-    board = LinearBoard(synthesise(load_scene(SCENES / "non-negative.toml")))
-    curve = curve_of(board, 2e-3)
-    for piece, length in zip(curve.pieces, curve.lengths.tolist(), strict=True):
-        y = piece.at(np.linspace(0.0, length, 500))[:, : piece.count]
-        room = 4.0 * piece.slack
-        assert np.all((y >= piece.active.low - room) & (y <= piece.active.high + room))
-
-
-def test_the_states_pass_a_switch_unchanged() -> None:
-    board = LinearBoard(synthesise(load_scene(SCENES / "box.toml")))
-    curve = curve_of(board, 2e-3)
-    for before, after in pairwise(curve.pieces):
-        x, _ = before.state_at(after.begin - before.begin)
-        assert after.active.space.states == before.active.space.states
-        assert after.x == pytest.approx(x, abs=1e-9)
+    assert below.at(times) == pytest.approx(above.at(times), abs=1e-7)
+    farther = curve_of(one_channel(1.01 * high, 20e-12), stop).dense.switches
+    assert len(farther) > 1
+    assert 0.0 < farther[1].time < farther[2].time < stop  # behind the break, and back
 
 
 def test_an_unstable_board_that_saturates_has_a_limit_cycle() -> None:
     board = one_channel(0.3, 3e-12)
     assert board.state_space.modes.poles[0].real > 0.0
-    curve = piecewise.solve_pieces(
-        board, Transient(1e-3, 1e-6), board.reported(None), 1e-3, bounded=False
-    )
-    cycle = curve.limit_cycle()
+    record = simulate(board, Transient(2e-5, 1e-7))
+    assert any("a limit cycle" in flag for flag in record.flags)
+    curve = simulate(board, Transient(2e-4, 1e-6), times=np.array([0.0, 2e-4])).curve
+    assert isinstance(curve, SteppedCurve)
+    cycle = limit_cycle(curve.dense.switches)
     assert cycle is not None
-    assert cycle.multiplier < 1.0
     # The period again, by the crossings of the mean output in another transient.
     times = np.linspace(0.0, 3.0 * cycle.begin + 6.0 * cycle.period, 601)
     truth, _, _ = kinked_transient(board, Transient(times[-1], 1e-6), times, board.reported(None))
@@ -129,9 +160,7 @@ def test_an_unstable_board_that_saturates_has_a_limit_cycle() -> None:
     rising = np.flatnonzero((late[:-1] < 0.0) & (late[1:] >= 0.0))
     period = (rising[-1] - rising[0]) * times[1] / (len(rising) - 1)
     assert period == pytest.approx(cycle.period, rel=1e-2)
-    record = piecewise.simulate(board, Transient(2e-5, 1e-7))
-    assert any("stable limit cycle" in flag for flag in record.flags)
-    assert curve_of(one_channel(0.3, 500e-12), 1e-3).limit_cycle() is None
+    assert limit_cycle(curve_of(one_channel(0.3, 500e-12), 1e-3).dense.switches) is None
 
 
 def own_driver(loop: float, kind: str, amps: float, farads: float = 0.0) -> LinearBoard:
@@ -165,22 +194,22 @@ def test_a_board_that_would_jump_at_a_break_is_refused_in_words(sign: float) -> 
     x = sign * 0.1 * -np.expm1(-np.linspace(0.0, 30.0, 61))
     for loop in (0.3, 0.99):
         share = 0.1 * loop
-        record = piecewise.simulate(
+        record = simulate(
             own_driver(loop, "saturation", amps), Transient(stop, RC),
             times=np.linspace(0.0, stop, 61),
         )  # fmt: skip
         inner = 10.0 * (1.0 - share) * x / (1.0 - loop)
         assert record.values[:, 0] == pytest.approx(np.clip(inner, -1.0, 1.0), abs=1e-6)
     jumping = own_driver(1.1, "saturation", 10.0 * amps)
-    with pytest.raises(EngineError, match=r"amplifiers m .* by a gain above 1: .* and jumps"):
-        piecewise.simulate(jumping, Transient(stop, RC))
+    with pytest.raises(EngineError, match=r"amplifiers drive .* by a gain above 1: .* and jumps"):
+        simulate(jumping, Transient(stop, RC))
     delayed = own_driver(1.1, "saturation", 10.0 * amps, farads=1e-12)
-    assert piecewise.simulate(delayed, Transient(stop, RC)).values[-1] == pytest.approx([sign])
+    assert simulate(delayed, Transient(stop, RC)).values[-1] == pytest.approx([sign])
 
 
 def test_an_amplifier_may_start_on_its_break_and_drive_itself() -> None:
     """It was refused: the voltages beside which a jump counts were still zero."""
     board = own_driver(0.5, "rectifier", -1e-5)
     curve = curve_of(board, 10.0 * RC)
-    assert [piece.active.segments for piece in curve.pieces] == [(1,), (0,)]
-    assert not curve.at(np.linspace(0.0, 10.0 * RC, 50)).any()
+    assert segments_of(curve)[-1] == (0,)
+    assert np.abs(curve.at(np.linspace(0.0, 10.0 * RC, 50))).max() < 1e-8
