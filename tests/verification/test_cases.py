@@ -159,6 +159,7 @@ def test_readings_are_seen_where_amplifiers_saturate_at_rest() -> None:
     settled, under = (named(verdict, name) for name in ("settling_time", "undershoot"))
     assert abs(settled.value - 4.689117521e-6) <= settled.uncertainty + 1e-15
     assert abs(under.value - 0.00743902) <= under.uncertainty + 1e-8
-    settled = named(verdict_of("saturation-settling", "statespace"), "settling_time")
+    third = verdict_of("saturation-settling", "statespace").measurements.channels[2]
+    settled = third.readings["settling_time"]
     assert abs(settled.value - 340.9034e-9) <= settled.uncertainty + 1e-13
     assert settled.uncertainty < 1e-11
