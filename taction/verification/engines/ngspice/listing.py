@@ -77,9 +77,7 @@ def expand(
         commands += ["reset"] if changed else []
         commands.append(LIST)
     with _listing(lines, commands, simulator, seconds) as run:
-        found = run.accept(_listings)
-    if isinstance(found, DidNotLoad):
-        raise found
+        found = _accepted(run)
     if len(found) != len(values):
         raise DidNotLoad(f"ngspice listed {len(found)} of {len(values)} decks")
     return found
@@ -101,7 +99,7 @@ def expand_and_wait(
     if listed and cards and not said:
         return cards, run
     if (left := end - time.perf_counter()) <= 0.0:
-        (cards,) = run.accept(_listings)  # says that its time is over
+        (cards,) = _accepted(run)  # says that its time is over
         return cards, None
     run.cancel()
     (cards,) = expand(text, simulator, seconds=left)
@@ -129,6 +127,14 @@ def _listing(
         waits=waits,
         memory=MEMORY,
     )
+
+
+def _accepted(run: Run) -> tuple[tuple[str, ...], ...]:
+    """Return the cards of every listing."""
+    found = run.accept(_listings)
+    if isinstance(found, DidNotLoad):
+        raise found
+    return found
 
 
 def _read(folder: Path) -> str:
