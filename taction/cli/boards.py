@@ -99,7 +99,11 @@ VERIFY_FILES = Job(
 
 
 def _of_the_scene(call: Call) -> None:
-    call.arguments["scene"] = call.options["scenes"][0]
+    from taction.netlist_gen.scene.axes import with_settings
+    from taction.netlist_gen.scene.loading import load_scene
+
+    scene, settings = call.options["scenes"][0], call.options["settings"]
+    call.arguments["scene"] = with_settings(load_scene(scene), settings) if settings else scene
 
 
 SOLUTION = Job(

@@ -25,7 +25,7 @@ study is `Interrupted`, a `KeyboardInterrupt` with what the study has finished.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +59,20 @@ class TactionError(Exception):
 
     def __str__(self) -> str:
         return shortened(super().__str__())
+
+    def __reduce__(self) -> tuple[Callable[..., TactionError], tuple[Any, ...]]:
+        """Pickle the finished text: the arguments of a subclass are not those of its base."""
+        return _unpickled, (type(self), self.args, dict(self.__dict__))
+
+
+def _unpickled(
+    kind: type[TactionError], args: tuple[Any, ...], state: dict[str, Any]
+) -> TactionError:
+    """Return a pickled error with its text and its attributes."""
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(state)
+    return error
 
 
 @frozen

@@ -25,6 +25,7 @@ from taction.system.frozen import frozen
 TEMPERATURE = "temperature"  # name and kind
 INPUT_ERROR = "input_error"  # kind
 DEVICE = "device"  # kind: an entry of an array that is programmed
+DYNAMIC = ("capacitor", "stray", "opamp_gbw", "coil", "coupling")  # kinds that move no equilibrium
 LEAST = 1e-12  # standard deviation of a device that may be stuck, over itself
 BRANCHES = {"L": "coil", "E": "gain", "F": "gain", "G": "gain", "H": "gain", "K": "coupling"}
 """Kinds of the branches that vary, by their letter; no table of a scene has them."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import written
 
 FILES = ("matrix", "strain", "stress", "file")  # keys that are files
+_BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key of TOML without quotes
 
 
 def scene_text(scene: Scene, folder: str | Path | None = None) -> str:
@@ -67,7 +69,8 @@ def _move(table: dict[str, Any], before: Path, after: Path) -> None:
 def _lines(table: Mapping[str, Any], prefix: str, units: Mapping[str, str]) -> Iterator[str]:
     for key, value in table.items():
         if value is not None:
-            yield f"{key} = {_value(value, prefix + key, units)}"
+            name = key if _BARE.fullmatch(key) else _quoted(key)
+            yield f"{name} = {_value(value, prefix + key, units)}"
 
 
 def _value(value: Any, path: str, units: Mapping[str, str]) -> str:
@@ -78,8 +81,7 @@ def _value(value: Any, path: str, units: Mapping[str, str]) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        text = json.dumps(value, ensure_ascii=False)
-        return text.replace("\x7f", "\\u007f")
+        return _quoted(value)
     if isinstance(value, float):
         if not math.isfinite(value):
             return "inf" if value > 0 else "-inf"
@@ -87,3 +89,8 @@ def _value(value: Any, path: str, units: Mapping[str, str]) -> str:
     if hasattr(value, "tolist"):  # an array in the file
         return repr(value.tolist())
     return repr(value)
+
+
+def _quoted(text: str) -> str:
+    """Return a basic string of TOML."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

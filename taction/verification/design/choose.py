@@ -30,6 +30,7 @@ from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
 from taction.verification.design.choice_plan import CAPACITANCE, GAIN, OPAMP, TOPOLOGY
 from taction.verification.design.trials import (
+    KEPT,
     Trial,
     accepted_parts,
     broken_at_rest,
@@ -91,13 +92,15 @@ class ChosenDesign(Trial):
 
     @property
     def worst(self) -> float:
-        """The largest share; infinite without any."""
-        return max(self.shares.values(), default=math.inf)
+        """The largest share; infinite without any, and where a failure shows in none of them."""
+        left = (self.shares.get(name, 0.0) for name in self.left)
+        hidden = self.outcome != Outcome.PASS.value and min(left, default=0.0) < 1.0
+        return math.inf if hidden else max(self.shares.values(), default=math.inf)
 
     @property
     def worst_share(self) -> float | None:
-        """The largest share; None without any."""
-        return self.worst if self.shares else None
+        """The largest share; None where it is infinite."""
+        return self.worst if math.isfinite(self.worst) else None
 
     @property
     def opamp(self) -> str:
@@ -128,11 +131,17 @@ class BestDesign:
     DOCUMENT = (
         *("* = design", "ngspice = said.outcome", "ngspice_settling_time [s] = said.settling_time"),
         *("ngspice_reason = said.reason", "file"),
+        "yield_at_most # of the built boards, by the place of rest alone, to first order",
     )
 
     design: ChosenDesign
     said: Confirmation
     file: str | None
+
+    @property
+    def yield_at_most(self) -> float | None:
+        """Bound on the yield under the tolerances of the scene; None where nothing says it."""
+        return None if self.said.verdict is None else self.said.verdict.answer.yield_at_most
 
 
 @frozen
@@ -228,7 +237,7 @@ def design_scene(plan: Plan, original: Scene, design: ChosenDesign, rank: int) -
     """Return the scene of a design, to be written: the op-amp's level is that of `original`."""
     scene = with_values(plan.scene, design.values)
     chosen = original.design.opamp
-    kept = {"level", "input_errors"} & chosen.model_fields_set
+    kept = KEPT & chosen.model_fields_set
     opamp = OpAmpChoice.model_validate({"base": design.opamp, **chosen.model_dump(include=kept)})
     name = f"{original.name[:48]}-{rank}-{design.opamp}"[:64]
     table = scene.design.model_copy(update={"opamp": opamp})

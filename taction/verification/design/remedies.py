@@ -22,13 +22,12 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.design.screening import can_estimate
 from taction.verification.design.search import Searched, search_list, search_pair, search_range
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
-from taction.verification.design.trials import Trial, Trials, knobs_with_margin
+from taction.verification.design.trials import OPAMP, Trial, Trials, knobs_with_margin
 from taction.verification.verdict.cause import following
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
 
 LIMIT = 4.0  # s: time limit of a search
-OPAMP = "design.opamp"
 SERIES = ("E24", "E96", "E192", "exact")
 SUPPLIES = (5.0, 9.0, 12.0, 15.0, 18.0, 22.0)
 SHOWN = 4  # op-amps that are proposed

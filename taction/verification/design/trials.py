@@ -33,6 +33,8 @@ from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Effort, verify
 
+OPAMP = "design.opamp"
+KEPT = {"level", "input_errors"}  # keys of an op-amp that say how it is simulated
 BARE = Effort(details=False, full_margin=False)
 
 _Key = tuple[tuple[str, Value], ...]
@@ -182,11 +184,17 @@ class Trials:
             raise OutOfTimeError
 
     def completed(self, changes: Mapping[str, Value]) -> dict[str, Value]:
-        """Return `changes` with lambda, if they would change it."""
+        """Return `changes` with lambda, if they would change it.
+
+        Another op-amp has its own figures; level and input errors stay what the scene asks for.
+        """
         knobs = topology_of(self.scene).knobs(self.scene)
         moved = any(knob.key in changes and "lambda" in knob.moves for knob in knobs)
         held = moved and not {"design.lambda", "design.resistance"}.intersection(changes)
-        return {**changes, **({"design.lambda": self.lam} if held else {})}
+        opamp = self.scene.design.opamp
+        asked = KEPT & opamp.model_fields_set if OPAMP in changes else ()
+        kept = {f"{OPAMP}.{name}": getattr(opamp, name) for name in sorted(asked)}
+        return {**kept, **changes, **({"design.lambda": self.lam} if held else {})}
 
     def scene_at(self, changes: Mapping[str, Value], base: Scene | None = None) -> Scene:
         """Return the scene (or `base`) with a change and the same lambda.

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.part_warnings import ANY_PART
-from taction.netlist_gen.scene.checks import ExcursionCheck, StabilityCheck
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.errors import EngineError
+from taction.system.errors import Complaint, EngineError, InputError
 from taction.system.frozen import frozen
 from taction.system.quantities import percent, show
 from taction.system.results import Result
@@ -131,10 +131,14 @@ def tune(
     EngineError
         No design passes the checks; the message has the one that came closest.
     """
-    ranges = parse_ranges(scene, keys, reach or REACH, max(GRID))
+    reach = REACH if reach is None else reach
+    if not 1.0 < reach < math.inf:
+        accepted = "expected a factor above 1, such as 10"
+        raise InputError("--reach", Complaint("FACTOR", repr(reach), accepted))
+    ranges = parse_ranges(scene, keys, reach, max(GRID))
     check = scene.checks.overshoot
-    limit = overshoot or (OVERSHOOT if check is None else check.max)
-    margin = margin or scene.checks.stability.margin
+    limit = (OVERSHOOT if check is None else check.max) if overshoot is None else overshoot
+    margin = scene.checks.stability.margin if margin is None else margin
     search = _TuneSearch(scene, ranges, limit, margin, any_part, progress)
     before = search.evaluate({each.path: each.own for each in ranges})
     count = GRID[len(ranges)]
@@ -200,10 +204,8 @@ class _TuneSearch:
     @property
     def limited(self) -> Scene:
         """The original scene with the limits as checks."""
-        limits: dict[str, Any] = {"overshoot": ExcursionCheck(max=self.overshoot)}
-        limits |= {"stability": StabilityCheck(margin=self.margin)}
-        checks = self.original.checks.model_copy(update=limits)
-        return self.original.model_copy(update={"checks": checks})
+        limits = {"checks.overshoot.max": self.overshoot, "checks.stability.margin": self.margin}
+        return with_values(self.original, limits)
 
     def begin(self, stage: str, points: int, simplexes: int) -> None:
         """Begin a stage; so many points of the grid and simplexes are left with it."""

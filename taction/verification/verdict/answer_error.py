@@ -24,6 +24,7 @@ from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.problem import Solution
 from taction.verification.verdict.checks import Check, Evidence, Outcome
 from taction.verification.verdict.input_spread import SHARE
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.run_checks import unconfirmed
 
 DECISIVE = ("headroom", "engines_agree", "same_problem")
@@ -41,6 +42,46 @@ def worst_channel(errors: Floats) -> int:
     """
     sizes = np.abs(errors)
     return int(np.argmax(sizes >= (1.0 - ALIKE) * sizes.max(initial=0.0)))
+
+
+@frozen
+class BuiltBoards:
+    """Where boards of real parts rest, to first order in their deviations.
+
+    Attributes
+    ----------
+    distance, error : float
+        Largest distance of an output from the regularised answer that `SHARE` of the boards keep,
+        and the bound on its error, V.
+    least, most : float
+        Bounds on the share of the boards that rest within the limits of the scene: the tolerance
+        of the steady state, and the band of the settling time. The yield is at most `most`.
+    limit : float
+        The smaller one of these limits, a fraction of the step amplitude.
+    varies : str
+        What differs between the boards.
+    """
+
+    distance: float
+    error: float
+    least: float
+    most: float
+    limit: float
+    varies: str
+
+    @classmethod
+    def of(cls, design: PlannedBoard, evidence: Evidence) -> BuiltBoards | None:
+        """Return the boards of a design; None where nothing varies that moves their rest."""
+        spread = design.built_spread()
+        if spread is None:
+            return None
+        checks, amplitude = evidence.checks, evidence.measurements.amplitude
+        targets = np.array([channel.target for channel in evidence.measurements.channels])
+        limit = min(checks.steady_state.tolerance, checks.settling_time.band)
+        doubt = evidence.static_error * amplitude
+        distance, error = spread.distance(targets)
+        least, most = spread.within(targets, limit * amplitude)
+        return cls(distance, error + doubt, least, most, limit, design.varies)
 
 
 @frozen(eq=False, slots=False)
@@ -62,14 +103,16 @@ class AnswerError:
         does not come to rest there, or that was not compared.
     board_error : float
         Bound on the error of `board`, V.
-    boards : float or None
-        The share of boards of the same parts that keep `board`; None: the board as
-        simulated.
+    built : BuiltBoards or None
+        Where boards of real parts rest; None where nothing varies, or `board` is None.
     """
 
     DOCUMENT = (
         *("board_error [stress] = board_share", "board_error_uncertainty [stress] = board_doubt"),
-        "boards # share of the boards that keep it; null: the one simulated",
+        *("built_error [stress] = built_share", "built_error_uncertainty [stress] = built_doubt"),
+        "boards = built_boards # share of the built boards that keep built_error",
+        "varies # what differs between the built boards",
+        "yield_at_most # bound by the place of rest alone, to first order",
         *("true_error [stress]", "true_error_uncertainty [stress] = true_doubt"),
         *("regularisation [stress]", "noise [stress]", "channel = number # from 1"),
         "largest_stress [V] = unit # the true one; if it is not known, that of the answer",
@@ -82,7 +125,7 @@ class AnswerError:
     stress: Floats | None
     board: float | None = None
     board_error: float = 0.0
-    boards: float | None = None
+    built: BuiltBoards | None = None
 
     @classmethod
     def of(
@@ -102,8 +145,10 @@ class AnswerError:
         known = None if stress is None else stress * network.U0
         return cls(network, solution.u * network.U0, error, known)
 
-    def judged(self, evidence: Evidence, checks: Iterable[Check]) -> AnswerError:
-        """Return the errors with the distance of the board.
+    def judged(
+        self, evidence: Evidence, checks: Iterable[Check], design: PlannedBoard | None = None
+    ) -> AnswerError:
+        """Return the errors with the distance of the board; with a design, of built boards too.
 
         There is none for a board that does not come to rest, whose record does not confirm where,
         or where another check doubts that the board is the one that was solved.
@@ -112,14 +157,14 @@ class AnswerError:
             return self
         doubts = any(c.name in DECISIVE and c.outcome is not Outcome.PASS for c in checks)
         amplitude = evidence.measurements.amplitude
-        distance, error, boards = evidence.resting
+        distance, error = evidence.static, evidence.static_error
         if doubts or unconfirmed(evidence) or not math.isfinite(distance + error):
             return self
         return replace(
             self,
             board=distance * amplitude,
             board_error=error * amplitude,
-            boards=SHARE if boards else None,
+            built=None if design is None else BuiltBoards.of(design, evidence),
         )
 
     @functools.cached_property
@@ -172,6 +217,31 @@ class AnswerError:
     def board_doubt(self) -> float | None:
         """Bound on the error of `board_share`."""
         return None if self.board is None else self.board_error / (self.unit or math.inf)
+
+    @property
+    def built_share(self) -> float | None:
+        """The distance that `built_boards` of the built boards keep, as a fraction of `unit`."""
+        return None if self.built is None else self.built.distance / (self.unit or math.inf)
+
+    @property
+    def built_doubt(self) -> float | None:
+        """Bound on the error of `built_share`."""
+        return None if self.built is None else self.built.error / (self.unit or math.inf)
+
+    @property
+    def built_boards(self) -> float | None:
+        """The share of the built boards that keep `built_share`."""
+        return None if self.built is None else SHARE
+
+    @property
+    def varies(self) -> str:
+        """What differs between the built boards; empty if nothing does, or it is not known."""
+        return "" if self.built is None else self.built.varies
+
+    @property
+    def yield_at_most(self) -> float | None:
+        """Bound on the yield: the share of the built boards that rest within the limits."""
+        return None if self.built is None else self.built.most
 
     @property
     def true_doubt(self) -> float | None:

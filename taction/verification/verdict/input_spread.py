@@ -1,52 +1,69 @@
-"""Where boards of the same parts rest: input errors differ from op-amp to op-amp.
+"""Where built boards rest: input errors and parts differ from board to board.
 
-To first order the outputs at rest are normal: the mean is that of the errors, the variance is the
-sum of the squared sensitivities times the variances. A deck has one error of each kind, with one
-sign, in all op-amps; where T has entries of both signs these cancel, and in a built board they do
-not. Where a scene asks for temperatures and supply voltages, the changes of the errors with them,
-and of the resistors, are further errors.
+To first order an output at rest is a sum: each part adds its slope times its deviation. Deviations
+are normal, but those of parts with a uniform tolerance. The distance that 95 % of the boards keep,
+and the share of boards within a limit, are those of `DRAWN` such sums. A deck has one error of each
+kind, with one sign, in all op-amps; where T has entries of both signs these cancel, and in a built
+board they do not. Where a scene asks for temperatures and supply voltages, the changes of the
+errors with them, and of the resistors, are further errors.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import field, replace
 
 import numpy as np
 
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.devices import KINDS
 from taction.netlist_gen.board.variation import (
+    DEVICE,
+    DYNAMIC,
+    INPUT_ERROR,
+    Parameter,
     device_spreads,
-    with_input_errors_at,
+    parameters,
+    vary,
     with_resistors_at,
 )
-from taction.spice_models.input_errors import CHANGES
+from taction.netlist_gen.scene.checks import Tolerances
+from taction.spice_models.input_errors import CHANGES, MOST
 from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
 from taction.system.frozen import frozen
+from taction.system.quantities import percent, show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 
 SHARE = 0.95  # of the boards, which keep the stated distance
 PROBED = 2.0  # standard deviations: where the first order is compared with an equilibrium
-STEPS = 60  # halvings of the interval in which the distance lies
-KNOWN = 64  # spreads of boards that are kept
-NO_SPREAD = 1e-30  # V: a channel with less is beyond a distance, or it is not
+KNOWN = 8  # spreads of boards that are kept
+DRAWN = 2**14  # sums
+SURE = 3.0  # standard deviations of the scatter of a drawn share, in its bound
+SINGLE = 0.02  # of a variance: a uniform part with more is drawn by itself, the others as normal
+NOTHING = Tolerances(
+    resistor=0.0, capacitor=0.0, stray=0.0, opamp_gbw=0.0, opamp_gain=0.0, distribution="normal"
+)
+"""Of a board whose parts have their nominal values."""
 
 
-@frozen(eq=False)
+@frozen(eq=False, slots=False)
 class InputSpread:
-    """The outputs at rest of boards whose op-amps differ in their input errors.
+    """The outputs at rest of boards whose op-amps, or parts, differ.
 
     Attributes
     ----------
-    mean, sigma : ndarray (N,)
+    mean : ndarray (N,)
         V.
+    parts : ndarray (P, N)
+        What each normal deviation adds for one standard deviation, V.
     curvature : float
         Error of the first order, as a share of a deviation.
     largest : str
-        The error that moves the outputs most: an op-amp and its figure.
+        What moves the outputs most: a part, or an op-amp and its figure.
     assumed : bool
         Whether a sheet lacks a largest size, so that a spread is assumed.
     moved : ndarray (N,)
@@ -54,29 +71,38 @@ class InputSpread:
     changes : dict of str to float
         How far each kind of change (`CHANGES`, ``"resistor_drift"``, `KINDS` of devices) moves an
         output by itself in all but 5 % of the boards, V.
+    ends : ndarray (Q, N), optional
+        What each uniform deviation adds at the end of its tolerance, V.
     """
 
     mean: Floats
-    sigma: Floats
+    parts: Floats
     curvature: float
     largest: str
     assumed: bool
     moved: Floats | float = 0.0
     changes: Mapping[str, float] = field(default_factory=dict)
+    ends: Floats | None = None
 
     @classmethod
-    def of(cls, board: LinearBoard, resistors: float = 0.0) -> InputSpread | None:
-        """Return the spread of a board; None if its parts do not vary.
+    def of(
+        cls, board: LinearBoard, resistors: float = 0.0, tolerances: Tolerances = NOTHING
+    ) -> InputSpread | None:
+        """Return the spread of a board; None if nothing varies that moves its rest.
 
         Parameters
         ----------
         resistors : float
             Standard deviation of the change of each resistor by temperature, a fraction.
+        tolerances : Tolerances, optional
+            Of the parts; by default they have their nominal values.
 
         Raises
         ------
         EngineError
             The board has no equilibrium.
+        InputError
+            A tolerance is of no part of the board.
 
         Notes
         -----
@@ -84,96 +110,230 @@ class InputSpread:
         """
         models = board.circuit.models
         devices = {name: own for name, own in device_spreads(board.circuit).items() if own}
-        if not (resistors or devices or any(model.varying for model in models.values())):
+        varied = () if tolerances is NOTHING else parameters(board.circuit, tolerances)
+        at_rest = [p for p in varied if p.kind not in (INPUT_ERROR, DEVICE, *DYNAMIC)]
+        if not (resistors or devices or at_rest or any(m.varying for m in models.values())):
             return None
         if not board.circuit.is_small_signal:
             small = {name: model.small_signal for name, model in models.items()}
             board = LinearBoard(replace(board.circuit, models=small))
-        if resistors or devices or board.descriptor.is_large:
-            return cls._of(board, resistors, devices)
+        if resistors or devices or at_rest or board.descriptor.is_large:
+            return _Deviations(board, resistors, devices, tolerances, at_rest).spread()
         outputs = (*board.circuit.outputs, *board.circuit.opamps, *board.circuit.models.values())
         same = board.descriptor.at_rest, _outputs(board).tobytes(), outputs
-        found = _KNOWN.pop(same, None) or cls._of(board, resistors, devices)
+        found = _KNOWN.pop(same, None)
+        found = found or _Deviations(board, resistors, devices, tolerances, at_rest).spread()
         while len(_KNOWN) >= KNOWN:
             _KNOWN.pop(next(iter(_KNOWN)), None)
         _KNOWN[same] = found
         return found
 
-    @classmethod
-    def _of(
-        cls, board: LinearBoard, resistors: float, devices: Mapping[str, Mapping[str, float]]
-    ) -> InputSpread:
-        """Return the spread of a board at the small-signal level; `devices` are their spreads."""
-        models = board.circuit.models
-        sensitivity = RestSensitivity.of(board)
-        slopes, own = sensitivity.input_errors(), _resistor_slopes(sensitivity, resistors)
-        programmed = _device_slopes(sensitivity, devices)
-        spreads = {
-            f"{cell.name}.{figure}": (each, _value(models[cell.model], figure))
-            for cell in board.circuit.opamps
-            for figure, each in models[cell.model].varying
-        } | dict.fromkeys(own, (Spread(0.0, resistors), 0.0))
-        spreads |= {
-            f"{name}.{kind}": (Spread(0.0, share), 0.0)
-            for name, shares in devices.items()
-            for kind, share in shares.items()
-        }
-        slopes |= own | programmed
-        shifts = np.array([slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()])
-        mean = _outputs(board) + shifts.sum(axis=0)
-        parts = np.array([slopes[name] * each.sigma for name, (each, _) in spreads.items()])
-        sigma = np.sqrt((parts**2).sum(axis=0))
-        worst = int(np.argmax(sigma))
-        largest = list(spreads)[int(np.argmax(np.abs(parts[:, worst])))]
-        curvature = 0.0
-        if sigma[worst] > 0.0:
-            z = PROBED * parts[:, worst] / sigma[worst]
-            deviations = dict(zip(spreads, z.tolist(), strict=True))
-            scale = {name: math.exp(resistors * deviations[name]) for name in own}
-            for name, shares in devices.items():
-                off = sum(share * deviations[f"{name}.{kind}"] for kind, share in shares.items())
-                scale[name] = scale.get(name, 1.0) * math.exp(off)
-            there = with_input_errors_at(with_resistors_at(board.circuit, scale), deviations)
-            off = _outputs(LinearBoard(there)) - mean - parts.T @ z
-            curvature = float(np.abs(off).max()) / (PROBED * float(sigma[worst]))
-        assumed = any(each.assumed for each, _ in spreads.values())
-        kinds = np.array(["resistor_drift" if n in own else n.split(".")[1] for n in spreads])
-        moved, changes = np.zeros(len(sigma)), {}
-        for kind in (*CHANGES, "resistor_drift", *KINDS):
-            if (here := kinds == kind).any():
-                shift, deviation = shifts[here].sum(axis=0), (parts[here] ** 2).sum(axis=0)
-                moved += shift
-                alone = cls(shift, np.sqrt(deviation), 0.0, "", assumed)
-                changes[kind] = alone.distance(np.zeros(len(sigma)))[0]
-        return cls(mean, sigma, curvature, largest, assumed, moved, changes)
+    @functools.cached_property
+    def sigma(self) -> Floats:
+        """The standard deviations of the outputs (N,), V."""
+        uniform = 0.0 if self.ends is None else (self.ends**2).sum(axis=0) / 3.0
+        return np.asarray(np.sqrt((self.parts**2).sum(axis=0) + uniform))
 
     def distance(self, target: Floats) -> tuple[float, float]:
         """Return how far the outputs rest from `target` (N,) in all but 5 % of the boards, V.
 
-        No channel of such a board is farther away. The second number bounds the error. The channels
-        are taken as if one failed without the others, so the distance is never too small.
+        No channel of such a board is farther away. The second number bounds the error.
 
         Examples
         --------
-        >>> one = InputSpread(np.zeros(1), np.ones(1), 0.0, "v_1.offset_voltage", False)
-        >>> round(one.distance(np.zeros(1))[0], 4)
-        1.96
+        >>> one = InputSpread(np.zeros(1), np.ones((1, 1)), 0.0, "v_1.offset_voltage", False)
+        >>> distance, error = one.distance(np.zeros(1))
+        >>> abs(distance - 1.96) < error < 0.05
+        True
         """
+        return max(self._distance(away) for away in self._away(target))
+
+    def within(self, target: Floats, limit: float) -> tuple[float, float]:
+        """Return bounds on the share of boards whose outputs rest at most `limit`, V, off `target`.
+
+        With and without the changes, whichever is less.
+        """
+        found = []
+        for away in self._away(target):
+            farthest, error = np.abs(away + self._sums).max(axis=1), self._first_order(away)
+            ends = [float((farthest <= limit + sign * error).mean()) for sign in (-1.0, 1.0)]
+            found.append((max(ends[0] - _scatter(ends[0]), 0.0), ends[1] + _scatter(ends[1])))
+        least, most = min(found)
+        return least, min(most, 1.0)
+
+    def _away(self, target: Floats) -> list[Floats]:
+        """Return how far the means are from `target`, with and without the changes, V."""
         parts = (0.0, self.moved) if np.any(self.moved) else (0.0,)
-        return max(self._distance(self.mean - part - target) for part in parts)
+        return [self.mean - part - target for part in parts]
 
     def _distance(self, away: Floats) -> tuple[float, float]:
         """Return the distance, and its error, for means that are `away` (N,), V."""
-        size = math.sqrt(2.0) * np.maximum(self.sigma, NO_SPREAD)
-        means, scale = np.concatenate([away, -away]) / np.tile(size, 2), (1.0 / size).tolist() * 2
-        low, high = 0.0, float(np.abs(away).max() + 8.0 * self.sigma.max(initial=0.0))
-        for _ in range(STEPS):
-            middle = 0.5 * (low + high)
-            each = zip(means.tolist(), scale, strict=True)
-            beyond = 0.5 * sum(math.erfc(middle * factor - mean) for mean, factor in each)
-            low, high = (low, middle) if beyond <= 1.0 - SHARE else (middle, high)
-        deviation = float(np.abs(away).max()) + float(self.sigma.max(initial=0.0))
-        return high, self.curvature * deviation + high * 2.0**-40
+        farthest = np.sort(np.abs(away + self._sums).max(axis=1))
+        ranks = DRAWN * (SHARE + _scatter(SHARE) * np.array([-1.0, 0.0, 1.0]))
+        low, middle, high = farthest[np.ceil(ranks).astype(np.int64) - 1].tolist()
+        return middle, max(high - middle, middle - low) + self._first_order(away)
+
+    def _first_order(self, away: Floats) -> float:
+        """Return the error of the first order, V."""
+        return self.curvature * float(np.abs(away).max() + self.sigma.max(initial=0.0))
+
+    @functools.cached_property
+    def _sums(self) -> Floats:
+        """Drawn sums of all deviations, (DRAWN, N), V."""
+        normal, found = self.parts, 0.0
+        if self.ends is not None:
+            single = (self.ends**2 > 3.0 * SINGLE * self.sigma**2).any(axis=1)
+            normal = np.concatenate([normal, self.ends[~single] / math.sqrt(3.0)])
+            found = _standard(int(single.sum()), "uniform") @ self.ends[single]
+        factor = np.linalg.qr(normal, mode="r")
+        return np.asarray(found + _standard(len(factor), "normal") @ factor)
+
+
+def _scatter(share: float) -> float:
+    """Return the bound on the scatter of a drawn share."""
+    return SURE * math.sqrt(max(share * (1.0 - share), 1.0 / DRAWN) / DRAWN)
+
+
+@functools.lru_cache(maxsize=8)
+def _standard(count: int, distribution: str) -> Floats:
+    """Return independent deviations (DRAWN, count): normal of variance 1, or uniform to ±1."""
+    random, shape = np.random.default_rng(95), (DRAWN, count)
+    if distribution == "uniform" or not count:
+        return random.uniform(-1.0, 1.0, shape)
+    drawn = random.standard_normal(shape)
+    drawn -= drawn.mean(axis=0)
+    lower = np.linalg.cholesky(drawn.T @ drawn / DRAWN)
+    return np.asarray(np.linalg.solve(lower, drawn.T).T)  # their covariance is 1
+
+
+@frozen(eq=False, slots=False)
+class _Deviations:
+    """What varies on a board at the small-signal level."""
+
+    board: LinearBoard
+    resistors: float
+    devices: Mapping[str, Mapping[str, float]]
+    tolerances: Tolerances
+    at_rest: list[Parameter]
+
+    def spread(self) -> InputSpread:
+        """Return the spread of the outputs."""
+        board, models = self.board, self.board.circuit.models
+        sensitivity = RestSensitivity.of(board)
+        slopes, own = sensitivity.input_errors(), _resistor_slopes(sensitivity, self.resistors)
+        spreads = {
+            f"{cell.name}.{figure}": (each, _value(models[cell.model], figure))
+            for cell in board.circuit.opamps
+            for figure, each in models[cell.model].varying
+        } | {f"{name}.drift": (Spread(0.0, self.resistors), 0.0) for name in own}
+        spreads |= {
+            f"{name}.{kind}": (Spread(0.0, share), 0.0)
+            for name, shares in self.devices.items()
+            for kind, share in shares.items()
+        }
+        slopes |= {f"{name}.drift": slope for name, slope in own.items()}
+        slopes |= _device_slopes(sensitivity, self.devices)
+        count, names = len(board.circuit.outputs), list(spreads)
+        shifts = [slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()]
+        parts = [slopes[name] * each.sigma for name, (each, _) in spreads.items()]
+        shifts, parts = (np.array(rows).reshape(-1, count) for rows in (shifts, parts))
+        ends = self._tolerance_slopes(sensitivity)
+        uniform = self.tolerances.distribution == "uniform" and bool(self.at_rest)
+        found = InputSpread(
+            _outputs(board) + shifts.sum(axis=0),
+            parts if uniform else np.concatenate([parts, ends / MOST]),
+            0.0,
+            "",
+            any(each.assumed for each, _ in spreads.values()),
+            ends=ends if uniform else None,
+        )
+        every = np.concatenate([parts, ends / (math.sqrt(3.0) if uniform else MOST)])
+        worst = int(np.argmax(found.sigma))
+        labels = [*(_label(name) for name in names), *(p.name for p in self.at_rest)]
+        largest = labels[int(np.argmax(np.abs(every[:, worst])))]
+        curvature = 0.0
+        if found.sigma[worst] > 0.0:
+            z = PROBED * every[:, worst] / found.sigma[worst]
+            off = _outputs(LinearBoard(self._board_at(names, z, uniform=uniform)))
+            off = off - found.mean - every.T @ z
+            curvature = float(np.abs(off).max()) / (PROBED * float(found.sigma[worst]))
+        moved, changes = _changes(names, shifts, parts)
+        return replace(found, curvature=curvature, largest=largest, moved=moved, changes=changes)
+
+    def _tolerance_slopes(self, sensitivity: RestSensitivity) -> Floats:
+        """Return the change of each output for a deviation of one tolerance, V, (parts, N)."""
+        known: dict[str, Floats] = {}
+        if self.at_rest:
+            known = sensitivity.resistors() | sensitivity.gains()
+        rows = [
+            known[each.name] * math.log1p(each.tolerance)
+            if each.name in known
+            else self._probed(sensitivity, each)
+            for each in self.at_rest
+        ]
+        return np.array(rows).reshape(-1, len(self.board.circuit.outputs))
+
+    def _probed(self, sensitivity: RestSensitivity, part: Parameter) -> Floats:
+        """Return the same of a part without an analytic slope, by a difference of equations."""
+        up, down = (sensitivity.towards(self._varied({part.name: z})) for z in (1e-3, -1e-3))
+        return np.asarray((up - down) / 2e-3)
+
+    def _varied(self, z: Mapping[str, float]) -> Circuit:
+        """Return the board with deviations in tolerances; its programmed devices stay."""
+        circuit, tolerances = self.board.circuit, self.tolerances
+        varied = parameters(circuit, tolerances)
+        return vary(circuit, tolerances, np.array([z.get(each.name, 0.0) for each in varied]))
+
+    def _board_at(self, names: list[str], deviations: Floats, *, uniform: bool) -> Circuit:
+        """Return the board with `deviations`, in standard deviations, of errors, then of parts."""
+        own = dict(zip(names, deviations.tolist(), strict=False))
+        size = math.sqrt(3.0) if uniform else MOST
+        z = {name: value / MOST for name, value in own.items()}
+        left = deviations[len(names) :].tolist()
+        z |= {part.name: value / size for part, value in zip(self.at_rest, left, strict=True)}
+        scale: dict[str, float] = {}
+        for name, value in own.items():
+            if name.endswith(".drift"):
+                scale[name.removesuffix(".drift")] = math.exp(self.resistors * value)
+        for name, shares in self.devices.items():
+            off = sum(share * own[f"{name}.{kind}"] for kind, share in shares.items())
+            scale[name] = scale.get(name, 1.0) * math.exp(off)
+        return with_resistors_at(self._varied(z), scale)
+
+
+def _label(name: str) -> str:
+    """Return the name of an error for a sentence."""
+    return name.removesuffix(".drift")
+
+
+def _changes(names: list[str], shifts: Floats, parts: Floats) -> tuple[Floats, dict[str, float]]:
+    """Return what the changes move the mean, V, and how far each kind of change moves an output."""
+    kinds = np.array([name.rpartition(".")[2] for name in names], dtype=object)
+    moved, found = np.zeros(shifts.shape[1]), dict[str, float]()
+    for kind in (*CHANGES, "drift", *KINDS):
+        if (here := kinds == kind).any():
+            shift = shifts[here].sum(axis=0)
+            moved += shift
+            alone = InputSpread(shift, parts[here], 0.0, "", False)
+            name = "resistor_drift" if kind == "drift" else kind
+            found[name] = alone.distance(np.zeros(len(shift)))[0]
+    return moved, found
+
+
+def covered(circuit: Circuit, tolerances: Tolerances, *, drift: bool = False) -> str:
+    """Return what differs between the boards of a spread: ``"resistors 1 %, op-amp errors"``.
+
+    Capacitances and bandwidths do not move the place of rest, so they are not named.
+    """
+    named = {"resistor": "resistors", "opamp_gain": "op-amp gains"}
+    texts = [f"{name} {percent(getattr(tolerances, kind))}" for kind, name in named.items()
+             if getattr(tolerances, kind)]  # fmt: skip
+    texts += ["single parts"] * bool(tolerances.parts)
+    if tolerances.temperature:
+        texts.append(f"temperature ±{show(tolerances.temperature, 'K')}")
+    texts += ["op-amp input errors"] * any(m.varying for m in circuit.models.values())
+    texts += ["programmed devices"] * bool(device_spreads(circuit))
+    return ", ".join([*texts, *["drift of the resistors"] * drift])
 
 
 _KNOWN: dict[tuple[bytes, bytes, tuple[object, ...]], InputSpread] = {}

@@ -20,7 +20,7 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
-from taction.verification.verdict.input_spread import InputSpread
+from taction.verification.verdict.input_spread import InputSpread, covered
 from taction.verification.verdict.transient_plan import TransientPlan
 
 
@@ -68,9 +68,24 @@ class PlannedBoard:
         """Return where boards of the same parts rest; None if all rest at one place, or none."""
         if not self.poles.known_stable:
             return None
+        return InputSpread.of(self.board, self._drift)
+
+    def built_spread(self) -> InputSpread | None:
+        """Return where built boards rest: parts have the tolerances of the scene, too."""
+        if not self.poles.known_stable:
+            return None
+        return InputSpread.of(self.board, self._drift, self.scene.tolerances)
+
+    @property
+    def varies(self) -> str:
+        """What differs between built boards and moves their rest, in words."""
+        return covered(self.circuit, self.scene.tolerances, drift=bool(self._drift))
+
+    @property
+    def _drift(self) -> float:
+        """Standard deviation of the change of each resistor by temperature, a fraction."""
         wanted = self.scene.design
-        kelvin = abs(wanted.surroundings.kelvin)
-        return InputSpread.of(self.board, wanted.temperature_coefficient * kelvin / MOST)
+        return wanted.temperature_coefficient * abs(wanted.surroundings.kelvin) / MOST
 
     @property
     def rest(self) -> Callable[[str], float] | None:

@@ -376,7 +376,9 @@ def judged(
         evidence = replace(evidence, measurements=measured, error=error)
         checks = run_checks(evidence)
     answer = AnswerError.of(ideal.network, ideal.solution, design.problem.stress, ideal.problem)
-    answer = detail("the error of the board", lambda: answer.judged(evidence, checks), answer)
+    built = design if effort.details else None
+    judge = partial(answer.judged, evidence, checks, built)
+    answer = detail("the error of the board", judge, answer)
     clock.begin("error budget")
     constraint, energy, budget = None, None, ErrorBudget()
     if effort.details:

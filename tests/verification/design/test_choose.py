@@ -304,3 +304,22 @@ def test_all_topologies_of_one_problem_are_compared() -> None:
 def test_a_topology_of_another_problem_is_refused(topology: str, text: str) -> None:
     with pytest.raises(InputError, match=text):
         taction.choose(ROOT / "scenes" / "ridge.toml", topology=topology, opamps="opa189", points=2)
+
+
+def test_the_table_says_what_verify_says_of_every_design() -> None:
+    """Slow op-amps whose boards never enter the band are no blue cells and have no share."""
+    tight = with_values(scene(), {"design.opamp.input_errors": "typical"})
+    plan = choice_plan(tight, ChoiceRequest(["ua741", "tl084"], "10pF:22pF", "2.4M:4.7M", 2))
+    with Store(":memory:") as store:
+        list(computed(plan, store, jobs=1))
+        found = designs(plan, store)
+    assert {each.outcome for each in found} > {"fail"}
+    for each in found:
+        verdict = verify(with_values(plan.scene, each.values).with_engine("statespace"))
+        assert each.outcome == verdict.outcome.value
+        bad = {check.name for check in verdict.checks if check.outcome is not Outcome.PASS}
+        assert set(each.left) == bad
+        if each.outcome != "pass":
+            assert each.worst >= 1.0
+            lacking = [c for c in verdict.checks if c.name in bad and c.value is None]
+            assert (each.worst_share is None) or not lacking

@@ -307,3 +307,39 @@ def test_boards_with_other_rests_or_errors_have_spreads_of_their_own(
     assert not np.array_equal(found.mean, own.mean)
     drawn = sampled(other.circuit, 200)
     np.testing.assert_allclose(found.sigma, drawn.std(axis=0), rtol=0.25)
+
+
+@pytest.mark.parametrize(
+    ("parts", "ends", "expected"),
+    [
+        (np.ones((1, 1)), None, 1.959963985),
+        (np.eye(2), None, 2.236476502),  # (2 Phi(q) - 1)^2 = 0.95
+        (np.ones((1, 2)), None, 1.959963985),  # channels that move together
+        (np.zeros((0, 1)), np.ones((1, 1)), 0.95),
+        (np.zeros((0, 1)), np.ones((2, 1)), 2.0 - 0.2**0.5),  # triangular
+        (np.zeros((0, 1)), np.ones((400, 1)), 1.959963985 * (400 / 3) ** 0.5),
+    ],
+)
+def test_the_distance_is_the_quantile_of_the_distribution(
+    parts: Floats, ends: Floats | None, expected: float
+) -> None:
+    count = parts.shape[1]
+    spread = InputSpread(np.zeros(count), parts, 0.0, "", False, ends=ends)
+    distance, error = spread.distance(np.zeros(count))
+    assert abs(distance - expected) < min(error, 0.02 * expected)
+    least, most = spread.within(np.zeros(count), expected)
+    assert least < 0.95 < most < least + 0.02
+
+
+def test_the_slope_of_a_gain_is_the_difference_of_two_equilibria() -> None:
+    circuit = board("linear", opamp=UA741 | {"dc_gain": 2e3, "slew_rate": "1kV/us"})
+    slopes = RestSensitivity.of(LinearBoard(circuit)).gains()
+    for cell in circuit.opamps:
+        model, moved = circuit.models[cell.model], []
+        for factor in (1.001, 1.0 / 1.001):
+            own = replace(model, name="own", dc_gain=model.dc_gain * factor)
+            cells = tuple(replace(c, model="own") if c == cell else c for c in circuit.opamps)
+            models = {**circuit.models, "own": own}
+            moved.append(at_rest(replace(circuit, opamps=cells, models=models)))
+        expected = (moved[0] - moved[1]) / (2.0 * np.log(1.001))
+        np.testing.assert_allclose(slopes[f"{cell.name}.dc_gain"], expected, rtol=1e-4, atol=1e-9)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from taction.verification.report.texts import LEAST_SHARE, figure, quantity, rounded_up
+from taction.verification.report.texts import LEAST_SHARE, figure, percent, quantity, rounded_up
 from taction.verification.verdict.answer_error import AnswerError
+from taction.verification.verdict.input_spread import SHARE
 
 
 def answer_text(answer: AnswerError, *, short: bool = False, volts: bool = True) -> str:
@@ -15,16 +16,30 @@ def answer_text(answer: AnswerError, *, short: bool = False, volts: bool = True)
     """
     if answer.board is None or not answer.unit:
         return ""
-    boards = "The board finds"
-    if answer.boards is not None:
-        boards = f"{100 * answer.boards:g} % of the boards find"
     near = _within(answer.board + answer.board_error, answer.unit)
-    if short:
-        unit = quantity(answer.unit, "V", 3)
-        far = _truth(answer, "it", short=True)
-        return f"{boards} the regularised answer {near} of {unit}; {far}."
-    far = _truth(answer, "that answer")
-    return f"{boards} the regularised answer {near} ({of_unit(answer, volts=volts)}); {far}."
+    unit = f"of {quantity(answer.unit, 'V', 3)}" if short else f"({of_unit(answer, volts=volts)})"
+    built = ""
+    if answer.built is not None and answer.built_boards is not None:
+        wide = _within(answer.built.distance + answer.built.error, answer.unit)
+        built = f", and {100 * answer.built_boards:g} % of built boards {wide}"
+        built += "" if short else f" ({answer.built.varies})"
+    far = _truth(answer, "it" if short else "that answer", short=short)
+    return f"The board as drawn finds the regularised answer {near} {unit}{built}; {far}."
+
+
+def yield_text(answer: AnswerError) -> str:
+    """Return what a board that passes as drawn says of built ones; empty where most of them pass.
+
+    The bound is that of the place of rest alone, to first order in the deviations.
+    """
+    built = answer.built
+    if built is None or built.most >= SHARE:
+        return ""
+    at_most = percent(rounded_up(built.most, 2)) if built.most else "0 %"
+    return (
+        f"passes as drawn; at most {at_most} of built boards pass ({built.varies}):"
+        f" the others rest beyond {percent(built.limit)}, by their sensitivities"
+    )
 
 
 def true_error_text(answer: AnswerError, *, volts: bool = True) -> str:

@@ -33,11 +33,14 @@ from taction.verification.report.texts import (
     figure,
     number_cell,
     outcome_cell,
+    percent,
     quantity,
     readable,
     spaced,
 )
+from taction.verification.report.views.answer import yield_text
 from taction.verification.verdict.cause import band_text
+from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, finite
 
 if TYPE_CHECKING:
@@ -53,7 +56,10 @@ MAP = (
     " limit; empty: unstable, or without a verdict. Circle: passes, with parts that can be bought;"
     " star: among the best."
 )
-WORST = "Worst: the largest value over its limit; below 1 every check passes."
+WORST = (
+    "Worst: the largest value over its limit; below 1 every check passes; -: a check that does not"
+    " pass has no value."
+)
 COMMAND = "taction design choose"
 UNITS = {CAPACITANCE: "F", GAIN: "ohm", G0: "S", U0: "V", FEEDBACK: "S"}
 
@@ -161,7 +167,21 @@ def _best(best: Sequence[ChosenDesign], confirmations: Sequence[Confirmation]) -
         each = said[design.place]
         return Cell(_text_of(each), None, each.outcome.value if each.outcome else "")
 
-    yield Table.of("Best designs", best, {**_columns(best), "ngspice": ngspice})
+    def built(design: ChosenDesign) -> Cell:
+        verdict = said[design.place].verdict
+        share = None if verdict is None else verdict.answer.yield_at_most
+        return Cell("-" if share is None else f"at most {percent(share)}", share)
+
+    columns = {**_columns(best), "yield": built, "ngspice": ngspice}
+    yield Table.of("Best designs", best, columns)
+    lines = (
+        f"{design.opamp}: {text}"
+        for design in best
+        if (verdict := said[design.place].verdict) is not None
+        and verdict.outcome is Outcome.PASS
+        and (text := yield_text(verdict.answer))
+    )
+    yield Notes("Built boards", tuple(lines))
     reasons = (
         f"{design.opamp}: {readable(said[design.place].reason)}"
         for design in best
@@ -211,7 +231,7 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesig
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
         "op-amp load": lambda each: number_cell(each.headroom, "step", 3),
         "output noise": lambda each: number_cell(each.noise, "V", 3),
-        "worst": lambda each: number_cell(each.worst if each.shares else None, "", 3),
+        "worst": lambda each: number_cell(each.worst_share, "", 3),
     }
     if all(design.noise is None for design in designs):
         del columns["output noise"]
@@ -317,16 +337,20 @@ def _points(designs: Sequence[ChosenDesign], name: str, mark: str, size: float) 
 
 
 def _level(design: ChosenDesign | None) -> float:
-    """Return the worst share; not a number for an unstable design."""
+    """Return the worst share; not a number for an unstable design.
+
+    Where a check that does not pass has no value, the share is as bad as the colours go.
+    """
     if design is None or not design.shares:
         return math.nan
-    return max(design.worst, LOW / 10.0)
+    return min(max(design.worst, LOW / 10.0), HIGH)
 
 
 def _hover(design: ChosenDesign | None) -> str:
     if design is None:
         return ""
-    share = figure(design.worst, "", 3) if design.shares else "no value"
+    worst = design.worst_share
+    share = "no value" if worst is None else figure(worst, "", 3)
     values = zip(design.keys, _values(design), strict=True)
     place = ", ".join(f"{NAMES[path]} {_text(path, value)}" for path, value in values)
     outcome = "no parts" if design.refused else design.outcome

@@ -36,7 +36,7 @@ from taction.verification.report.texts import (
     rounded_up,
     spaced,
 )
-from taction.verification.report.views.answer import answer_text, of_unit
+from taction.verification.report.views.answer import answer_text, of_unit, yield_text
 from taction.verification.report.views.board import (
     board_blocks,
     board_lines,
@@ -181,9 +181,10 @@ def _changes(text: str) -> Section:
 
 
 def _checks(verdict: Verdict, notes: Sequence[str]) -> tuple[Block, ...]:
+    passing = [yield_text(verdict.answer)] if verdict.outcome is Outcome.PASS else []
     return (
         Bars("", check_bars(verdict), MARGINS),
-        Notes("", tuple(filter(None, [answer_text(verdict.answer)]))),
+        Notes("", tuple(filter(None, [*passing, answer_text(verdict.answer)]))),
         Notes("", tuple(map(readable, notes))),
         Notes("Warnings", tuple(map(readable, verdict.warnings))),
     )

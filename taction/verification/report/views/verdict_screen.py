@@ -14,7 +14,7 @@ from dataclasses import replace
 from taction.system.quantities import counted, readable
 from taction.verification.report.blocks import TERMINAL, Bar, Bars, Notes, Page, Section
 from taction.verification.report.texts import quantity, spaced
-from taction.verification.report.views.answer import answer_text
+from taction.verification.report.views.answer import answer_text, yield_text
 from taction.verification.report.views.checks import check_bars, decisive_text, nearest_bar
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
@@ -36,9 +36,13 @@ def screen(verdict: Verdict, margins: Sequence[str] = (), *, searched: bool = Fa
         Whether changes that mend the verdict follow, which need lines, too.
     """
     headline = _headline(verdict)
-    notes = tuple(
-        filter(None, (_distance(verdict, margins), answer_text(verdict.answer, short=True)))
+    passes = verdict.outcome is Outcome.PASS
+    said = (
+        yield_text(verdict.answer) if passes else "",
+        _distance(verdict, margins),
+        answer_text(verdict.answer, short=True),
     )
+    notes = tuple(filter(None, said))
     room = MOST - LAST - (CHANGES if searched else 0)
     room -= sum(map(height, (headline, *notes)))
     rows, left = _rows(verdict, room)

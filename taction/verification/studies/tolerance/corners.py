@@ -113,7 +113,7 @@ def worst_of(
     gradient = _gradient(board.by_statespace(), workers, progress)
     progress("sensitivities of the steady state")
     directions = steady_directions(board)
-    gradient["steady_state"] = directions[0].slopes
+    gradient["steady_state"] = directions[0].slopes if directions else np.zeros(len(board.varied))
     ends = [
         ("nominal", np.zeros(len(board.varied))),
         *((quantity.name, np.sign(gradient[quantity.name])) for quantity in reported),

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import DEVICE, INPUT_ERROR, Parameter
+from taction.netlist_gen.board.variation import DEVICE, DYNAMIC, INPUT_ERROR, Parameter
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
 from taction.system.frozen import frozen
@@ -21,7 +21,6 @@ from taction.verification.engines.statespace.linearised.rest_sensitivity import 
 from taction.verification.studies.tolerance.samples import Varied
 
 PROBE = 1e-3  # of the tolerance: the error of a central difference is its square
-DYNAMIC = ("capacitor", "stray", "opamp_gbw", "coil", "coupling")  # kinds that move no equilibrium
 
 
 def rest_slopes(board: Varied) -> Floats:
@@ -110,6 +109,8 @@ class Direction:
 def steady_directions(board: Varied) -> tuple[Direction, ...]:
     """Return the directions of all channels and both signs, the largest error first.
 
+    There are none where no output has to move: errors are fractions of the largest step.
+
     Raises
     ------
     EngineError
@@ -120,6 +121,8 @@ def steady_directions(board: Varied) -> tuple[Direction, ...]:
     Costs what `rest_slopes` costs, and one equilibrium for each direction.
     """
     amplitude = board.step_amplitude
+    if math.isnan(amplitude):
+        return ()
     slopes, centre = rest_slopes(board) / amplitude, _errors(board, np.zeros(len(board.varied)))
     names, found = [parameter.name for parameter in board.varied], []
     for n in range(len(centre)):

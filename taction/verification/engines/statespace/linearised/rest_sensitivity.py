@@ -117,6 +117,24 @@ class RestSensitivity:
                 found[f"{cell.name}.{name}"] = slopes[CHANGES.get(name, name)]
         return found
 
+    def gains(self) -> dict[str, Floats]:
+        """Return ``dy / d ln A0`` (N,), V, of every op-amp at the small-signal level.
+
+        By the names of `variation.parameters`. The gain acts on the input voltage at rest, so a
+        change of its logarithm adds this voltage to the offset.
+        """
+        descriptor, z, found = self.board.descriptor, self.board.equilibrium, dict[str, Floats]()
+        for cell in self.board.circuit.opamps:
+            model = self.board.circuit.models[cell.model]
+            if model.imported is not None or model.large_signal:
+                continue
+            pins, half = (cell.noninverting, cell.inverting), 0.5 * model.rejection_error
+            plus, minus = (0.0 if pin == GROUND else z[pin] for pin in pins)
+            volts = (1.0 + half) * plus - (1.0 - half) * minus + model.input_offset
+            row, gain = gain_stage(model, cell, descriptor)
+            found[f"{cell.name}.dc_gain"] = -gain * volts * self.adjoint[:, row]
+        return found
+
     def _wired(self, matrix: ResistorMatrix) -> Floats:
         """Return the sensitivities to the resistors of a matrix behind its wires, (M, N, outputs).
 
