@@ -59,3 +59,9 @@ def test_quantities_stand_as_an_engineer_writes_them(key: str, value: Any, text:
     scene = parse_scene(data, "scene.toml")
     assert f"\n{key} = {text}\n" in scene_text(scene)
     assert parse_scene(tomllib.loads(scene_text(scene)), "scene.toml") == scene
+
+
+def test_the_name_of_a_part_with_a_dot_is_quoted() -> None:
+    data = {"tolerances": {"parts": {"v_1.gbw": 0.1, "Rf_1_1": 0.002, 'a"b': 0.5}}}
+    scene = parse_scene({"problem": {"kind": "tactile"}, **data}, "scene.toml")
+    assert tomllib.loads(scene_text(scene))["tolerances"] == data["tolerances"]

@@ -29,6 +29,7 @@ from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.views.choose import sheet, view
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.run import computed
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import verify
@@ -308,12 +309,11 @@ def test_a_topology_of_another_problem_is_refused(topology: str, text: str) -> N
 
 def test_the_table_says_what_verify_says_of_every_design() -> None:
     """Slow op-amps whose boards never enter the band are no blue cells and have no share."""
-    tight = with_values(scene(), {"design.opamp.input_errors": "typical"})
-    plan = choice_plan(tight, ChoiceRequest(["ua741", "tl084"], "10pF:22pF", "2.4M:4.7M", 2))
+    plan = choice_plan(scene(), replace(TWO, opamps=["ua741", "ne5534"]))
     with Store(":memory:") as store:
-        list(computed(plan, store, jobs=1))
+        computed(plan, store, jobs=1)
         found = designs(plan, store)
-    assert {each.outcome for each in found} > {"fail"}
+    assert len(found) == 8
     for each in found:
         verdict = verify(with_values(plan.scene, each.values).with_engine("statespace"))
         assert each.outcome == verdict.outcome.value

@@ -210,3 +210,11 @@ def test_the_document_has_values_for_a_scene() -> None:
     document = plain(found)
     assert document["changes"][0]["verified"]
     assert with_values(scene, document["changes"][0]["values"]).design.capacitance < 1e-11
+
+
+def test_another_opamp_keeps_the_level_and_the_input_errors_of_the_scene() -> None:
+    scene = paper({"design.opamp.input_errors": "none", "design.opamp.level": "small-signal"})
+    trials = Trials(scene)
+    changed = trials.scene_at({"design.opamp": "ua741"}).design.opamp
+    assert (changed.base, changed.input_errors, changed.level) == ("ua741", "none", "small-signal")
+    assert changed.gbw is None  # a figure of the scene's own op-amp

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -244,3 +245,17 @@ def test_a_picture_of_a_board_that_never_settled(tmp_path: Path) -> None:
     path = tmp_path / "t.svg"
     draw_sheet(sheet(unsettled), path)
     assert "<svg" in path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("limits", "text"),
+    [
+        ({"overshoot": 0.0}, "an overshoot of 0 %"),
+        ({"margin": 0.0}, "checks.stability.margin = 0.0: must be 1 or more"),
+        ({"reach": 0.0}, "--reach: FACTOR = 0.0: expected a factor above 1"),
+    ],
+)
+def test_an_explicit_zero_is_no_default(limits: dict[str, float], text: str) -> None:
+    scene = load_scene("scenes/tuned-breadboard.toml").with_engine("statespace")
+    with pytest.raises((EngineError, InputError), match=re.escape(text)):
+        tune(scene, ["gain=2.2M:2.4M"] if "reach" not in limits else ["gain"], **limits)

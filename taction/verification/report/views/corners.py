@@ -97,9 +97,10 @@ def _name(corner: Corner) -> str:
 def _remark(corner: Corner) -> str:
     """Return why a corner does not pass, and the parts behind it."""
     failed, largest = corner.result.failed, " ".join(corner.largest)
+    verb = "not decided: " if corner.result.undecided else "fails "
     remarks = (
         corner.result.lost,
-        f"fails {', '.join(map(spaced, failed))}" if failed else "",
+        f"{verb}{', '.join(map(spaced, failed))}" if failed else "",
         f"most moved by {largest}" if largest else "",
     )
     return f"{_name(corner)}: {'; '.join(filter(None, remarks))}" if any(remarks) else ""

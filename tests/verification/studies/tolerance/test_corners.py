@@ -23,6 +23,7 @@ from taction.verification.studies.tolerance.drawing import SampleCollection, run
 from taction.verification.studies.tolerance.samples import evaluate
 from taction.verification.studies.tolerance.steady_directions import rest_slopes, steady_directions
 from taction.verification.studies.tolerance.varied_board import prepare
+from tests.support.making import make_scene
 from tests.support.running import taction as command
 from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_scene
 
@@ -187,3 +188,13 @@ def test_the_worst_corner_at_rest_is_the_first_direction() -> None:
     printed = page_text(view(study))
     assert "first order" in printed
     assert all(name in printed for name in first.largest)
+
+
+def test_a_board_where_nothing_moves_has_corners_without_a_verdict(tmp_path: Path) -> None:
+    problem = {"kind": "matrix", "matrix": [[1.0, 0.3], [-0.2, 0.8]], "strain": [0.0, 0.0]}
+    scene = make_scene(problem=problem, design={"capacitance": "1nF", "lambda": 0.1})
+    with one_thread() as workers:
+        study = worst_corners(scene.with_engine("statespace"), workers)
+    assert study.outcome == "inconclusive"
+    assert study.directions == ()
+    assert "not decided: steady state, settling time" in page_text(view(study))
