@@ -180,7 +180,7 @@ class InputSpread:
     @functools.cached_property
     def _sums(self) -> Floats:
         """Drawn sums of all deviations, (DRAWN, N), V."""
-        normal, found = self.parts, 0.0
+        normal, found = self.parts, np.zeros(len(self.mean))
         if self.ends is not None:
             single = (self.ends**2 > 3.0 * SINGLE * self.sigma**2).any(axis=1)
             normal = np.concatenate([normal, self.ends[~single] / math.sqrt(3.0)])
@@ -234,9 +234,9 @@ class _Deviations:
         slopes |= {f"{name}.drift": slope for name, slope in own.items()}
         slopes |= _device_slopes(sensitivity, self.devices)
         count, names = len(board.circuit.outputs), list(spreads)
-        shifts = [slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()]
-        parts = [slopes[name] * each.sigma for name, (each, _) in spreads.items()]
-        shifts, parts = (np.array(rows).reshape(-1, count) for rows in (shifts, parts))
+        moves = [slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()]
+        sizes = [slopes[name] * each.sigma for name, (each, _) in spreads.items()]
+        shifts, parts = (np.array(rows).reshape(-1, count) for rows in (moves, sizes))
         ends = self._tolerance_slopes(sensitivity)
         uniform = self.tolerances.distribution == "uniform" and bool(self.at_rest)
         found = InputSpread(
