@@ -56,10 +56,10 @@ def _controls(scene: Scene) -> tuple[Finding, Picture]:
         overshoot=[overshoot[k] for k in shown],
     )
     gains = [factor * scene.design.gain / 1e6 for factor in FACTORS]
-    percent = [100.0 * each for each in overshoot]
+    ms, percent = [1e3 * each for each in settling], [100.0 * each for each in overshoot]
     x, style = "gain (MΩ)", "C0o-"
     panels = (
-        Panel("1 % settling time", x, "s", (curve(gains, settling, "", style),), logs="y"),
+        Panel("settling time to ±1 %", x, "ms", (curve(gains, ms, "", style),), logs="y"),
         Panel("overshoot", x, "% of the step", (curve(gains, percent, "", style),)),
     )
     text = "The gain alone trades settling time against overshoot (R and C as they are)."
@@ -100,12 +100,13 @@ def _tuned(scene: Scene) -> tuple[Finding, Picture]:
         rise_time=seconds(verdict.measurements.channels[CENTRE].rise_time),
         simulator=verdict.waveforms.engine,
     )
+    over, times = _front(found.values())
     lines = (
-        curve(*_front(found.values()), "no other gain tried is better than these", "o-"),
-        curve([100.0 * before[1]], [before[0]], "before", "C3s"),
-        curve([100.0 * overshoot], [settling], "after, by ngspice", "C2*"),
+        curve(over, [1e3 * t for t in times], "no other gain tried is better than these", "o-"),
+        curve([100.0 * before[1]], [1e3 * before[0]], "before", "C3s"),
+        curve([100.0 * overshoot], [1e3 * settling], "after, by ngspice", "C2*"),
     )
-    x, y = "overshoot (% of the step)", "1 % settling time (s)"
+    x, y = "overshoot (% of the step)", "settling time to ±1 % (ms)"
     panel = Panel("settling time against overshoot", x, y, lines, logs="y")
     return result, Picture("console", "The trade-off that the gain offers.", (panel,))
 

@@ -34,8 +34,24 @@ STYLE: dict[Any, Any] = {
 
 
 def wrapped(text: str, letters: float) -> str:
-    """Return a text in lines of so many letters, a number and its unit in one of them."""
-    return textwrap.fill(glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters)))
+    """Return a text in the fewest lines of so many letters, which are about equally long.
+
+    A number and its unit stay in one line, and no last line has a single short word.
+
+    Examples
+    --------
+    >>> print(wrapped("Which lambda is best depends on the grid", 36))
+    Which lambda is best
+    depends on the grid
+    """
+    whole, most = glued(text, "\N{NO-BREAK SPACE}"), max(30, int(letters))
+    lines = textwrap.wrap(whole, most)
+    for narrower in range(most - 1, len(whole) // max(len(lines), 1) - 1, -1):
+        tried = textwrap.wrap(whole, narrower)
+        if len(tried) > len(lines):
+            break
+        lines = tried
+    return "\n".join(lines)
 
 
 @contextmanager

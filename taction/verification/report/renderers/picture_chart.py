@@ -40,6 +40,8 @@ THEME = {"ink": "#1a1a1a", "muted": "#555555", "band": "#d9d9d9", "true": GREY}
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"),
             (1e-12, "p"), (1e-15, "f"))  # fmt: skip
 DIVERGING = (BLUE, "#f4f4f2", ORANGE)
+LABELLED = 0.5  # height of the ticks and the label of the horizontal axis, inches
+TURNED = 0.3  # more height of turned names, inches
 LEAST_GAP = 0.055  # between two labels, share of the height of the axes
 
 
@@ -63,9 +65,7 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
         _label(axes, chart, name)
     _end_labels(axes, chart)
     _legend(axes, chart)
-    figure: Any = axes.figure
-    inches = figure.get_figwidth() * axes.get_position().width
-    axes.set_title(wrapped(chart.heading, LETTERS * inches), fontsize="medium")
+    axes.set_title(wrapped(chart.heading, LETTERS * _inches(axes)), fontsize="medium")
 
 
 def colour(name: str) -> str:
@@ -128,13 +128,14 @@ def _label(axes: Axes, chart: Chart, name: str) -> None:
     shown = ""
     if axis.scale == "names":
         getattr(axes, f"set_{name}ticks")(range(len(axis.names)), axis.names)
-        if name == "x" and sum(map(len, axis.names)) > 60:
+        getattr(axes, f"set_{name}lim")(-0.5, len(axis.names) - 0.5)
+        if name == "x" and _crowded(axes, axis):
             axes.tick_params("x", labelrotation=30)
     elif axis.scale == "log":
         if unit and unit != "%":
             ruler.set_major_formatter(EngFormatter(unit))
         else:
-            ruler.set_major_formatter("{x:g}")
+            ruler.set_major_formatter(_power)
             shown = unit
         short = high < (300.0 if name == "y" else 60.0) * low
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
@@ -156,6 +157,25 @@ def _label(axes: Axes, chart: Chart, name: str) -> None:
     if shown and shown != "%":
         title = f"{title} ({shown})".lstrip()
     getattr(axes, f"set_{name}label")(title)
+
+
+def _inches(axes: Axes) -> float:
+    """Return the width of the axes before the layout, inches."""
+    figure: Any = axes.figure
+    return float(figure.get_figwidth() * axes.get_position().width)
+
+
+def _crowded(axes: Axes, axis: Axis) -> bool:
+    """Tell whether the names of a horizontal axis are too long to stand beside each other."""
+    return sum(len(name) + 2 for name in axis.names) > LETTERS * _inches(axes)
+
+
+def _power(value: float, _: object = None) -> str:
+    """Return a tick of a logarithmic axis, far ones as powers of ten, which are short."""
+    if 1e-3 <= value < 1e5:
+        return f"{value:g}"
+    digit, _, exponent = f"{value:.0e}".partition("e")
+    return f"${digit}\\cdot10^{{{int(exponent)}}}$".replace("$1\\cdot", "$")
 
 
 def _prefix(reach: float) -> tuple[float, str]:
@@ -401,6 +421,7 @@ def _end_labels(axes: Axes, chart: Chart) -> None:
 
 def _legend(axes: Axes, chart: Chart) -> None:
     from matplotlib.patches import Patch
+    from matplotlib.transforms import ScaledTranslation
 
     cells = [mark for mark in chart.marks if isinstance(mark, Cells)]
     keys: dict[str, Any] = {
@@ -413,11 +434,17 @@ def _legend(axes: Axes, chart: Chart) -> None:
     if not chart.legend or not keys:
         return
     figure: Any = axes.figure
-    inches = figure.get_figwidth() * axes.get_position().width
-    across = max(1, min(3, int(LETTERS * inches / (6 + max(map(len, keys))))))
+    lower = LABELLED + TURNED * _crowded(axes, chart.x)
+    across = max(1, min(3, int(LETTERS * _inches(axes) / (6 + max(map(len, keys))))))
     places: dict[str, dict[str, Any]] = {
         "beside": {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)},
-        "below": {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": across},
+        "below": {
+            "loc": "upper center",
+            "bbox_to_anchor": (0.5, 0.0),
+            "ncols": across,
+            "bbox_transform": axes.transAxes
+            + ScaledTranslation(0.0, -lower, figure.dpi_scale_trans),
+        },
         "inside": {"loc": "best"},
     }
     axes.legend([*keys.values()], [*keys], fontsize="small", **places[chart.legend])

@@ -140,12 +140,14 @@ def panel_chart(panel: Panel, caption: str) -> Chart:
         Limit(level, "y", f"{text}: {level:.3g}", SERIES[k], "dash")
         for k, (level, text) in enumerate(panel.marks, 1)
     )
+    named = sum(bool(curve.label) for curve in panel.curves) + len(panel.marks)
     return Chart(
         panel.title,
         Axis(panel.x, scale=x),
         Axis(panel.y, scale=y, limits=panel.limits),
         (*map(_curve, panel.curves), *levels),
         summary=caption,
+        legend="inside" if named <= 2 else "below",
         height=330,
     )
 

@@ -165,14 +165,18 @@ def _data(result: SweepResult) -> tuple[dict[str, Any], Names]:
     return data, names
 
 
-def _worth(data: Mapping[str, Any]) -> tuple[list[str], list[str]]:
-    """Return the quantities with a chart, and in words those too small for one."""
+def _worth(data: Mapping[str, Any]) -> tuple[list[str], tuple[str, ...]]:
+    """Return the quantities with a chart, and what is to be said of the others."""
+    empty = [name for name in SHOWN if not np.isfinite(data[name]).any()]
     little = [
         name
         for name in SHOWN
-        if FIGURES[name].unit == "step" and np.nanmax(data[name], initial=0.0) < LEAST_SHARE
-    ]
-    return [name for name in SHOWN if name not in little], [spaced(name) for name in little]
+        if name not in empty and FIGURES[name].unit == "step"
+        and np.nanmax(data[name]) < LEAST_SHARE
+    ]  # fmt: skip
+    said = (("No value at any point", empty), ("Under 1 ppm of the step where it has one", little))
+    lines = tuple(f"{what}: {', '.join(map(spaced, names))}." for what, names in said if names)
+    return [name for name in SHOWN if name not in (*empty, *little)], lines
 
 
 def _charts(result: SweepResult) -> Iterator[Block]:
@@ -188,10 +192,9 @@ def _charts(result: SweepResult) -> Iterator[Block]:
     if len(plan.groups) == MOST_AXES:
         yield from itertools.chain.from_iterable(_multiples(plan, data, names))
         return
-    shown, little = _worth(data)
+    shown, lines = _worth(data)
     yield from _one_or_two(plan, data, names, shown)
-    if little:
-        yield Notes("", (f"Under 1 ppm of the step at every point: {', '.join(little)}.",))
+    yield from [Notes("", lines)] * bool(lines)
 
 
 def _one_or_two(
@@ -237,16 +240,15 @@ def _sheet(result: SweepResult) -> Sheet:
     passing = int((names[..., -1] == "pass").sum())
     engines = " and ".join(ENGINES[engine] for engine in plan.engines)
     title = f"{plan.scene.name}: {passing} of {plan.points} points pass, {engines}"
-    foot = "grey: no value"
+    foot = "grey: no value" if len(plan.groups) > 1 else ""
     if len(plan.groups) == MOST_AXES:
         columns = tuple(_multiples(plan, data, names))
         return Sheet(title, columns, size=(4.2 + 4.4 * len(columns), 8.2), foot=foot)
-    shown, little = _worth(data)
+    shown, lines = _worth(data)
     drawn = list(_one_or_two(plan, data, names, shown))
     if len(plan.groups) == 2:
         foot = f"{drawn[0].summary.partition('all others. ')[2]} Grey: no value."
-    text = Notes("", (f"Under 1 ppm of the step: {', '.join(little)}.",))
-    blocks: list[Block] = [*drawn, *[text] * bool(little)]
+    blocks: list[Block] = [*drawn, *[Notes("", lines)] * bool(lines)]
     return Sheet.of(title, blocks, 3, (6.0, 0.0), (0.0, 8.6), foot)
 
 

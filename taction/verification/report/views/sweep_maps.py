@@ -108,7 +108,13 @@ class Plane:
             what = "No stability boundary" if self.edge is None else "Thick line: interpolated"
             return f" {what}, since {self.boundary.unsolved}."
         if self.edge is None:
-            return " Stability does not change within this map."
+            growth = np.full(1, np.nan) if self.growth is None else self.growth
+            if (growth > 0.0).any() and (growth < 0.0).any():
+                return (
+                    " Stable at some points, unstable at others: no line is between listed values."
+                )
+            where = "within this map" if np.isfinite(growth).all() else "where it is known"
+            return f" Stability does not change {where}."
         return (
             " Thick line: stability boundary, solved between the points (a pole crosses the"
             " imaginary axis)."
@@ -208,7 +214,7 @@ def curve_of(
     y = Axis(banded(name, band_of(plan)), unit, "log" if log else "linear", limits)
     summary = f"{title} over {x.title}; the mark is the result of the point."
     return Chart(
-        title, x, y, tuple(marks), extent(values, unit), summary, (), "below", 340
+        title, x, y, tuple(marks), extent(values, unit), summary, (), "beside", 340
     )  # fmt: skip
 
 
