@@ -64,10 +64,10 @@ class SceneItem(pytest.Item):
 
     def runtest(self) -> None:
         """Verify the scene; SceneFailed without a pass, or if the baseline differs."""
-        from taction.verification.studies.regression.baseline import git_revision
+        from taction.verification.studies.regression.baseline import git_commit
         from taction.verification.studies.regression.run import Status, compare_scene
 
-        result = compare_scene(self.path, self._entry, git_revision(self.path.parent))
+        result = compare_scene(self.path, self._entry, git_commit(self.path.parent).revision)
         if result.fails or result.status in (Status.NO_VERDICT, Status.BAD_INPUT):
             raise SceneFailed(result)
 

@@ -288,14 +288,21 @@ def regress(
     from taction.system.errors import Interrupted
     from taction.verification.report.output_checks import check_folder
     from taction.verification.studies.regression.baseline import baseline_text, load_baseline
+    from taction.verification.studies.regression.baseline_file import NO_COMMIT, commit_of
     from taction.verification.studies.regression.run import regress as run
     from taction.verification.studies.regression.run import updated_baseline
 
     check_folder(str(baseline), "--baseline")
-    entries = {} if update and not Path(baseline).exists() else load_baseline(baseline)
-    report = run(folder, baseline, entries, updated=update, jobs=jobs, progress=progress)
+    fresh = update and not Path(baseline).exists()
+    entries = {} if fresh else load_baseline(baseline)
+    written = NO_COMMIT if fresh else commit_of(baseline)
+    report = run(
+        folder, baseline, entries, written=written, updated=update, jobs=jobs, progress=progress
+    )
     if update:
-        write_atomically(baseline, baseline_text(updated_baseline(report, entries)))
+        kept = updated_baseline(report, entries)
+        same = written.text and kept == entries
+        write_atomically(baseline, baseline_text(kept, written if same else report.commit))
     if report.interrupted:
         raise Interrupted("the finished scenes are in the report", report)
     return report

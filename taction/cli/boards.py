@@ -12,6 +12,7 @@ from click.core import ParameterSource
 
 import taction
 from taction.cli.command import (
+    ANNOTATE,
     ANY_PART,
     ENGINE,
     JOBS,
@@ -60,9 +61,8 @@ def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:
     if call.options["annotate"]:
         from taction.verification.report.junit import annotation_lines
 
-        for document in documents:
-            for line in annotation_lines(document):
-                click.echo(line, err=True)
+        for line in annotation_lines(documents):
+            click.echo(line, err=True)
 
 
 def _annotate_error(error: taction.TactionError, call: Call) -> None:
@@ -140,14 +140,7 @@ VERIFY = Command(
         ),
         option("exclude", multiple=True, metavar="PATTERN", of="verify_files"),
         JUNIT.parameter,
-        option(
-            "annotate",
-            "--annotate/--no-annotate",
-            envvar="GITHUB_ACTIONS",
-            default=False,
-            help="Print errors and warnings on stderr as GitHub shows them at the files; by default"
-            " where GITHUB_ACTIONS is set.",
-        ),
+        ANNOTATE,
         replace(JOBS, of="verify_files"),
         option("changes", type=NumberRange(0), metavar="SECONDS", of="what_to_change"),
         replace(ANY_PART, of="what_to_change"),

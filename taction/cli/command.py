@@ -320,6 +320,14 @@ class NumberRange(click.FloatRange):
 
 SCENE = argument("scene")
 ENGINE = option("engine", type=EngineChoice(ENGINES))
+ANNOTATE = option(
+    "annotate",
+    "--annotate/--no-annotate",
+    envvar="GITHUB_ACTIONS",
+    default=False,
+    help="Print errors and warnings on stderr as GitHub shows them at the files; by default"
+    " where GITHUB_ACTIONS is set.",
+)
 JOBS = option("jobs", type=click.IntRange(1, 4096))
 CLUSTER = option(
     "cluster", metavar="tcp://HOST:PORT", check="verification.studies.running.cluster:check_address"

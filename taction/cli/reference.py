@@ -29,7 +29,7 @@ ENVIRONMENT = {
     "TACTION_FOLDERS": "folders, a JSON list of texts: other files are not read",
     "COLUMNS": "width of the tables where stdout is no terminal; 160 by default",
     "NO_COLOR": "set: no colours on a terminal",
-    "GITHUB_ACTIONS": "true: `taction verify` prints annotations, as with --annotate",
+    "GITHUB_ACTIONS": "true: `taction verify` and `regress` print annotations, as with --annotate",
     "OMP_NUM_THREADS": "threads of the numerical libraries; 1 by default, ngspice uses other cores",
     "OPENBLAS_NUM_THREADS": "the same",
     "MKL_NUM_THREADS": "the same",

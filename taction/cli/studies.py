@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from taction.cli.command import (
+    ANNOTATE,
     ANY_PART,
     CLUSTER,
     DATABASE,
@@ -366,9 +367,19 @@ def _regression_markdown(found: RegressionReport) -> str:
     return markdown(found.page(), "taction regress", level=2)
 
 
+def _annotate_scenes(found: RegressionReport, call: Call) -> None:
+    """Print errors and warnings as GitHub shows them at the files."""
+    if call.options["annotate"]:
+        from taction.verification.report.junit import regression_annotations
+
+        for line in regression_annotations(found):
+            click.echo(line, err=True)
+
+
 REGRESS = Command(
     function="regress",
     before=_look_at_baseline,
+    after=_annotate_scenes,
     outputs=(
         text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:regression_junit"),
         text_file("markdown", "Write a Markdown summary.", _regression_markdown),
@@ -379,6 +390,7 @@ REGRESS = Command(
         argument("folder", metavar="DIR"),
         option("baseline", type=click.Path(), metavar="FILE", reads=True),
         option("update", is_flag=True),
+        ANNOTATE,
         JOBS,
     ),
     ends="Exit status: 1 if a check failed, or if a result differs from the baseline by more than"

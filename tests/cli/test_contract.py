@@ -22,6 +22,7 @@ NAMES = {"models show": "opamp", "models import": "import_model"}  # `models` ha
 # Of the command alone: how the result is shown, and where the files stand.
 SHOWN = {
     "verify": {"scenes", "annotate", "verbose", "solution"},
+    "regress": {"annotate"},
     "new": {"output", "schema", "scene"},
     "reproduce": {"output"},
 }

@@ -109,6 +109,11 @@ def test_annotations_stand_on_stderr_where_github_runs(
         assert "::error" not in result.stdout
     bad = taction("verify", str(folder / "draft-1.toml"))
     assert "::error file=" in bad.stderr
+    table = (str(folder), "--baseline", str(folder.parent / "b.json"), "--jobs", "1")
+    failing = taction("regress", *table, "--update")
+    found = [line for line in failing.stderr.splitlines() if line.startswith("::")]
+    assert any(line.startswith(start.replace("verify (fail)", "regress (new)")) for line in found)
+    assert "::" not in taction("regress", *table, "--no-annotate").stderr
     assert bad.exit_code == 2
     assert "::error" not in taction("verify", slow, "--no-annotate", "--changes", "0").stderr
 

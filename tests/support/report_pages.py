@@ -46,6 +46,7 @@ from taction.verification.report.views import (
 )
 from taction.verification.report.views.sweep import view as sweep_report
 from taction.verification.report.views.verdict import view as verdict_report
+from taction.verification.studies.regression.baseline_file import Commit
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store, StoredResult
 from taction.verification.studies.sweep.plan import Requests
@@ -238,7 +239,7 @@ def _regression() -> Page:
         SceneResult("gone.toml", Status.MISSING, reason=HOSTILE, baseline=entry()),
     )
     return regression.view(
-        RegressionReport(HOSTILE, "baseline.json", "unknown", results, updated=False)
+        RegressionReport(HOSTILE, "baseline.json", Commit(), results, updated=False)
     )
 
 

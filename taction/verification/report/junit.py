@@ -6,7 +6,7 @@ failed check is a failure, an undecided one an error, and what was not run is sk
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -18,7 +18,7 @@ from taction.verification.evidence.stress.case_names import FOLDER
 from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.texts import value_text
 from taction.verification.report.views.files import Document, checks_of, reasons
-from taction.verification.report.views.regression import change_line, remarks
+from taction.verification.report.views.regression import change_line, changes_line, remarks
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
 from taction.verification.verdict.cause import cause, causes, following
@@ -169,20 +169,20 @@ def _verdict_tests(document: Mapping[str, Any]) -> Iterator[JUnitTest]:
 
 
 def _scene_suite(result: SceneResult, report: RegressionReport) -> JUnitSuite:
-    properties = {"status": result.status.value, "revision": report.revision}
+    properties = {"status": result.status.value, "revision": report.commit.revision}
     if result.entry is not None:
         properties["simulator"] = result.entry.solved_by
     if result.baseline is not None:
         properties["baseline revision"] = result.baseline.revision
         properties["baseline simulator"] = result.baseline.solved_by
-    tests = _scene_tests(result, updated=report.updated)
+    tests = _scene_tests(result, report)
     return _scene(result.file, report.folder, tests, result.seconds, properties)
 
 
-def _scene_tests(result: SceneResult, *, updated: bool) -> Iterator[JUnitTest]:
+def _scene_tests(result: SceneResult, report: RegressionReport) -> Iterator[JUnitTest]:
     if not result.checks:
         # An update of the baseline removes the scenes that are gone from the folder.
-        accepted = updated and result.status is Status.MISSING
+        accepted = report.updated and result.status is Status.MISSING
         end: End = "skipped" if accepted else WITHOUT_VERDICT[result.status]
         yield JUnitTest("verify", end, f"{result.status.value}: {result.reason}", result.reason)
         return
@@ -190,10 +190,10 @@ def _scene_tests(result: SceneResult, *, updated: bool) -> Iterator[JUnitTest]:
     if result.baseline is None:
         yield JUnitTest("baseline", "skipped", "new: not in the baseline")
         return
-    lines = remarks(result)
+    lines = [*remarks(result), *_origin(report)]
     for group in dict.fromkeys(d.group for d in result.differences):
         changes = [d for d in result.changes if d.group == group]
-        yield _group_test(group, changes, lines, accepted=updated or not result.fails)
+        yield _group_test(group, changes, lines, accepted=report.updated or not result.fails)
 
 
 def _group_test(
@@ -203,9 +203,8 @@ def _group_test(
     if not changes:
         return JUnitTest(name)
     texts = [change_line(each) for each in changes]
-    more = f" and {len(changes) - 1} more" if len(changes) > 1 else ""
     text = "\n".join([*texts, *lines])
-    return JUnitTest(name, "skipped" if accepted else "failure", texts[0] + more, text)
+    return JUnitTest(name, "skipped" if accepted else "failure", changes_line(changes), text)
 
 
 def _case_test(run: CaseRun) -> JUnitTest:
@@ -222,21 +221,62 @@ _MESSAGE = {"%": "%25", "\r": "%0D", "\n": "%0A"}
 _PROPERTY = _MESSAGE | {":": "%3A", ",": "%2C"}
 
 
-def annotation_lines(document: Document) -> Iterator[str]:
-    """Yield an error for each reason why a file does not pass, and a warning for each warning.
+def annotation_lines(documents: Iterable[Document]) -> Iterator[str]:
+    """Yield an error for each reason why a file does not pass, then a warning for each warning.
 
     Examples
     --------
     >>> bad = {"file": "a.toml", "outcome": "bad input", "error": {"message": "50%"}}
-    >>> list(annotation_lines(bad))
+    >>> list(annotation_lines([bad]))
     ['::error file=a.toml,title=taction verify (bad input)::50%25']
     """
-    file = _escaped(document["file"], _PROPERTY)
-    title = _escaped(f"taction verify ({document['outcome']})", _PROPERTY)
-    for reason in reasons(document):
-        yield f"::error file={file},title={title}::{_escaped(reason, _MESSAGE)}"
-    for warning in document.get("warnings", ()):
-        yield f"::warning file={file},title=taction verify::{_escaped(warning, _MESSAGE)}"
+    documents = list(documents)
+    for each in documents:
+        title = f"taction verify ({each['outcome']})"
+        yield from _annotations("error", each["file"], title, reasons(each))
+    for each in documents:
+        yield from _annotations("warning", each["file"], "taction verify", each.get("warnings", ()))
+
+
+def regression_annotations(report: RegressionReport) -> Iterator[str]:
+    """Yield the errors of a regression run, then as warnings what may explain them.
+
+    The changes of a scene are one error, as GitHub shows ten for a step. A scene that is gone is an
+    error of the baseline.
+    """
+    wrong = [each for each in report.results if _is_wrong(each, report)]
+    for each in wrong:
+        file = report.baseline if each.status is Status.MISSING else _path(each, report)
+        lines = remarks(replace(each, notes=()))
+        moved = [change for change in each.changes if change.group != "checks"]
+        if moved:
+            origin = (f" ({line})" for line in _origin(report))
+            lines.append("".join((changes_line(moved), *origin)))
+        prefix = f"{each.file}: " if each.status is Status.MISSING else ""
+        texts = (prefix + line for line in lines)
+        yield from _annotations("error", file, f"taction regress ({each.status.value})", texts)
+    for each in wrong:
+        yield from _annotations("warning", _path(each, report), "taction regress", each.notes)
+
+
+def _is_wrong(result: SceneResult, report: RegressionReport) -> bool:
+    failed = result.failed if report.updated else result.fails
+    return failed or result.status in (Status.NO_VERDICT, Status.BAD_INPUT)
+
+
+def _origin(report: RegressionReport) -> list[str]:
+    """Return the line that names the commit of the baseline; none where it is unknown."""
+    return [f"baseline of {report.written.text}"] if report.written.text else []
+
+
+def _path(result: SceneResult, report: RegressionReport) -> str:
+    return str(Path(report.folder) / result.file)
+
+
+def _annotations(level: str, file: str, title: str, texts: Iterable[str]) -> Iterator[str]:
+    """Yield workflow commands; GitHub decodes ``%25``, which stands in no other medium."""
+    place = f"file={_escaped(file, _PROPERTY)},title={_escaped(title, _PROPERTY)}"
+    yield from (f"::{level} {place}::{_escaped(text, _MESSAGE)}" for text in texts)
 
 
 def _escaped(text: str, codes: dict[str, str]) -> str:

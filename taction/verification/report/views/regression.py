@@ -20,11 +20,12 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Curve, Outcome
-from taction.verification.report.texts import outcome_cell, readable, spaced, value_text
+from taction.verification.report.texts import outcome_cell, readable, value_text
 from taction.verification.report.views.checks import check_bar
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.regression.baseline import Entry
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
+from taction.verification.verdict.cause import causes
 from taction.verification.verdict.compare import Difference
 
 Row = tuple[Cell, ...]
@@ -43,7 +44,7 @@ EXITS: dict[int, Outcome] = {0: "pass", 1: "fail"}
 
 def view(report: RegressionReport) -> Page:
     """Return the page of a regression run."""
-    revision = (("revision", report.revision), ("baseline", report.baseline))
+    revision = (("revision", report.commit.revision), ("baseline", _baseline(report)))
     changes = tuple(block for each in report.results for block in _scene(each, TERMINAL))
     scenes = (
         Section(f"{result.file}: {result.status.value}", tuple(_scene(result, PAGE)))
@@ -166,17 +167,27 @@ def change_line(change: Difference) -> str:
 
 
 def remarks(result: SceneResult) -> list[str]:
-    """Return what explains the changes of a scene, its failed checks and the reason, in lines."""
-    failed = [check for check in result.checks if check.outcome.value == "fail"]
-    lines = [f"check {spaced(check.name)} fails: {check.reason}" for check in failed]
-    return [*result.notes, *lines, *([result.reason] if result.reason else [])]
+    """Return what explains the changes of a scene, and why it does not pass, in lines."""
+    reasons = [found.text for found in causes(result.checks)] if result.checks else [result.reason]
+    return [*result.notes, *filter(None, reasons)]
+
+
+def changes_line(changes: Sequence[Difference]) -> str:
+    """Return the first of changed quantities, and how many more there are."""
+    more = f" and {len(changes) - 1} more" if len(changes) > 1 else ""
+    return change_line(changes[0]) + more
 
 
 def headline(report: RegressionReport) -> str:
     """Return the counts of the run as one line of text."""
     counts = ", ".join(f"{count} {status}" for status, count in report.count().items())
-    text = f"{report.folder} against {report.baseline}: {counts}"
-    return text if report.revision == "unknown" else f"{text}; at {_short(report.revision)}"
+    text = f"{report.folder} against {_baseline(report)}: {counts}"
+    return f"{text}; at {report.commit.text}" if report.commit.text else text
+
+
+def _baseline(report: RegressionReport) -> str:
+    """Return the file of the baseline and its commit."""
+    return report.baseline + (f" of {report.written.text}" if report.written.text else "")
 
 
 def _short(revision: str) -> str:

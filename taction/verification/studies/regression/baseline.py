@@ -1,6 +1,7 @@
 """The baseline of a regression run: a JSON file with one entry per scene.
 
-The file contains no date and no run time: the same results give the same bytes.
+The head names the commit at which it was written; nothing depends on the time of the run, so the
+same results give the same bytes.
 """
 
 from __future__ import annotations
@@ -32,13 +33,14 @@ from taction.verification.studies.regression.baseline_file import (
     FORMAT,
     MARK,
     MOVE_AWAY,
+    NO_COMMIT,
+    Commit,
     baseline_table,
 )
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict
 
-UNKNOWN = "unknown"
 INSTANTS = 256  # samples of each output in a baseline
 
 ALWAYS = ("step_amplitude", "growth_rate", "frequency", "margin")
@@ -254,10 +256,11 @@ def _entry(data: Any) -> Entry:
     return made
 
 
-def baseline_text(entries: Baseline) -> str:
-    """Return a baseline as the text of its file."""
+def baseline_text(entries: Baseline, written: Commit = NO_COMMIT) -> str:
+    """Return a baseline as the text of its file; `written` is the commit that it names."""
     scenes = {name: plain(entries[name], sparse=True) for name in sorted(entries)}
-    return "".join(_pretty({MARK: FORMAT, "scenes": scenes})) + "\n"
+    head = {"commit": plain(written)} if written.text else {}
+    return "".join(_pretty({MARK: FORMAT, **head, "scenes": scenes})) + "\n"
 
 
 def _pretty(value: Any, indent: str = "\n") -> Iterator[str]:
@@ -276,14 +279,15 @@ def _pretty(value: Any, indent: str = "\n") -> Iterator[str]:
     yield indent + "}"
 
 
-def git_revision(folder: Path) -> str:
-    """Return the commit checked out in the repository of `folder`, or ``"unknown"``."""
+def git_commit(folder: Path) -> Commit:
+    """Return the commit checked out in the repository of `folder`; without git an unknown one."""
     git = shutil.which("git")
     if git is None:
-        return UNKNOWN
+        return NO_COMMIT
+    words = ("show", "-s", "--no-show-signature", "--format=%H %cs", "HEAD")
     try:
         run = subprocess.run(
-            [git, "-C", str(folder), "rev-parse", "--verify", "HEAD"],
+            [git, "-C", str(folder), *words],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
@@ -291,5 +295,5 @@ def git_revision(folder: Path) -> str:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired):
-        return UNKNOWN
-    return run.stdout.strip() if run.returncode == 0 else UNKNOWN
+        return NO_COMMIT
+    return Commit(*run.stdout.split()) if run.returncode == 0 else NO_COMMIT

@@ -6,12 +6,54 @@ import json
 from pathlib import Path
 from typing import Any
 
+from taction.system.documents import read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
+from taction.system.frozen import frozen
 
 FORMAT = 2
 MARK = "taction_baseline"
 MOVE_AWAY = "rename it, and `--update` writes a new baseline"
+UNKNOWN = "unknown"
+
+
+@frozen
+class Commit:
+    """A git commit and its date, as ``2026-11-27``; without git the revision is ``"unknown"``.
+
+    Examples
+    --------
+    >>> Commit("0123456789abcdef", "2026-11-27").text, Commit().text
+    ('commit 0123456789ab, 2026-11-27', '')
+    """
+
+    revision: str = UNKNOWN
+    date: str = ""
+
+    @property
+    def text(self) -> str:
+        """The first twelve digits and the date; empty where it is unknown."""
+        known = self.revision != UNKNOWN
+        return ", ".join(filter(None, (f"commit {self.revision[:12]}", self.date))) if known else ""
+
+
+NO_COMMIT = Commit()
+
+
+def commit_of(path: str | Path) -> Commit:
+    """Return the commit at which a baseline was written; an unknown one of an older baseline.
+
+    Raises
+    ------
+    InputError
+        See `baseline_table`; or the head has another value than a commit.
+    """
+    data = baseline_table(path).get("commit", {})
+    try:
+        return read(Commit, data)
+    except ValueError as error:
+        reason = f"damaged: {error}; restore the file, or {MOVE_AWAY}"
+        raise InputError(Path(path), Complaint("commit", "", reason)) from None
 
 
 def baseline_table(path: str | Path) -> dict[str, Any]:

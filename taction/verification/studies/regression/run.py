@@ -28,12 +28,13 @@ from taction.verification.studies.regression.baseline import (
     Baseline,
     Entry,
     Observation,
-    git_revision,
+    git_commit,
     observe,
 )
+from taction.verification.studies.regression.baseline_file import NO_COMMIT, Commit
 from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.studies.scene_files import find_scenes
-from taction.verification.verdict.cause import band_text
+from taction.verification.verdict.cause import band_text, causes, named
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import (
     Difference,
@@ -191,7 +192,7 @@ class SceneResult:
     checks: tuple[Check, ...] = ()
     differences: tuple[Difference, ...] = ()
     notes: tuple[str, ...] = ()  # possible explanations of the differences
-    reason: str = ""  # why there is no verdict
+    reason: str = ""  # why it does not pass: failed checks with value and limit, or an error
     entry: Entry | None = None
     baseline: Entry | None = None
     seconds: float = 0.0  # wall time of the verification
@@ -200,14 +201,16 @@ class SceneResult:
     def changes(self) -> tuple[Difference, ...]:
         """Differences above their tolerance, the largest first; infinite differences lead.
 
-        The note of a settling time is its band.
+        The note of a settling time is its band, that of a check its cause with value and limit.
         """
         band = next(filter(None, map(band_text, self.checks)), "")
+        notes = {name: found.text for found in causes(self.checks) for name in named(found)}
         changed = (
-            replace(d, note=d.note or band) if d.name == "settling_time" else d
+            replace(d, note=notes.get(d.name, "")) if d.group == "checks"
+            else replace(d, note=d.note or band) if d.name == "settling_time" else d
             for d in self.differences
             if d.beyond
-        )
+        )  # fmt: skip
         return tuple(sorted(changed, key=lambda d: -d.off))
 
     @property
@@ -242,19 +245,24 @@ class SceneResult:
 
 @frozen
 class RegressionReport(Result):
-    """Comparison of a folder with its baseline; `revision` is the commit that is checked out."""
+    """Comparison of a folder with its baseline.
+
+    `commit` is checked out; at `written` the baseline was written.
+    """
 
     VIEW = "taction.verification.report.views.regression:view"
     DOCUMENT = (
-        *("exit_status", "folder", "baseline", "revision", "updated", "interrupted"),
+        *("exit_status", "folder", "baseline", "revision = commit.revision"),
+        *("baseline_commit = written", "updated", "interrupted"),
         *("counts = count", "scenes = results"),
     )
 
     folder: str
     baseline: str
-    revision: str
+    commit: Commit
     results: tuple[SceneResult, ...]
     updated: bool
+    written: Commit = NO_COMMIT
 
     @property
     def interrupted(self) -> bool:
@@ -292,6 +300,7 @@ def regress(
     baseline_file: str | Path,
     baseline: Baseline,
     *,
+    written: Commit = NO_COMMIT,
     updated: bool = False,
     jobs: int | None = 1,
     progress: Callable[[str], None] = lambda stage: None,
@@ -308,9 +317,9 @@ def regress(
     NoVerdictError
         The processes do not start.
     """
-    files, revision = find_scenes(folder), git_revision(Path(folder))
+    files, commit = find_scenes(folder), git_commit(Path(folder))
     names = [printable(path.name) for path in files]
-    arguments = [(baseline.get(name), revision) for name in names]
+    arguments = [(baseline.get(name), commit.revision) for name in names]
     found = for_each_file(compare_scene, files, arguments, jobs=jobs, progress=progress)
     results = [_result(name, result) for name, result in zip(names, found, strict=True)]
     reason = "in the baseline, but not in the folder"
@@ -318,7 +327,9 @@ def regress(
         SceneResult(name, Status.MISSING, reason=reason, baseline=baseline[name])
         for name in sorted(set(baseline) - set(names))
     ]
-    return RegressionReport(str(folder), str(baseline_file), revision, tuple(results), updated)
+    return RegressionReport(
+        str(folder), str(baseline_file), commit, tuple(results), updated, written
+    )
 
 
 def _result(name: str, found: SceneResult | BaseException | None) -> SceneResult:
@@ -373,7 +384,7 @@ def _compared(
         checks=verdict.checks,
         differences=differences,
         notes=() if then is None else tuple(_notes(now.entry, then)),
-        reason=_undecided(verdict.checks),
+        reason="; ".join(found.text for found in causes(verdict.checks)),
         entry=now.entry,
         baseline=then,
         seconds=seconds,
@@ -399,11 +410,6 @@ def _unchanged(result: SceneResult) -> bool:
         return False
     same = new.record.outcome == old.record.outcome and new.checks == old.checks
     return same and new.fingerprint == old.fingerprint and not result.changes
-
-
-def _undecided(checks: Iterable[Check]) -> str:
-    undecided = (check for check in checks if check.outcome is Outcome.INCONCLUSIVE)
-    return "; ".join(f"{check.name}: {check.reason}" for check in undecided)
 
 
 def _notes(now: Entry, then: Entry) -> Iterable[str]:

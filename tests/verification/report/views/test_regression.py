@@ -13,10 +13,11 @@ from lxml import etree
 from taction.system.documents import plain
 from taction.verification.report.blocks import PAGE, TERMINAL, Table
 from taction.verification.report.charts import Chart
-from taction.verification.report.junit import regression_junit
+from taction.verification.report.junit import regression_annotations, regression_junit
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.regression import SHOWN, view
+from taction.verification.studies.regression.baseline_file import Commit
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import Difference, words
@@ -81,7 +82,8 @@ RESULTS = (
 
 
 def report(*results: SceneResult, updated: bool = False) -> RegressionReport:
-    return RegressionReport("scenes", "b.json", "c" * 40, results or RESULTS, updated)
+    commit, written = Commit("c" * 40, "2026-11-27"), Commit("b" * 40, "2026-11-20")
+    return RegressionReport("scenes", "b.json", commit, results or RESULTS, updated, written)
 
 
 def parsed(text: str) -> etree._Element:
@@ -235,3 +237,53 @@ def test_the_output_that_changed_most_is_drawn_over_its_baseline() -> None:
     assert [(curve.name, curve.y) for curve in chart.marks] == [
         ("baseline", (0.0, 2.0)), ("now", (0.0, 3.0))
     ]  # fmt: skip
+
+
+SLOW = Check("settling_time", Outcome.FAIL, 2e-3, 1e-6, 1e-3, None, "s", "to ±5 %")
+LIMIT = "settles to ±5 % in 2 ms (limit: at most 1 ms)"
+BROKEN = SceneResult(
+    "slow.toml", Status.BROKEN, (SLOW,), (words("checks", "settling_time", None, "pass", "fail"),),
+    ("simulator was ngspice-39, now ngspice-46",), LIMIT, entry(), entry(),
+)  # fmt: skip
+MOVED = "u_0: 1.5 V, baseline 1 V, tolerance 10 mV, 50 tolerances off"
+
+
+def test_a_reason_has_value_and_limit_in_every_medium_and_no_escape() -> None:
+    both = report(BROKEN, replace(RESULTS[1], differences=changed()))
+    junit, page, screen = regression_junit(both), markdown(view(both)), page_text(view(both))
+    document = json.dumps(plain(both), ensure_ascii=False)
+    for text in (junit, page, screen, document):
+        assert LIMIT in text
+        assert "%25" not in text
+    for suite in ("slow", "changed"):
+        for failure in parsed(junit).iterfind(f"testsuite[@name='{suite}']//failure"):
+            assert {"slow": LIMIT, "changed": MOVED}[suite] in failure.get("message")
+    assert "\nbaseline of commit bbbbbbbbbbbb, 2026-11-20" in junit
+    assert "1.5 V" in screen
+    assert "10 mV" in screen
+
+
+def test_annotations_are_errors_with_value_limit_and_commit_then_warnings() -> None:
+    both = report(BROKEN, RESULTS[0], replace(RESULTS[1], differences=changed()), RESULTS[7])
+    lines = list(regression_annotations(both))
+    at = "baseline of commit bbbbbbbbbbbb, 2026-11-20"
+    slow, now = LIMIT.replace("%", "%25"), "simulator was ngspice-39, now ngspice-46"
+    assert lines == [
+        f"::error file=scenes/slow.toml,title=taction regress (broken)::{slow}",
+        f"::error file=scenes/changed.toml,title=taction regress (changed)::waveform {MOVED}"
+        f" (max norm) ({at})",
+        "::error file=b.json,title=taction regress (missing)::gone.toml: not in the folder",
+        f"::warning file=scenes/slow.toml,title=taction regress::{now}",
+        f"::warning file=scenes/changed.toml,title=taction regress::{now}",
+    ]
+    assert next(regression_annotations(replace(both, updated=True))) == lines[0]
+    assert not list(regression_annotations(report(*RESULTS[3:5])))
+
+
+def test_the_head_says_at_which_commits_the_baseline_and_the_run_are() -> None:
+    line = page_text(view(report(RESULTS[0])))
+    assert "scenes against b.json of commit bbbbbbbbbbbb, 2026-11-20: 1 same" in line
+    assert "at commit cccccccccccc, 2026-11-27" in line
+    without = replace(report(RESULTS[0]), commit=Commit(), written=Commit())
+    assert "scenes against b.json: 1 same" in page_text(view(without))
+    assert "commit" not in page_text(view(without))

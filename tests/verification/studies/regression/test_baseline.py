@@ -11,18 +11,19 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.loading import load_scene
+from taction.system.documents import plain
 from taction.system.errors import InputError
 from taction.verification.studies.regression.baseline import (
     FORMAT,
     INSTANTS,
-    UNKNOWN,
     Observation,
     baseline_text,
     fingerprint,
-    git_revision,
+    git_commit,
     load_baseline,
     observe,
 )
+from taction.verification.studies.regression.baseline_file import Commit, commit_of
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.entries import entry, write_fast
 from tests.support.making import write_matrix_scene
@@ -87,9 +88,9 @@ def test_the_revision_is_git_s_own_or_unknown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
-    assert git_revision(tmp_path) == UNKNOWN
+    assert git_commit(tmp_path) == Commit()
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert git_revision(tmp_path) == UNKNOWN
+    assert git_commit(tmp_path) == Commit()
     monkeypatch.undo()
 
     def git(*words: str) -> str:
@@ -101,11 +102,21 @@ def test_the_revision_is_git_s_own_or_unknown(
         git("init", "-q")
     except FileNotFoundError:
         pytest.skip("no git")
-    assert git_revision(tmp_path) == UNKNOWN  # no commit yet
+    assert git_commit(tmp_path) == Commit()  # no commit yet
     git("commit", "-q", "--allow-empty", "-m", "first")
-    revision = git_revision(tmp_path)
-    assert revision == git("rev-parse", "HEAD")
-    assert len(revision) == 40
+    commit = git_commit(tmp_path)
+    assert commit.revision == git("rev-parse", "HEAD")
+    assert len(commit.revision) == 40
+    assert commit.date == git("log", "-1", "--format=%cs")
+    file = tmp_path / "b.json"
+    file.write_text(baseline_text({"a.toml": entry()}, commit))
+    assert json.loads(file.read_text())["commit"] == plain(commit)
+    assert (commit_of(file), load_baseline(file)) == (commit, {"a.toml": entry()})
+    file.write_text(baseline_text({}))
+    assert commit_of(file) == Commit()
+    file.write_text('{"taction_baseline": 2, "commit": 3, "scenes": {}}')
+    with pytest.raises(InputError, match=r"commit.*damaged"):
+        commit_of(file)
 
 
 def test_a_text_is_no_number(tmp_path: Path) -> None:
