@@ -87,7 +87,7 @@ class Amplifiers:
 
     def slopes_along(self, inputs: Floats, segments: Ints) -> Floats:
         """Return the mean slopes over inputs (R, m, s), those of straight pieces along theirs."""
-        slopes = self.slopes(inputs).mean(axis=2)
+        slopes = np.asarray(self.slopes(inputs).mean(axis=2))
         if self.pieces is None:
             return slopes
         rise, _ = self.pieces.lines(segments)
