@@ -33,7 +33,8 @@ class Edge:
     below, above : int
         Number of unstable poles below and above the value; at most 1 where not all poles are known.
     bound : float
-        Bound on the error of `value`, in its unit; 0 where only rounding moves it.
+        Bound on the error of `value`, in its unit, by the poles on both sides; 0 before these are
+        known.
     """
 
     value: float
@@ -103,7 +104,7 @@ class Edges:
     def mapped(self, to: Callable[[float], float]) -> Edges:
         """Return the same edges over another value, a monotonic function of this one."""
         low, high, near = to(self.low), to(self.high), tuple(map(to, self.near))
-        edges = tuple(replace(edge, value=to(edge.value)) for edge in self.edges)
+        edges = tuple(replace(edge, value=to(edge.value), bound=0.0) for edge in self.edges)
         if low <= high:
             return Edges(low, high, edges, near, self.lowest)
         edges = tuple(replace(edge, below=edge.above, above=edge.below) for edge in edges[::-1])

@@ -24,6 +24,7 @@ from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
+from taction.verification.stability.certificate import Claim, certify
 from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch, trace_together
 from taction.verification.stability.poles import (
@@ -127,8 +128,16 @@ class Family:
         """Return the poles at a value."""
         return poles(self.board(value))
 
-    def edges(self, low: float, high: float, found: Poles | None = None) -> Edges:
+    def edges(
+        self,
+        low: float,
+        high: float,
+        found: Poles | None = None,
+        values: Sequence[float] = (),
+    ) -> Edges:
         """Find every edge from `low` to `high` (above zero); `found`: poles at `own`.
+
+        The edges agree with the poles at `values`, too.
 
         Raises
         ------
@@ -139,7 +148,7 @@ class Family:
         -----
         Costs the loci, or a scan: the poles of `PER_DECADE` boards per decade, and more.
         """
-        (edges,) = edges_together([EdgeSearch(self, low, high, found)])
+        (edges,) = edges_together([EdgeSearch(self, low, high, found, values=tuple(values))])
         if isinstance(edges, TactionError):
             raise edges
         return edges
@@ -268,7 +277,7 @@ class EdgeSearch:
     """A search for every edge of a family from `low` to `high`; `found`: poles at `own`.
 
     With `nearest` the board at `own`, one of the two, is stable, and only the edge next to it need
-    be found.
+    be found; whoever asks certifies it. The edges agree with the poles at `values`, too.
     """
 
     family: Family
@@ -276,20 +285,26 @@ class EdgeSearch:
     high: float
     found: Poles | None = None
     nearest: bool = False
+    values: tuple[float, ...] = ()
 
     def begun(self) -> Edges | tuple[LociSearch, Poles]:
         """Return the edges by a scan, or the search by loci, and the poles at `own`."""
         family = self.family
         if family.ports is None:
-            points = 2 + math.ceil(PER_DECADE * math.log10(self.high / self.low))
-            values = np.geomspace(self.low, self.high, points).tolist()
-            values[0], values[-1] = self.low, self.high
-            return family.scan(values, start=family.own if self.nearest else None)
+            return self.scanned()
         own = poles(family.ports.board) if self.found is None else self.found
         known = own.complete or own.stable  # else the poles are too few to be counted
         count = own.unstable_count if known else count_unstable(family.ports.board)
         shares = family.shares(self.low, self.high)
         return LociSearch(family.ports, *shares, count), own
+
+    def scanned(self) -> Edges:
+        """Return the edges by poles at samples alone."""
+        points = 2 + math.ceil(PER_DECADE * math.log10(self.high / self.low))
+        values = np.geomspace(self.low, self.high, points).tolist()
+        values[0], values[-1] = self.low, self.high
+        start = self.family.own if self.nearest else None
+        return self.family.scan([*values, *self.values], start=start)
 
     def ended(self, search: LociSearch, own: Poles, found: Edges | EngineError) -> Edges:
         """Return what the loci found, confirmed."""
@@ -301,17 +316,25 @@ class EdgeSearch:
 def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]:
     """Return the edges of each search, or why there are none; see `Family.edges`.
 
-    The loci of all boards are followed together.
+    The loci of all boards are followed together. Where poles do not confirm what they show, a scan
+    finds the edges.
     """
     begun = [or_error(EdgeSearch.begun, one) for one in searches]
     loci = [each[0] for each in begun if not isinstance(each, Edges | TactionError)]
     traced = iter(trace_together(loci))
-    return [
-        each
-        if isinstance(each, Edges | TactionError)
-        else or_error(partial(one.ended, *each), next(traced))
-        for one, each in zip(searches, begun, strict=True)
-    ]
+    found, claims = list[Edges | TactionError](), dict[int, Claim]()
+    for k, (one, each) in enumerate(zip(searches, begun, strict=True)):
+        if isinstance(each, Edges | TactionError):
+            found.append(each)
+            continue
+        edges = or_error(partial(one.ended, *each), next(traced))
+        found.append(edges)
+        large = each[0].ports.board.descriptor.is_large
+        if isinstance(edges, Edges) and not one.nearest and not large:
+            claims[k] = Claim(edges, one.family.board, one.values)
+    for k, certified in zip(claims, certify(list(claims.values())), strict=True):
+        found[k] = certified or or_error(EdgeSearch.scanned, searches[k])
+    return found
 
 
 def _follows(knob: Knob, first: Circuit, second: Circuit) -> bool:

@@ -95,6 +95,12 @@ class Poles:
         """Number of poles on or right of the imaginary axis."""
         return int(np.sum(self.poles.real >= 0.0))
 
+    @property
+    def unstable_range(self) -> tuple[int, int]:
+        """Least and largest number of unstable poles, by the rounding of each."""
+        real = self.poles.real
+        return int(np.sum(real > self.errors)), int(np.sum(real >= -self.errors))
+
 
 def poles(circuit: Circuit | LinearBoard) -> Poles:
     """Find the poles of a board at its equilibrium with the strain applied.
@@ -167,7 +173,8 @@ def _found(board: LinearBoard, lead: LeadPole | None) -> Poles | TactionError:
     """Return the poles if they tell the side of each, else what the modes tell."""
     if lead is not None:
         found = summarise(lead.poles, complete=True, errors=lead.errors)
-        if found.certain:
+        least, most = found.unstable_range
+        if least == most:
             return found
     return or_error(poles, board)
 

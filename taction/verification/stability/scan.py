@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, insort
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -95,7 +96,9 @@ def scan(
     samples = tuple(search.samples)
     failed = tuple(sample.value for sample in samples if sample.failure)
     ends, lowest = (samples[0].value, samples[-1].value), samples[0].unstable
-    return Scan(*ends, tuple(search.edges()), failed, lowest, samples, logarithmic)
+    found = Scan(*ends, tuple(search.edges()), failed, lowest, samples, logarithmic)
+    hidden = {value for ends in found.unresolved for value in ends}
+    return replace(found, near=tuple(sorted({*failed, *hidden})))
 
 
 class _Search:
@@ -256,10 +259,10 @@ class _Search:
         k = less.unstable
         ra, rb = low.real(k), high.real(k)
         share = ra / (ra - rb) if math.isfinite(ra - rb) and ra * rb < 0.0 else 0.5
-        width = high.value - low.value
-        value = low.value + share * width
+        value = low.value + share * (high.value - low.value)
+        bound = max(value - a.value, b.value - value)
         return [
-            Edge(value, w / (2.0 * math.pi), a.unstable, b.unstable, width) for w in frequencies
+            Edge(value, w / (2.0 * math.pi), a.unstable, b.unstable, bound) for w in frequencies
         ]
 
 

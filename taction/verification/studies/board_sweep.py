@@ -117,7 +117,7 @@ def sweep_board(
     if not board.state_space.n:  # and so without a pole at any value of a part
         edges = Edges(min(values), max(values), ())
     elif family.ports is not None and swept.logarithmic:
-        edges = family.edges(min(values), max(values))
+        edges = family.edges(min(values), max(values), values=values)
     else:
         edges = family.scan(values, logarithmic=swept.logarithmic)
     measured = tuple(measure_boards(boards, initial, band))

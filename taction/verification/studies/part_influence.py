@@ -5,27 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
 from taction.netlist_gen.board.branches import ByCurrent, ByVoltage
-from taction.netlist_gen.board.circuit import Circuit, Knob
+from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError, TactionError
 from taction.system.frozen import frozen
+from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
-from taction.verification.stability.edges import Edges
+from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.families import EdgeSearch, Family, edges_together
-from taction.verification.stability.margin import REACH, Margin, find_margin
-from taction.verification.stability.poles import Poles, poles_together
+from taction.verification.stability.margin import REACH, Margin
+from taction.verification.stability.poles import Poles
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
 BESIDE = (1e-10, 1e-7, 1e-4, 1e-2)  # of the inverse iteration: relative distances from the pole
 ITERATIONS = 3
-BEYOND = 1.0 + 1e-4  # factor from a nearest stable value to one inside the stable range
+MORE = 1.001  # of the largest factor: an edge at it is found with certainty
 MOVED = 1e-5  # relative change of a value for a sensitivity
 
 
@@ -135,10 +135,11 @@ def influences(
     nearest, rows = dict.fromkeys(order, _Nearest()), list[PartRow]()
     nearest |= _nearest_of({name: families[name] for name in looked}, found)
     for name in order:
-        edges = nearest[name]
-        rate, unit = rates[name], c.facts[name].unit
-        frequency, ends = rate.imag / math.tau, (edges.below, edges.above, edges.doubt)
-        rows.append(PartRow(name, c.value(name), unit, rate.real, frequency, *ends))
+        rate, own, unit = rates[name], c.value(name), c.facts[name].unit
+        frequency, ends = rate.imag / math.tau, nearest[name].values(own)
+        rows.append(
+            PartRow(name, own, unit, rate.real, frequency, *ends, nearest[name].doubt)
+        )
     if not every:
         return None, tuple(rows)
     if not found.known_stable:
@@ -146,7 +147,9 @@ def influences(
     if not len(found.poles):
         doubt = "" if _is_passive(c) else "a source with gain may have another sign of its feedback"
         return Margin(REACH, 0.0, "no part makes a pole", doubt), tuple(rows)
-    return _least(board, nearest, found), tuple(rows)
+    if not order:
+        return Margin(1.0, 0.0, "no margin is known", "the board is too large"), tuple(rows)
+    return _least(c, nearest), tuple(rows)
 
 
 def _is_passive(circuit: Circuit) -> bool:
@@ -158,98 +161,85 @@ def _is_passive(circuit: Circuit) -> bool:
 
 @frozen
 class _Nearest:
-    """The nearest edges below and above a value; a doubt, and the factor up to which is none."""
+    """The nearest edges over a value's factor; a doubt, and the factor up to which is none."""
 
-    below: float | None = None
-    above: float | None = None
+    below: Edge | None = None
+    above: Edge | None = None
     doubt: str = ""
     sure: float = math.inf
 
+    @property
+    def least(self) -> tuple[float, float, float]:
+        """The least factor above 1 to an edge, the bound on it, and the edge; infinite without."""
+        found = [(math.inf, 0.0, math.inf)]
+        if self.below:
+            factor = 1.0 / self.below.value
+            found.append((factor, self.below.bound * factor**2, self.below.value))
+        if self.above:
+            found.append((self.above.value, self.above.bound, self.above.value))
+        return min(found)
+
+    def values(self, own: float) -> tuple[float | None, float | None]:
+        """Return the value at the edge below `own`, and at that above."""
+        below, above = (each and own * each.value for each in (self.below, self.above))
+        return (below, above) if own > 0.0 else (above, below)
+
 
 def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Nearest]:
-    """Return the nearest edges of values above zero, by name."""
+    """Return the nearest edges of values that are not zero, by name; each keeps its sign."""
+    reach = REACH * MORE
     looked = {
-        name: EdgeSearch(family, family.own / REACH, family.own * REACH, found)
+        name: EdgeSearch(_over_factor(family), 1.0 / reach, reach, found)
         for name, family in families.items()
-        if family.own > 0.0 and family.ports is not None
+        if family.own
     }
     nearest: dict[str, _Nearest] = {}
-    for (name, one), edges in zip(
-        looked.items(), edges_together(list(looked.values())), strict=True
-    ):
+    for name, edges in zip(looked, edges_together(list(looked.values())), strict=True):
         if isinstance(edges, EngineError):
             nearest[name] = _Nearest(doubt=str(edges), sure=1.0)
         elif isinstance(edges, TactionError):
             raise edges
         else:
-            nearest[name] = _nearest(one.family.own, edges, found.known_stable)
-            if not found.known_stable:
-                nearest[name] = _confirmed(nearest[name], one.family, edges)
+            nearest[name] = _nearest(edges, found.known_stable)
     return nearest
 
 
-def _confirmed(nearest: _Nearest, family: Family, edges: Edges) -> _Nearest:
-    """Return the nearest stable values, without those beside which poles are not all stable."""
-    inside = [
-        max(high / BEYOND, math.sqrt(low * high)) if high == nearest.below
-        # the other side of the board's own value
-        else min(low * BEYOND, math.sqrt(low * high))
-        for low, high in edges.stable_ranges
-        if high == nearest.below or low == nearest.above
-    ]  # fmt: skip
-    found = poles_together([family.board(value) for value in inside])
-    if all(isinstance(each, Poles) and each.known_stable for each in found):
-        return nearest
-    return _Nearest(doubt="the poles do not confirm the stable values")
+def _over_factor(family: Family) -> Family:
+    """Return the boards over the factor of the value `own`."""
+    return replace(family, board=lambda factor: family.board(family.own * factor), own=1.0)
 
 
-def _nearest(own: float, edges: Edges, stable: bool) -> _Nearest:
-    """Return the nearest edges of a value, and where a pole may reach the axis before them.
+def _nearest(edges: Edges, stable: bool) -> _Nearest:
+    """Return the edges nearest to the factor 1, and where a pole may reach the axis before them.
 
     Of a board that is not stable they are the nearest ends of ranges in which it is.
     """
-    values = [edge.value for edge in edges.edges]
-    if not stable:
-        values = [end for ends in edges.stable_ranges for end in ends]
-    below = max((value for value in values if value < own), default=None)
-    above = min((value for value in values if value > own), default=None)
-    inside = [v for v in edges.near if (below or 0.0) <= v <= (above or math.inf)]
+    every = [edge for edge in edges.edges if stable or edge.changes_stability]
+    below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
+    above = min((e for e in every if e.value > 1.0), key=lambda e: e.value, default=None)
+    low, high = below.value if below else 0.0, above.value if above else math.inf
+    inside = [factor for factor in edges.near if low <= factor <= high]
     if not inside:
         return _Nearest(below, above)
-    sure = min(max(v / own, own / v) for v in inside)
+    sure = min(max(factor, 1.0 / factor) for factor in inside)
     return _Nearest(below, above, "a pole comes close to the axis", sure)
 
 
-def _least(board: LinearBoard, nearest: Mapping[str, _Nearest], found: Poles) -> Margin:
-    """Return the least margin of all parts, confirmed by poles on both sides of its edge."""
-    factors = {}
-    for part, edges in nearest.items():
-        own = board.circuit.value(part)
-        if edges.below is not None:
-            factors[part, "below"] = own / edges.below
-        if edges.above is not None:
-            factors[part, "above"] = edges.above / own
-    first = next(iter(nearest))
-    name, side = min(factors, key=factors.__getitem__, default=(first, "above"))
-    knob = replace(board.circuit.knob(name), margin=WAYS[side])
-    least = find_margin(_turning(board, knob), name, REACH, found)
-    if not factors:
-        least = replace(least, text=f"no crossing up to a factor of {REACH:g} of any part")
+def _least(circuit: Circuit, nearest: Mapping[str, _Nearest]) -> Margin:
+    """Return the least margin of all parts."""
+    name = min(nearest, key=lambda each: nearest[each].least)
+    factor, bound, at = nearest[name].least
+    text = f"no crossing up to a factor of {REACH:g} of any part"
+    if factor < math.inf:
+        moves = "grow" if at > 1.0 else "shrink"
+        value = show(circuit.value(name) * at, circuit.facts[name].unit)
+        words = circuit.knob(name).words
+        text = f"{words} can {moves} by the factor {factor:.4g}, to {value}"
+    else:
+        factor = REACH
     doubts = (
         f"{part}: {edges.doubt}"
         for part, edges in nearest.items()
-        if edges.doubt and edges.sure <= least.factor
+        if edges.doubt and edges.sure <= factor
     )
-    return replace(least, doubt=least.doubt or next(doubts, ""))
-
-
-WAYS: Mapping[str, Literal["smaller", "larger"]] = {"below": "smaller", "above": "larger"}
-
-
-def _turning(board: LinearBoard, knob: Knob) -> LinearBoard:
-    """Return the same board with one knob; what is known of the board stays known."""
-    other = LinearBoard(replace(board.circuit, knobs=(knob,)), board.descriptor, board.point)
-    for name in ("state_space", "equilibrium"):
-        if name in board.__dict__:
-            other.__dict__[name] = board.__dict__[name]
-    return other
+    return Margin(factor, bound, text, next(doubts, ""))
