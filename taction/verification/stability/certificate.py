@@ -12,14 +12,19 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, pairwise
 
+import numpy as np
+
 from taction.system.errors import TactionError
 from taction.system.frozen import frozen
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.equations.exact_count import exact_unstable_count
+from taction.verification.engines.statespace.linearised.board import LinearBoard, stamp_boards
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.poles import Poles, or_error, poles_together
 
 BESIDE = (1e-9, 1e-6, 1e-3)  # relative distances of the poles that confirm an edge: the first to do
 WIDE = 30.0  # largest ratio of neighbouring samples
+Count = tuple[float, float]  # least and largest number
+UNKNOWN: Count = (0, math.inf)
 
 
 @frozen(eq=False)
@@ -43,13 +48,9 @@ class Claim:
         beside = [edge.value for edge in edges.edges]
         return sorted(v for v in every if all(abs(v / e - 1.0) > BESIDE[-1] for e in beside))
 
-    def agrees(self, value: float, found: Poles | TactionError) -> bool | None:
+    def agrees(self, value: float, found: Count) -> bool | None:
         """Tell whether as many poles are unstable as the edges say; None where it is not known."""
-        if isinstance(found, TactionError):
-            return None
-        claimed, (least, most) = self.edges.unstable_at(value), found.unstable_range
-        if not found.complete:
-            claimed, least, most = min(claimed, 1), min(least, 1), min(most, 1)
+        claimed, (least, most) = self.edges.unstable_at(value), found
         if not least <= claimed <= most:
             return False
         return True if least == most else None
@@ -97,6 +98,32 @@ def certify(claims: Sequence[Claim]) -> list[Edges | None]:
 
 def _judged(asked: Sequence[tuple[Claim, list[float]]]) -> list[list[bool | None]]:
     """Return whether each claim agrees with the poles at each of its values."""
-    boards = (or_error(claim.board, value) for claim, values in asked for value in values)
-    poles = iter(poles_together(boards))
-    return [[claim.agrees(value, next(poles)) for value in values] for claim, values in asked]
+    boards = [or_error(claim.board, value) for claim, values in asked for value in values]
+    counts = iter(_counts(boards))
+    return [[claim.agrees(value, next(counts)) for value in values] for claim, values in asked]
+
+
+def _counts(boards: Sequence[LinearBoard | TactionError]) -> list[Count]:
+    """Return the least and the largest number of unstable poles of each board, exact for a deck."""
+    made = [board for board in boards if isinstance(board, LinearBoard)]
+    stamp_boards(made)
+    exact = {board: or_error(_exact, board) for board in made}
+    found = {board: each for board, each in exact.items() if isinstance(each, tuple)}
+    left = [board for board in made if board not in found]
+    found |= zip(left, map(_by_poles, poles_together(left)), strict=True)
+    return [UNKNOWN if isinstance(each, TactionError) else found[each] for each in boards]
+
+
+def _exact(board: LinearBoard) -> Count | None:
+    descriptor = board.descriptor
+    if not descriptor.has_branches or descriptor.devices.count:
+        return None
+    count = exact_unstable_count(descriptor, np.zeros(0))
+    return None if count is None else (count, count)
+
+
+def _by_poles(found: Poles | TactionError) -> Count:
+    if isinstance(found, TactionError):
+        return UNKNOWN
+    least, most = found.unstable_range
+    return (least, most if found.complete or not least else math.inf)

@@ -137,9 +137,7 @@ def influences(
     for name in order:
         rate, own, unit = rates[name], c.value(name), c.facts[name].unit
         frequency, ends = rate.imag / math.tau, nearest[name].values(own)
-        rows.append(
-            PartRow(name, own, unit, rate.real, frequency, *ends, nearest[name].doubt)
-        )
+        rows.append(PartRow(name, own, unit, rate.real, frequency, *ends, nearest[name].doubt))
     if not every:
         return None, tuple(rows)
     if not found.known_stable:

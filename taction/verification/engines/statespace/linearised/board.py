@@ -188,12 +188,7 @@ def linearise_boards(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
 
 def state_spaces(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
     """Compute equations and state spaces as `linearise_boards`, and only equilibria that count."""
-    small = [board for board in boards if parts_of(board) <= LARGE and board.equations is None]
-    unstamped = [board for board in small if "descriptor" not in vars(board)]
-    stamped = stamp_together([board.circuit for board in unstamped])
-    for board, descriptor in zip(unstamped, stamped, strict=True):
-        if not isinstance(descriptor, EngineError):
-            vars(board)["descriptor"] = descriptor
+    stamp_boards(boards)
     _share_rests([board for board in boards if _bends(board)])
     ready = dict[LinearBoard, tuple[Descriptor, Equilibrium | None]]()
     for board in boards:
@@ -205,6 +200,16 @@ def state_spaces(boards: Sequence[LinearBoard]) -> list[StateSpace | None]:
         if not isinstance(space, EngineError):
             vars(board)["state_space"] = space
     return [vars(board).get("state_space") for board in boards]
+
+
+def stamp_boards(boards: Sequence[LinearBoard]) -> None:
+    """Stamp the equations of small boards together; what fails says why where it is asked."""
+    small = [board for board in boards if parts_of(board) <= LARGE and board.equations is None]
+    unstamped = [board for board in small if "descriptor" not in vars(board)]
+    stamped = stamp_together([board.circuit for board in unstamped])
+    for board, descriptor in zip(unstamped, stamped, strict=True):
+        if not isinstance(descriptor, EngineError):
+            vars(board)["descriptor"] = descriptor
 
 
 def _bends(board: LinearBoard) -> bool:
