@@ -2,7 +2,8 @@
 
 Loci follow from the modes of one board, so poles many decades apart can blind them. Poles of the
 boards at the ends of the range, between its edges, and beside each edge, have bounds of their own:
-a count that differs from what the edges say is a crossing that the loci missed.
+a count that differs from what the edges say is a crossing that the loci missed. The poles of a
+deck are counted in integers.
 """
 
 from __future__ import annotations
@@ -10,30 +11,68 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from itertools import chain, pairwise
-
-import numpy as np
 
 from taction.system.errors import TactionError
 from taction.system.frozen import frozen
-from taction.verification.engines.statespace.equations.exact_count import exact_unstable_count
-from taction.verification.engines.statespace.linearised.board import LinearBoard, stamp_boards
-from taction.verification.stability.edges import Edges
+from taction.verification.engines.statespace.equations.exact_count import (
+    characteristic,
+    count_right,
+)
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.poles import Poles, or_error, poles_together
 
 BESIDE = (1e-9, 1e-6, 1e-3)  # relative distances of the poles that confirm an edge: the first to do
 WIDE = 30.0  # largest ratio of neighbouring samples
+GRID = 40  # values per decade of a search by counts alone
 Count = tuple[float, float]  # least and largest number
 UNKNOWN: Count = (0, math.inf)
 
 
 @frozen(eq=False)
+class ExactCount:
+    """Number of unstable poles over a value, of which ``det(s M - K)`` is a linear function.
+
+    The polynomial at a value is ``first + (share - 1) change``, with the share of the value's
+    `power` in that of `own`.
+    """
+
+    first: Sequence[Fraction]
+    change: Sequence[Fraction]
+    own: float
+    power: int
+
+    @classmethod
+    def of(
+        cls, first: Sequence[Fraction] | None, doubled: LinearBoard, own: float, power: float
+    ) -> ExactCount | None:
+        """Return the count from the polynomials at `own` and at twice its value, if it has one."""
+        second = characteristic(doubled.descriptor)
+        if first is None or second is None or abs(power) != 1.0:
+            return None
+        share = Fraction(2) ** int(power)
+        change = [(b - a) / (share - 1) for a, b in zip(first, second, strict=True)]
+        return cls(first, change, own, int(power))
+
+    def __call__(self, value: float) -> int | None:
+        """Return the number at a value; None where a pole is on the axis."""
+        more = (Fraction(value) / Fraction(self.own)) ** self.power - 1
+        return count_right([a + more * b for a, b in zip(self.first, self.change, strict=True)])
+
+
+@frozen(eq=False)
 class Claim:
-    """Edges over a value above zero, the board at a value, and values that count besides."""
+    """Edges over a value above zero, the board at a value, and values that count besides.
+
+    `count` tells the number of unstable poles of a deck without its poles.
+    """
 
     edges: Edges
     board: Callable[[float], LinearBoard]
     values: tuple[float, ...] = ()
+    count: ExactCount | None = None
 
     @property
     def samples(self) -> list[float]:
@@ -44,9 +83,10 @@ class Claim:
         edges = self.edges
         places = sorted({edges.low, *(edge.value for edge in edges.edges), edges.high})
         between = chain.from_iterable(_between(*ends) for ends in pairwise(places))
-        every = {edges.low, *between, edges.high, *self.values}
-        beside = [edge.value for edge in edges.edges]
-        return sorted(v for v in every if all(abs(v / e - 1.0) > BESIDE[-1] for e in beside))
+        every, beside = {edges.low, *between, edges.high, *self.values}, BESIDE[-1]
+        if self.count:
+            beside = 2.0 * BESIDE[0]
+        return sorted(v for v in every if all(abs(v / e.value - 1.0) > beside for e in edges.edges))
 
     def agrees(self, value: float, found: Count) -> bool | None:
         """Tell whether as many poles are unstable as the edges say; None where it is not known."""
@@ -98,28 +138,26 @@ def certify(claims: Sequence[Claim]) -> list[Edges | None]:
 
 def _judged(asked: Sequence[tuple[Claim, list[float]]]) -> list[list[bool | None]]:
     """Return whether each claim agrees with the poles at each of its values."""
-    boards = [or_error(claim.board, value) for claim, values in asked for value in values]
-    counts = iter(_counts(boards))
-    return [[claim.agrees(value, next(counts)) for value in values] for claim, values in asked]
+    boards = (
+        or_error(claim.board, value)
+        for claim, values in asked
+        if claim.count is None
+        for value in values
+    )
+    poles = iter(poles_together(boards))
+    return [
+        [
+            claim.agrees(
+                value, _by_poles(next(poles)) if claim.count is None else _sure(claim.count(value))
+            )
+            for value in values
+        ]
+        for claim, values in asked
+    ]
 
 
-def _counts(boards: Sequence[LinearBoard | TactionError]) -> list[Count]:
-    """Return the least and the largest number of unstable poles of each board, exact for a deck."""
-    made = [board for board in boards if isinstance(board, LinearBoard)]
-    stamp_boards(made)
-    exact = {board: or_error(_exact, board) for board in made}
-    found = {board: each for board, each in exact.items() if isinstance(each, tuple)}
-    left = [board for board in made if board not in found]
-    found |= zip(left, map(_by_poles, poles_together(left)), strict=True)
-    return [UNKNOWN if isinstance(each, TactionError) else found[each] for each in boards]
-
-
-def _exact(board: LinearBoard) -> Count | None:
-    descriptor = board.descriptor
-    if not descriptor.has_branches or descriptor.devices.count:
-        return None
-    count = exact_unstable_count(descriptor, np.zeros(0))
-    return None if count is None else (count, count)
+def _sure(count: int | None) -> Count:
+    return UNKNOWN if count is None else (count, count)
 
 
 def _by_poles(found: Poles | TactionError) -> Count:
@@ -127,3 +165,54 @@ def _by_poles(found: Poles | TactionError) -> Count:
         return UNKNOWN
     least, most = found.unstable_range
     return (least, most if found.complete or not least else math.inf)
+
+
+def counted_edges(claim: Claim) -> Edges:
+    """Return the edges of a deck by counts at many values, and by halving between two that differ.
+
+    Two crossings nearer than the values that cancel each other are those of the claim, or none.
+    """
+    count, found = claim.count, claim.edges
+    assert count is not None  # noqa: S101 - only of decks
+    low, high = found.low, found.high
+    steps = 1 + math.ceil(GRID * math.log10(high / low))
+    beside = [e.value * (1.0 + by) for e in found.edges for by in (-BESIDE[0], BESIDE[0])]
+    grid = [low * (high / low) ** (k / steps) for k in range(1, steps)]
+    known, near = list[tuple[float, int]](), list[float]()
+    for value in sorted({low, *grid, *beside, *claim.values, high}):
+        if (unstable := count(value)) is None:
+            near.append(value)
+        else:
+            known.append((value, unstable))
+    edges = list[Edge]()
+    for (a, below), (b, above) in pairwise(known):
+        edges += _halved(count, a, b, below, above, claim.board) if below != above else []
+    inside = tuple(at for at in near if not any(abs(at - e.value) <= e.bound for e in edges))
+    return Edges(low, high, tuple(edges), inside, known[0][1] if known else 0)
+
+
+def _halved(
+    count: ExactCount,
+    a: float,
+    b: float,
+    below: int,
+    above: int,
+    board: Callable[[float], LinearBoard],
+) -> list[Edge]:
+    """Return the edges between two values with different counts."""
+    while b - a > BESIDE[0] * b:
+        middle = math.sqrt(a * b)
+        between = count(middle)
+        if between is None:
+            break
+        if between not in (below, above):
+            left = _halved(count, a, middle, below, between, board)
+            return left + _halved(count, middle, b, between, above, board)
+        a, b = (middle, b) if between == below else (a, middle)
+    value = 0.5 * (a + b)
+    (poles,) = poles_together([board(value)])
+    frequency = 0.0
+    if isinstance(poles, Poles) and (above - below) % 2 == 0:
+        upper = poles.poles[poles.poles.imag >= 0.0]
+        frequency = float(upper[abs(upper.real).argmin()].imag) / math.tau if len(upper) else 0.0
+    return [Edge(value, frequency, below, above, b - a)]

@@ -22,9 +22,15 @@ from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.system.frozen import frozen
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.equations.exact_count import characteristic
+from taction.verification.engines.statespace.linearised.board import LinearBoard, stamp_boards
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.stability.certificate import Claim, certify
+from taction.verification.stability.certificate import (
+    Claim,
+    ExactCount,
+    certify,
+    counted_edges,
+)
 from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch, trace_together
 from taction.verification.stability.poles import (
@@ -332,8 +338,32 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
         large = each[0].ports.board.descriptor.is_large
         if isinstance(edges, Edges) and not one.nearest and not large:
             claims[k] = Claim(edges, one.family.board, one.values)
-    for k, certified in zip(claims, certify(list(claims.values())), strict=True):
-        found[k] = certified or or_error(EdgeSearch.scanned, searches[k])
+    counts = _exact_counts([searches[k].family for k in claims])
+    claims = {k: replace(claim, count=counts.get(n)) for n, (k, claim) in enumerate(claims.items())}
+    for (k, claim), certified in zip(claims.items(), certify(list(claims.values())), strict=True):
+        if certified is None and claim.count:
+            found[k] = counted_edges(claim)
+        else:
+            found[k] = certified or or_error(EdgeSearch.scanned, searches[k])
+    return found
+
+
+def _exact_counts(families: Sequence[Family]) -> dict[int, ExactCount]:
+    """Return the count of unstable poles of each family of a deck over one part, by its place."""
+    decks = {
+        k: family.ports.board
+        for k, family in enumerate(families)
+        if family.ports and family.ports.count == 1 and family.ports.board.descriptor.has_branches
+    }
+    doubled = {k: or_error(families[k].board, 2.0 * families[k].own) for k in decks}
+    stamp_boards([each for each in doubled.values() if isinstance(each, LinearBoard)])
+    first = {board: characteristic(board.descriptor) for board in dict.fromkeys(decks.values())}
+    found = dict[int, ExactCount]()
+    for k, board in decks.items():
+        other, family = doubled[k], families[k]
+        if isinstance(other, LinearBoard):
+            count = ExactCount.of(first[board], other, family.own, family.power)
+            found |= {k: count} if count else {}
     return found
 
 

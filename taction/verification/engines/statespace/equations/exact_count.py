@@ -1,67 +1,53 @@
 """Count the poles right of the imaginary axis in integers: no rounding decides.
 
-Every stamped value is a double, so M and K are integers times powers of two, and so are the
-coefficients of ``det(s M - K)``. Routh's array of these integers has a change of sign for each pole
-right of the axis.
+Every stamped value is a double, so M and K are rational numbers, and so are the coefficients of
+``det(s M - K)``. Routh's array of these has a change of sign for each pole right of the axis.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 
 import numpy as np
 
-from taction.system.array_types import Floats
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 
-MOST = 30  # unknowns: some 0.1 s
+MOST = 40  # unknowns: some 0.1 s
 DEGREE = 16  # largest number of rows with charge
 
 
-def exact_unstable_count(descriptor: Descriptor, slopes: Floats) -> int | None:
-    """Count the poles right of the imaginary axis; `slopes` (m,) are the amplifiers'.
+def characteristic(descriptor: Descriptor) -> tuple[Fraction, ...] | None:
+    """Return the coefficients of ``det(s M - K)`` of a linear board, lowest power first.
 
-    None where a pole is on the axis, or symmetric to another one about it, and for a board of more
-    than `MOST` unknowns.
+    None for a board of more than `MOST` unknowns, or with amplifiers that are not linear.
 
     Examples
     --------
     >>> from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
     >>> from taction.verification.engines.statespace.equations.stamps import stamp
-    >>> flat = read_cards(["r1 a 0 -1k", "c1 a 0 1n", "r2 b 0 1k", "c2 b 0 1n"])
-    >>> exact_unstable_count(stamp(circuit_of(flat, "two", ["a"], {})), np.zeros(0))
-    1
+    >>> flat = read_cards(["r1 a 0 -2", "c1 a 0 1", "r2 b 0 1", "c2 b 0 1"])
+    >>> found = characteristic(stamp(circuit_of(flat, "two", ["a"], {})))
+    >>> [float(each) for each in found], count_right(found)
+    ([-0.5, 0.5, 1.0], 1)
     """
-    if descriptor.size > MOST:
+    if descriptor.size > MOST or descriptor.devices.count:
         return None
-    M, K = descriptor.summed(_fractions, slopes)
+    M, K = descriptor.summed(np.vectorize(Fraction, otypes=[np.object_]), np.zeros(0))
     degree = int((M != 0).any(axis=1).sum())
     if degree > DEGREE:
         return None
-    rows = [_integers([*m, *k]) for m, k in zip(M.tolist(), K.tolist(), strict=True)]
-    values = []
-    for s in range(1, degree + 2):
-        at = [[s * m - k for m, k in _halves(row)] for row in rows]
-        values.append(_determinant(at))
-    return _right(_coefficients(values))
-
-
-_fractions = np.vectorize(Fraction, otypes=[np.object_])
-
-
-def _halves(row: list[int]) -> zip[tuple[int, int]]:
-    """Pair the first half of a row with the second."""
-    half = len(row) // 2
-    return zip(row[:half], row[half:], strict=True)
-
-
-def _integers(row: list[Fraction]) -> list[int]:
-    """Return a row without its common factor."""
-    scale = math.lcm(*(Fraction(each).denominator for each in row))
-    whole = [int(each * scale) for each in row]
-    common = math.gcd(*whole) or 1
-    return [each // common for each in whole]
+    rows, size = list[list[tuple[int, int]]](), Fraction(1)
+    for charges, currents in zip(M.tolist(), K.tolist(), strict=True):
+        scale = math.lcm(*(Fraction(each).denominator for each in (*charges, *currents)))
+        rows.append(
+            [(int(m * scale), int(k * scale)) for m, k in zip(charges, currents, strict=True)]
+        )
+        size /= scale
+    at = range(1, degree + 2)
+    values = [_determinant([[s * m - k for m, k in row] for row in rows]) for s in at]
+    return tuple(size * each for each in _coefficients(values))
 
 
 def _determinant(rows: list[list[int]]) -> int:
@@ -84,20 +70,30 @@ def _determinant(rows: list[list[int]]) -> int:
     return sign * last
 
 
-def _coefficients(values: list[int]) -> list[int]:
-    """Return a multiple of the polynomial with `values` at 1, 2, ..., lowest power first."""
-    differences = [Fraction(value) for value in values]
-    for k in range(1, len(values)):
-        for j in range(len(values) - 1, k - 1, -1):
-            differences[j] = (differences[j] - differences[j - 1]) / k
-    found = [Fraction(0)]
-    for point in range(len(values), 0, -1):
-        higher = [Fraction(0), *found]
-        found = [a - point * b for a, b in zip(higher, [*found, Fraction(0)], strict=True)]
-        found[0] += differences[point - 1]
-    while found and not found[-1]:
-        found.pop()
-    return _integers(found) if found else []
+def _coefficients(values: Sequence[int]) -> list[Fraction]:
+    """Return the polynomial with `values` at 1, 2, ..., lowest power first (Newton's formula)."""
+    degree, differences = len(values) - 1, list(values)
+    for k in range(1, degree + 1):
+        for j in range(degree, k - 1, -1):
+            differences[j] -= differences[j - 1]
+    found = [0]
+    for k in range(degree, -1, -1):  # over the factorial of the degree
+        higher = [0, *found]
+        found = [a - (k + 1) * b for a, b in zip(higher, [*found, 0], strict=True)]
+        found[0] += differences[k] * math.factorial(degree) // math.factorial(k)
+    return [Fraction(each, math.factorial(degree)) for each in found[: degree + 1]]
+
+
+def count_right(coefficients: Sequence[Fraction]) -> int | None:
+    """Count the roots of a polynomial, lowest power first, right of the imaginary axis.
+
+    None where one is on the axis, or symmetric to another one about it.
+    """
+    scale = math.lcm(*(each.denominator for each in coefficients))
+    whole = [int(each * scale) for each in coefficients]
+    while whole and not whole[-1]:
+        whole.pop()
+    return _right(whole)
 
 
 def _right(coefficients: list[int]) -> int | None:
