@@ -86,6 +86,7 @@ class Claim:
         every, beside = {edges.low, *between, edges.high, *self.values}, BESIDE[-1]
         if self.count:
             beside = 2.0 * BESIDE[0]
+            every |= {at * by for at in edges.near for by in (1.0 - beside, 1.0, 1.0 + beside)}
         return sorted(v for v in every if all(abs(v / e.value - 1.0) > beside for e in edges.edges))
 
     def agrees(self, value: float, found: Count) -> bool | None:
@@ -131,7 +132,7 @@ def certify(claims: Sequence[Claim]) -> list[Edges | None]:
             found.append(None)
             continue
         open_ = [at for at, agreed in zip(asked[k], judged[k], strict=True) if agreed is None]
-        near = tuple(sorted({*claim.edges.near, *open_}))
+        near = tuple(sorted({*(() if claim.count else claim.edges.near), *open_}))
         found.append(replace(claim.edges, edges=tuple(edges), near=near))
     return found
 

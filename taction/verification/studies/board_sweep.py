@@ -26,7 +26,7 @@ Build = Callable[[Sequence[Mapping[str, float]]], Sequence[Circuit | InputError]
 
 @frozen
 class PointRow:
-    """A value of a sweep: the rightmost pole, and readings of all outputs."""
+    """A value of a sweep: the rightmost pole, the bound on its real part, and readings."""
 
     value: Number
     real: Rate
@@ -37,6 +37,7 @@ class PointRow:
     overshoot: Steps = None
     undershoot: Steps = None
     failure: str = ""
+    bound: Rate = None
 
 
 @frozen(eq=False)
@@ -148,7 +149,8 @@ def _point(value: float, found: MeasuredBoard | Exception) -> PointRow:
     settling, rise, over, under = (_number(readings[name]) for name in COLUMNS)
     stable = found.poles.stable
     real, frequency = (lead.real, lead.imag / math.tau) if len(found.poles.poles) else (None, None)
-    return PointRow(value, real, frequency, stable, settling, rise, over, under)
+    bound = found.poles.resolution if len(found.poles.poles) else None
+    return PointRow(value, real, frequency, stable, settling, rise, over, under, bound=bound)
 
 
 def _number(reading: Reading | None) -> float | None:

@@ -173,9 +173,9 @@ def _outputs(found: BoardCheck) -> Iterator[Block]:
         yield Notes("", (f"output noise: {found.noise_unknown}",))
 
 
-def _with(value: float | None, error: float | None, unit: str) -> Cell:
+def _with(value: float | None, error: float | None, unit: str, digits: int = 5) -> Cell:
     small = value is not None and is_small(error, value, unit)
-    return Cell(figure(value, unit, 5) if small else with_error(value, error, unit), value)
+    return Cell(figure(value, unit, digits) if small else with_error(value, error, unit), value)
 
 
 def _poles(found: BoardCheck) -> Table:
@@ -239,7 +239,7 @@ def _sweep(found: Sweep) -> Iterator[Block]:
         ends = dict.fromkeys(quantity(near[k], unit) for k in (0, -1))
         stable += f"; not decided at {len(near)} values, {' to '.join(ends)}"
     crossings = {
-        "crossing": lambda edge: number_cell(edge.value, unit, 8),
+        "crossing": lambda edge: _with(edge.value, edge.bound, unit, 8),
         "frequency": lambda edge: (
             number_cell(edge.frequency, "Hz", 6) if edge.frequency else "real pole"
         ),
@@ -249,7 +249,7 @@ def _sweep(found: Sweep) -> Iterator[Block]:
     yield Table.of("Crossings", found.crossings, crossings)
     points = {
         found.name: lambda each: number_cell(each.value, unit, 6),
-        "rightmost pole": lambda each: number_cell(each.real, "1/s"),
+        "rightmost pole": lambda each: _with(each.real, each.bound, "1/s"),
         "at": lambda each: number_cell(each.frequency, "Hz"),
         "settles": lambda each: number_cell(each.settling_time, "s"),
         "rises": lambda each: number_cell(each.rise_time, "s"),

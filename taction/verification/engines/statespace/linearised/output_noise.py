@@ -42,9 +42,10 @@ from taction.verification.engines.statespace.equations.cell_stamps import (
     transistor_currents,
 )
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.linearised.block import UNITS
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.decomposition import balance
-from taction.verification.engines.statespace.linearised.state_space import driven
+from taction.verification.engines.statespace.linearised.state_space import StateSpace, driven
 
 
 def noise_intensities(
@@ -186,11 +187,12 @@ def output_noise(board: LinearBoard, lowest: float = 0.0) -> tuple[Floats, Float
     C, D = space.rows([out.node for out in outputs])
     B, D = space.B[:, SOURCES:], D[:, SOURCES:]
     w, fastest = math.tau * lowest, float(np.abs(poles).max(initial=0.0))
-    variance, error = _variance(space.A, B @ W @ B.T, C, _white(w) if w else None)
+    sizes = _sizes(space)
+    variance, error = _variance(space.A, B @ W @ B.T, C, _white(w) if w else None, sizes)
     direct = np.einsum("ki,ij,kj->k", D, W, D) * fastest
     if flicker.any():
         V = flicker[live]
-        more, doubt = _variance(space.A, (B * V) @ B.T, C, _flicker(w))
+        more, doubt = _variance(space.A, (B * V) @ B.T, C, _flicker(w), sizes)
         variance, error = variance + more, error + doubt
         direct += 2.0 * math.log1p(fastest / w) * (D**2 @ V)
     if (endless := np.flatnonzero(direct > DIRECT * np.abs(variance))).size:
@@ -227,19 +229,21 @@ def _weights(A: Floats, weight: Weight) -> Floats:
 
 
 def _variance(
-    A: Floats, Q: Floats, C: Floats, weight: Weight | None = None
+    A: Floats, Q: Floats, C: Floats, weight: Weight | None = None, sizes: Floats | None = None
 ) -> tuple[Floats, float]:
     """Return ``C P C^T`` of ``A P + P A^T = -Q``, by rows of C, and a bound on each error.
 
-    With a `weight`, P is weighted with this function of A.
+    `sizes` (2, n, n) are those to which the rounding of A is relative (0 if it has none). With a
+    `weight`, P is weighted with this function of A.
     """
     scale = balance(A)
+    sizes = np.zeros((2, *A.shape)) if sizes is None else sizes
     A = A * scale / scale[:, None]
     equation = _Lyapunov(A)
     Q, C = Q / np.outer(scale, scale), C * scale
     P = equation.solve(Q)
     Y = equation.solve(C.T @ C, adjoint=True)
-    remainder, doubt = _remainder(A, P, Q), 0.0
+    remainder, doubt = _remainder(A, P, Q, sizes * scale / scale[:, None]), 0.0
     if weight is not None:
         first, second = _weights(A, weight), _weights(A.T.copy(), weight).T
         doubt = float(np.abs(np.einsum("ki,ij,kj->k", C, (first - second) @ P, C)).max(initial=0.0))
@@ -289,8 +293,21 @@ class _Lyapunov:
         return np.asarray(self.U @ (Y * scale) @ self.U.T)
 
 
-def _remainder(A: Floats, P: Floats, Q: Floats) -> Floats:
+def _sizes(space: StateSpace) -> Floats:
+    """Return the sizes of the terms of A, and of the charges that a unit of ``x'`` moves."""
+    if space.halves is None:
+        return space.blocks[0].size
+    _, states = space.halves
+    parts = [
+        np.abs(states.join_rows(*states.rows_at(slice(None), *each)))
+        for each in zip(*(block.size for block in space.blocks), strict=True)
+    ]
+    return np.stack(parts)
+
+
+def _remainder(A: Floats, P: Floats, Q: Floats, sizes: Floats) -> Floats:
     """Return bounds on the elements of ``A P + P A^T + Q``, with the rounding of A, P and Q."""
     product, size = A @ P, np.abs(A) @ np.abs(P)
     rounding = len(A) * EPS * (size + size.T + np.abs(Q))
-    return np.asarray(np.abs(product + product.T + Q) + rounding)
+    stamped = UNITS * EPS * (sizes[0] @ np.abs(P) + sizes[1] @ np.abs(product))
+    return np.asarray(np.abs(product + product.T + Q) + rounding + stamped + stamped.T)
