@@ -344,7 +344,7 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
         if certified is None and claim.count:
             found[k] = counted_edges(claim)
         else:
-            found[k] = certified or or_error(EdgeSearch.scanned, searches[k])
+            found[k] = or_error(EdgeSearch.scanned, searches[k]) if certified is None else certified
     return found
 
 

@@ -179,7 +179,9 @@ class _Nearest:
 
     def values(self, own: float) -> tuple[float | None, float | None]:
         """Return the value at the edge below `own`, and at that above."""
-        below, above = (each and own * each.value for each in (self.below, self.above))
+        below, above = (
+            None if each is None else own * each.value for each in (self.below, self.above)
+        )
         return (below, above) if own > 0.0 else (above, below)
 
 
