@@ -63,7 +63,7 @@ class ExactCount:
 
 
 @frozen(eq=False)
-class Claim:
+class EdgeClaim:
     """Edges over a value above zero, the board at a value, and values that count besides.
 
     `count` tells the number of unstable poles of a deck without its poles.
@@ -103,7 +103,7 @@ def _between(low: float, high: float) -> Iterator[float]:
     return (low * (high / low) ** ((k + 0.5) / count) for k in range(count))
 
 
-def certify(claims: Sequence[Claim]) -> list[Edges | None]:
+def certify(claims: Sequence[EdgeClaim]) -> list[Edges | None]:
     """Return the edges of each claim with their bounds, or None where poles do not confirm them.
 
     A sample of which rounding hides the side of a pole comes to the near values. The poles of all
@@ -137,7 +137,7 @@ def certify(claims: Sequence[Claim]) -> list[Edges | None]:
     return found
 
 
-def _judged(asked: Sequence[tuple[Claim, list[float]]]) -> list[list[bool | None]]:
+def _judged(asked: Sequence[tuple[EdgeClaim, list[float]]]) -> list[list[bool | None]]:
     """Return whether each claim agrees with the poles at each of its values."""
     boards = (
         or_error(claim.board, value)
@@ -168,7 +168,7 @@ def _by_poles(found: Poles | TactionError) -> Count:
     return (least, most if found.complete or not least else math.inf)
 
 
-def counted_edges(claim: Claim) -> Edges:
+def counted_edges(claim: EdgeClaim) -> Edges:
     """Return the edges of a deck by counts at many values, and by halving between two that differ.
 
     Two crossings nearer than the values that cancel each other are those of the claim, or none.

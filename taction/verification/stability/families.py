@@ -26,7 +26,7 @@ from taction.verification.engines.statespace.equations.exact_count import charac
 from taction.verification.engines.statespace.linearised.board import LinearBoard, stamp_boards
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.stability.certificate import (
-    Claim,
+    EdgeClaim,
     ExactCount,
     certify,
     counted_edges,
@@ -328,7 +328,7 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
     begun = [or_error(EdgeSearch.begun, one) for one in searches]
     loci = [each[0] for each in begun if not isinstance(each, Edges | TactionError)]
     traced = iter(trace_together(loci))
-    found, claims = list[Edges | TactionError](), dict[int, Claim]()
+    found, claims = list[Edges | TactionError](), dict[int, EdgeClaim]()
     for k, (one, each) in enumerate(zip(searches, begun, strict=True)):
         if isinstance(each, Edges | TactionError):
             found.append(each)
@@ -337,7 +337,7 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
         found.append(edges)
         large = each[0].ports.board.descriptor.is_large
         if isinstance(edges, Edges) and not one.nearest and not large:
-            claims[k] = Claim(edges, one.family.board, one.values)
+            claims[k] = EdgeClaim(edges, one.family.board, one.values)
     counts = _exact_counts([searches[k].family for k in claims])
     claims = {k: replace(claim, count=counts.get(n)) for n, (k, claim) in enumerate(claims.items())}
     for (k, claim), certified in zip(claims.items(), certify(list(claims.values())), strict=True):
