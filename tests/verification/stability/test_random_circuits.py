@@ -163,7 +163,9 @@ def test_an_edge_beside_a_pole_that_stays_at_zero_is_in_doubt() -> None:
             moved = [text if card.startswith("r01 ") else card for card in cards]
             counts.add(sum(pole.real > 0.0 for pole in exact_poles(moved)))
         assert len(counts) == 2 or edge.value in found.near
-    assert found.edges
+    # The pole at zero leaves every count open, so the range is in doubt as a whole.
+    assert min(found.near) <= found.low
+    assert max(found.near) >= found.high
 
 
 COUPLED = """\
