@@ -117,7 +117,7 @@ def check(
     from taction.verification.studies.swept_values import SweptValue
 
     progress("deck")
-    board = read_board(deck, _listed(outputs), linearise=linearise, wait=ngspice)
+    board = read_board(deck, _listed(outputs), wait=ngspice)
     notes = board.notes
     asked.refuse_unknown(board.flat.nodes)
     swept = [
@@ -140,7 +140,8 @@ def check(
         board.circuit,
         asked,
         initial=board.initial,
-        witness=board.witness if ngspice else None,
+        witness=board.witness if ngspice and board.point is None else None,
+        ac=board.ac if ngspice else None,
         waiting=board.run,
         over=swept,
         deck=board,

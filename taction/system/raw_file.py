@@ -128,6 +128,26 @@ def read_plots(path: Path) -> list[Plot]:
     return plots
 
 
+def read_tables(path: Path) -> list[tuple[tuple[str, ...], Complexes]]:
+    """Read vectors and values (P, K) of all plots of a raw file, real or complex.
+
+    The errors are those of `read_raw`.
+    """
+    content, start, found = _map(path), 0, list[tuple[tuple[str, ...], Complexes]]()
+    while start < len(content) or not found:
+        near = content[start : start + _LONGEST_HEADER].partition(_END)[0]
+        flags = "complex" if b"\nFlags: complex" in near else "real"
+        header = _read_header(content, path, start, flags)
+        kind = COMPLEX if flags == "complex" else DOUBLE
+        points, count = _number(header, "no. points", path), len(header.vectors)
+        size = points * count * kind.itemsize
+        _check_size(path, content, header.size, size, several=True)
+        values = np.frombuffer(content, kind, points * count, header.size)
+        found.append((header.vectors, values.reshape(points, count).astype(np.complex128)))
+        start = header.size + size
+    return found
+
+
 def _plot(content: mmap.mmap | bytes, header: _Header, promised: int, points: int) -> Plot:
     count = len(header.vectors)
     data = np.frombuffer(content, DOUBLE, points * count, header.size).reshape(points, count)

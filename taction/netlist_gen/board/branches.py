@@ -1,6 +1,7 @@
 """Linear parts between any two nodes, which a deck has and no topology: coils and sources.
 
-With resistors and capacitors they are every linear card of SPICE: L, K, V, I, E, F, G, H. The state
+With resistors and capacitors they are every linear card of SPICE: L, K, V, I, E, F, G, H, and what
+transistors have besides (`ChargeByVoltage`). The state
 of a deck has no strain: its sources are constant, or step at t = 0 (`Source`).
 """
 
@@ -81,6 +82,13 @@ class CurrentByVoltage(ByVoltage):
     """A current from `a` through the source to `b`, A/V."""
 
     letter: ClassVar[str] = "G"
+
+
+@frozen
+class ChargeByVoltage(ByVoltage):
+    """A charge that flows from `a` to `b` as a voltage elsewhere changes, F; of transistors."""
+
+    letter: ClassVar[str] = "Y"
 
 
 @frozen

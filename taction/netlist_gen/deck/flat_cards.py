@@ -23,12 +23,10 @@ from taction.netlist_gen.board.branches import (
     VoltageByVoltage,
 )
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, Knob, Output, common_facts
-from taction.netlist_gen.board.parts import Branch, Capacitor, OpAmpCell, Part, Resistor
+from taction.netlist_gen.board.parts import Branch, Capacitor, Part, Resistor
 from taction.netlist_gen.deck.linear_expressions import affine
-from taction.netlist_gen.deck.macromodels import PINS, RAILS
 from taction.netlist_gen.deck.stimuli import FIXED, Stimulus, stimulus_of
 from taction.spice_models.foreign_expressions import number
-from taction.spice_models.opamp import OpAmp
 from taction.system.errors import Complaint, InputError
 
 KINDS = {
@@ -42,12 +40,12 @@ KINDS = {
     "h": ("transresistance", "ohm"),
 }
 """Letters of the parts that are knobs: what they are, and their unit."""
-MODEL = "vendor{}"  # name of an op-amp that is replaced
 IDLE = {"tc1", "tc2", "tc", "noisy"}  # without effect at 27 degrees C, or on poles
 _PASSIVE = re.compile(r"\.model (\S+) (?:r|res|c|l) ?\(?([^()]*)\)?")
 SCALES = {"tc1", "tc2", "tce", "rsh", "cj", "cjsw", "defw", "defl", "narrow", "short", "kf", "af"}
 """What a model of R, C or L may have where the part has a value of its own, which counts."""
 NAMED = 4  # sources in a sentence
+SMALL_STEP = 1e-3  # V or A, of a source of a circuit that is linear about its operating point
 BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
 _FIELD = re.compile(r"[^\s=(),]+\s*=\s*[^\s=]+|[^\s=(),]+")
@@ -81,9 +79,7 @@ class Flat:
     resistors: list[Resistor] = field(default_factory=list)
     capacitors: list[Capacitor] = field(default_factory=list)
     branches: list[Branch] = field(default_factory=list)
-    opamps: list[OpAmpCell] = field(default_factory=list)
     stimuli: dict[str, Stimulus] = field(default_factory=dict)
-    rails: dict[str, tuple[str, str]] = field(default_factory=dict)  # nodes of V+ and V-, by op-amp
     charged: list[str] = field(default_factory=list)  # cards with ic=
     absent: list[str] = field(default_factory=list)  # capacitors of 0 F
     knobs: dict[str, tuple[str, float]] = field(default_factory=dict)  # card and value, by name
@@ -97,8 +93,6 @@ class Flat:
             found |= dict.fromkeys((part.a, part.b))
         for branch in self.branches:
             found |= dict.fromkeys(branch.nodes)
-        for cell in self.opamps:
-            found |= dict.fromkeys((cell.noninverting, cell.inverting, cell.output))
         found.pop(GROUND, None)
         return found
 
@@ -219,32 +213,12 @@ def _coupling(flat: Flat, name: str, text: str) -> None:
 def _by_voltage(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
     def read(flat: Flat, name: str, text: str) -> None:
         plain, keyed = _fields(text, 5)
-        if PINS in name:
-            flat.opamps.append(_opamp(name, plain))
-            return
-        if RAILS in name:
-            flat.rails[_inside(name)] = plain[0], plain[2]
-            return
         if len(plain) > 5 or keyed.keys() - {"m"}:
             raise ValueError("expected four nodes and one number; polynomials are not linear")
         value = number(plain[4]) * number(keyed.get("m", "1"))
         _gain(flat, name, kind(name[1:], plain[0], plain[1], value, (plain[2], plain[3])))
 
     return read
-
-
-def _opamp(name: str, plain: Sequence[str]) -> OpAmpCell:
-    """Return the op-amp of the card that stands for it: output, ground, both inputs."""
-    model = MODEL.format(name.rpartition(PINS)[2])
-    return OpAmpCell(_inside(name), model, plain[2], plain[3], plain[0])
-
-
-def _inside(name: str) -> str:
-    """Return the subcircuit X in which a flat card stands, without its letter.
-
-    One that is defined within another has the letter of the card again: ``e.x1.e.x2.e_name``.
-    """
-    return ".".join(word for word in name.split(".")[1:-1] if len(word) > 1)[1:]
 
 
 def _by_current(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
@@ -345,9 +319,7 @@ def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) ->
     return tuple(usual[:1] or free or list(nodes)[:1])
 
 
-def circuit_of(
-    flat: Flat, name: str, outputs: Iterable[str], models: Mapping[str, OpAmp]
-) -> Circuit:
+def circuit_of(flat: Flat, name: str, outputs: Iterable[str]) -> Circuit:
     """Return the circuit of flat cards: its parts are its knobs, its facts are their values."""
     largest = max((abs(part.farads) for part in flat.capacitors), default=LEAST_FARADS)
     facts = common_facts(U0=1.0, C=largest)  # the scales of voltages and charges
@@ -362,8 +334,8 @@ def circuit_of(
         amplifier="linear",
         topology="deck",
         facts=facts,
-        models=dict(models),
-        opamps=tuple(flat.opamps),
+        models={},
+        opamps=(),
         amplifiers=(),
         resistors=tuple(flat.resistors),
         matrices=(),
@@ -387,8 +359,8 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     0 to 1, or, where they have a DC value, by `BIASED_STEP` of it to this value: the circuit comes
     to rest at its operating point and starts close to it. Without one of them all sources but
     those at the supplies of op-amps are switched on.
-    A `small` signal is a step by 1 of the sources with an ``ac`` value: the others hold the circuit
-    at its operating point.
+    A `small` signal is a step by `SMALL_STEP` of the sources with an ``ac`` value, else of the last
+    source: the others hold the circuit at its operating point.
     """
     moving = [card for card, found in flat.stimuli.items() if found.moves]
     if moving:
@@ -396,16 +368,19 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     sources = [card for card, found in flat.stimuli.items() if found.kind != FIXED]
     chosen = [card for card in sources if flat.stimuli[card].ac]
     if small:
-        by_one = [
-            _on(p, p.value + 1.0, p.value) if p.card in chosen and isinstance(p, Source) else p
+        chosen = chosen or sources[-1:]
+        faint_ones = [
+            _on(p, p.value + SMALL_STEP, p.value)
+            if p.card in chosen and isinstance(p, Source)
+            else p
             for p in flat.branches
         ]
-        text = f"no source changes over time, so a step by 1 at t = 0: {_named(chosen)}"
-        return replace(flat, branches=by_one), text if chosen else "no source changes over time"
-    supplies = {node for nodes in flat.rails.values() for node in nodes} - {GROUND}
-    powering = {p.card for p in flat.branches if isinstance(p, Source) and supplies & {p.a, p.b}}
+        text = (
+            f"no source changes over time, so a step by {SMALL_STEP:g} at t = 0: {_named(chosen)}"
+        )
+        return replace(flat, branches=faint_ones), text if chosen else "no source changes over time"
     faint = [card for card in chosen if flat.stimuli[card].after]
-    chosen = faint or chosen or [card for card in sources if card not in powering] or sources
+    chosen = faint or chosen or sources
     unit = {card for card in chosen if flat.stimuli[card].after == 0.0}
     if faint:
         before = 1.0 - BIASED_STEP

@@ -43,8 +43,8 @@ _LEFT = """
 """
 LEFT = tuple(_LEFT.split())
 """Cards that say what to simulate and to show, and nothing about the parts."""
-LETTERS = "rclkviefghxbdqjms"
-"""Devices that may stand in the text; `flat_cards` refuses those that are not linear."""
+LETTERS = "rclkviefghxbdqjmsw"
+"""Devices that may stand in the text: no A, which may start programs."""
 NODES = {"r": 2, "c": 2, "l": 2, "v": 2, "i": 2, "e": 4, "g": 4, "f": 3, "h": 3}
 """Parts with a value, and how many nodes and names stand before it."""
 _FILE = re.compile(
@@ -137,16 +137,6 @@ def unbraced_expression(deck: ForeignDeck) -> InputError | None:
         values = "".join(card.text.split(None, nodes + 1)[nodes + 1 :])
         if re.search(r"[-+*/]", _NUMBER.sub("#", _BRACES.sub("#", values))):
             return card.refused("an expression stands in braces, such as 'R1 in out {2*1k}'")
-    return None
-
-
-def table(deck: ForeignDeck, said: str) -> InputError | None:
-    """Return the error for a source with a table, of which ngspice says that it has no model."""
-    if match := re.search(r"xfer_(?:\w+\.)*(\w+)", said):
-        for card in deck.cards:
-            if card.word == match[1]:
-                text = "a table is not linear; expected a gain, such as 'E1 a 0 b 0 2'"
-                return card.refused(text)
     return None
 
 
@@ -291,8 +281,8 @@ class _DeckReading:
 
 
 LINEAR = (
-    "accepted: linear parts R C L K V I E F G H, B with a linear expression, subcircuits X of them,"
-    " and op-amps of vendors (subcircuits with transistors, diodes or expressions and five ports)"
+    "accepted: R C L K V I E F G H B, devices D Q J M and switches S W with a .model, and"
+    " subcircuits X of them"
 )
 
 

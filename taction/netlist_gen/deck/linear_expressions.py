@@ -7,13 +7,17 @@ import re
 from collections.abc import Mapping
 from dataclasses import field
 
-from taction.spice_models.foreign_expressions import DEEPEST, number, polynomial
+from taction.spice_models.foreign_expressions import DEEPEST, number, piecewise, polynomial
 from taction.spice_models.foreign_lines import LONGEST
 from taction.system.frozen import frozen
 
 Probe = tuple[str, ...]
 """``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source."""
 _POLY = re.compile(r"([efgh])(\S+) (\S+) (\S+) poly ?\( ?(\d+) ?\) ?(.*)")
+_TABLE = re.compile(
+    r"([egi])(\S+) (\S+) (\S+) (?:([^\s{}]+ [^\s{}]+) )?(?:table|tbl) ?(?:\{([^{}]*)\})? ?=? ?(.*)"
+)
+_POINT = re.compile(r"\{[^{}]*\}|[^\s(),{}]+")
 _PROBE = re.compile(r"\b([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)")
 _TOKEN = re.compile(r"[a-z_]\w*|(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?[a-z]*")
 
@@ -51,6 +55,33 @@ def without_poly(text: str) -> str:
         made = "+".join(terms)
     else:
         made = polynomial(inputs, [number(word) for word in coefficients])
+    return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
+
+
+def without_table(text: str) -> str:
+    """Return a card with a table, of PSpice or LTspice, as a B card with its expression.
+
+    Raises
+    ------
+    ValueError
+        No pairs of numbers, or one that is not above the one before.
+
+    Examples
+    --------
+    >>> without_table("e1 s 0 table {v(a)} = (0,0) (1,2)")
+    'be1 s 0 v=((0)+((2)-(0))/((1)-(0))*(max(min((v(a)),1),0)-(0)))'
+    """
+    match = _TABLE.fullmatch(text)
+    if match is None:
+        return text
+    letter, name, a, b, across, inner, points = match.groups()
+    across = across and f"v({','.join(across.split())})"
+    across = across or (f"v({a},{b})" if letter == "i" else "")
+    if not (inner or across):
+        raise ValueError("a table needs its expression: TABLE {expression} = (x,y) (x,y) ...")
+    words = [w.replace("{", "(").replace("}", ")") for w in _POINT.findall(points)]
+    words = [w if w[0] == "(" else f"{number(w)!r}" for w in words]
+    made = piecewise(f"({inner or across})", *words)
     return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
 
 

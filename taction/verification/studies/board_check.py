@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
@@ -20,6 +20,7 @@ from taction.verification.engines.ngspice.process import Run
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import Measurements
 from taction.verification.stability.poles import Poles
+from taction.verification.studies.ac_witness import AcWitness
 from taction.verification.studies.board_sweep import Sweep, sweep_board
 from taction.verification.studies.board_witness import Witness, witnessed
 from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_board
@@ -189,6 +190,7 @@ def check_board(
     initial: Start = "rest",
     witness: Witness | None = None,
     waiting: Run | None = None,
+    ac: AcWitness | None = None,
     over: Iterable[SweptValue] = (),
     deck: Parametric | None = None,
     tolerances: DeckTolerances | None = None,
@@ -210,6 +212,8 @@ def check_board(
         Returns ngspice's deck of a transient for a solver; without it there is one witness.
     waiting : Run, optional
         ngspice, which waits for this deck.
+    ac : AcWitness, optional
+        ngspice's own small signal, for a circuit that is linear about its operating point.
     over : iterable of SweptValue
         Values to sweep, one after the other.
     deck : Parametric, optional
@@ -238,12 +242,14 @@ def check_board(
     noise = found.noise(asked.lowest)
     middle = clock()
     progress("ngspice")
-    agreement, why = None, "without ngspice"
+    agreement, why = None, "" if ac is not None else "without ngspice"
     if witness is not None:
         agreement, why = witnessed(found, witness, asked.limits.engines_agree.tolerance, waiting)
     checks = list(found.checks(asked, noise, margin, agreement))
     if agreement is None and "engines_agree" in asked.names:
         checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))
+    if ac is not None:
+        checks.append(ac.check(board, found.poles.poles))
     progress("sweeps")
     sweeps = tuple(
         sweep_board(board, each, initial, band, None if deck is None else deck.at) for each in over
@@ -255,7 +261,7 @@ def check_board(
         )
     return BoardCheck(
         found,
-        (*notes, *([why] if why else ()), *_beyond_swing(found)),
+        (*notes, *([why] if why else ())),
         rows,
         noise,
         agreement,
@@ -266,21 +272,3 @@ def check_board(
         corners,
         yields,
     )
-
-
-def _beyond_swing(found: MeasuredBoard) -> Iterator[str]:
-    """Say which op-amps of vendors would rest beyond their swing, where no linear model holds."""
-    circuit, board = found.board.circuit, found.board
-    rests = [board.equilibrium, *([board.rest] if found.initial == "rest" else [])]
-    for cell in circuit.opamps:
-        imported = circuit.models[cell.model].imported
-        if imported is None:
-            continue
-        reach = imported.figures.swing or imported.supply
-        volts = max((float(rest[cell.output]) - imported.middle for rest in rests), key=abs)
-        if abs(volts) > reach:
-            ends = f"{imported.middle - reach:.3g} V to {imported.middle + reach:.3g} V"
-            yield (
-                f"x{cell.name}: its output would rest at {imported.middle + volts:.4g} V, beyond"
-                f" its swing of {ends}: the linear answers do not hold"
-            )

@@ -1,73 +1,68 @@
-"""A deck of another hand as a `Circuit`: expanded by ngspice, with op-amps of vendors replaced.
+"""A deck of another hand as a `Circuit`: expanded by ngspice, what is not linear measured alone.
 
-A vendor's macromodel is a subcircuit with transistors, diodes or expressions and five ports. Each
-is imported as `taction parts import` does it: checked, written anew, measured by ngspice, and
-replaced by its linear model; the transient of ngspice keeps the macromodel itself.
+A deck with transistors, clamps or op-amps of vendors is linear about its operating point, which
+ngspice finds for the deck as it is (`operating_point`); each such element is measured there
+(`element_bench`), and becomes parts without knobs (`element_parts`).
 """
 
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.branches import Coil, Source, VoltageBetween
-from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.board.parts import Branch, OpAmpCell
+from taction.netlist_gen.board.branches import Source
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import Branch
 from taction.netlist_gen.deck.deck import Deck
+from taction.netlist_gen.deck.elements import ACCEPTED
 from taction.netlist_gen.deck.flat_cards import (
-    MODEL,
     CardError,
     Flat,
     circuit_of,
     outputs_of,
     read_cards,
+    shown,
     stepped,
 )
 from taction.netlist_gen.deck.foreign_deck import (
     LINEAR,
     ForeignDeck,
     read_deck,
-    table,
     unbraced_expression,
 )
 from taction.netlist_gen.deck.ltspice import missing_cards
 from taction.netlist_gen.deck.macromodels import (
-    PINS,
-    RAILS,
-    cards_of_models,
+    check_size,
+    is_plain,
     ltspice_opamps,
-    vendors_of,
-    with_own_parameters,
-    with_stubs,
+    ready_lines,
 )
 from taction.netlist_gen.deck.stimuli import FIXED
 from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
 from taction.spice_models.foreign_expressions import number
-from taction.spice_models.imported import ROLES, ImportedOpAmp
-from taction.spice_models.opamp import OpAmp
-from taction.system.errors import Complaint, DidNotLoad, InputError, SimulationError, one_line
+from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.listing import expand, expand_and_wait
 from taction.verification.engines.ngspice.process import Run
+from taction.verification.studies.ac_witness import AcWitness, stepping
+from taction.verification.studies.element_bench import MISFIT, measured
+from taction.verification.studies.element_parts import add_measured
+from taction.verification.studies.operating_point import OperatingPoint, find_point
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
 RELATIVE = 1e-6  # reltol of the witness
 EDGE = 0.01  # of the first step: the edge of a step in ngspice
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
+NAMED = 12  # elements in a note
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
+_OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
 _CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 Start = Literal["zero", "rest"]
-Supplied = tuple[int, int, float, float]
-"""Number of a vendor's subcircuit, that of the order of its ports, and its V- and V+."""
-ORDERS = (ROLES, (*ROLES[:2], ROLES[4], *ROLES[2:4]))
-"""Orders of the ports + - V+ V- out, and of those with out before the supplies."""
 
 
 @frozen(eq=False, slots=False)
@@ -86,8 +81,8 @@ class ForeignBoard:
         ``"zero"`` for a transient with ``uic``, else ``"rest"``.
     notes : tuple of str
         What was done with the deck: the step, op-amps that were replaced, what was left out.
-    opamps : mapping of str to ImportedOpAmp
-        The macromodels that linear models replace.
+    point : OperatingPoint or None
+        Where a deck rests that is not linear.
     run : Run or None
         ngspice, which waits for the deck of its transient.
     """
@@ -97,22 +92,22 @@ class ForeignBoard:
     circuit: Circuit
     initial: Start
     notes: tuple[str, ...]
-    opamps: Mapping[str, ImportedOpAmp] = field(default_factory=dict)
-    lines: tuple[str, ...] = ()  # as ngspice expands them: the cards, with stubs for op-amps
-    linearise: bool = False
-    supplied: Mapping[Supplied, str] = field(default_factory=dict)  # names of the models
+    lines: tuple[str, ...] = ()  # as ngspice expands them
+    point: OperatingPoint | None = None
     run: Run | None = None
+
+    @property
+    def ac(self) -> AcWitness | None:
+        """What compares the circuit with ngspice's ``.ac``, where elements are measured."""
+        if self.point is None:
+            return None
+        return AcWitness(self.point, stepping(self.circuit.branches), find_simulator())
 
     def witness(self, transient: Transient, solver: str) -> Deck:
         """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
-        cards = [_CHARGE.sub("", line) for line in self._cards if line[0] not in "vi"]
+        cards = [_CHARGE.sub("", line) for line in self.lines if line[0] not in "vi"]
         cards += [_stepping(part, transient) for part in self.flat.branches if self._steps(part)]
-        cards += [
-            f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}"
-            for c in self.flat.opamps
-        ]
         nodes = tuple(out.node for out in self.circuit.outputs)
-        models = [model.text(name) for name, model in self.opamps.items()]
         amps = max(1e-12, transient.current)
         charge = transient.charge or 1e-18
         closing = [
@@ -125,7 +120,7 @@ class ForeignBoard:
             ".end",
             "",
         ]
-        text = "\n".join(["* flat cards of a deck", *models, *cards, *closing])
+        text = "\n".join(["* flat cards of a deck", *cards, *closing])
         return Deck(text, nodes, transient)
 
     @property
@@ -136,12 +131,6 @@ class ForeignBoard:
         stop = time_scales(self.circuit, initial=self.initial).stop or 1.0
         plan = Transient(stop, 1e-3 * stop, initial=self.initial)
         return self.witness(plan, "noopiter").text
-
-    @property
-    def _cards(self) -> Iterator[str]:
-        for line in self.lines:
-            if PINS not in line and RAILS not in line:
-                yield line
 
     def _steps(self, part: Branch) -> bool:
         """Whether a part is a source of its own, not the constant of a B card."""
@@ -162,49 +151,52 @@ class ForeignBoard:
         InputError
             ngspice does not expand the deck with one of them.
         """
+        if self.point is not None:
+            return [self._measured_at(changed) for changed in changes]
         try:
             return [
-                self._circuit(cards) for cards in expand(self._stubbed, find_simulator(), changes)
+                self._circuit(cards) for cards in expand(self._ready, find_simulator(), changes)
             ]
         except DidNotLoad as error:
             text = f"with other values of its .param: {one_line(error)}"
             raise InputError(self.deck.file, Complaint("deck", "", text)) from None
 
+    def _measured_at(self, changed: Mapping[str, float]) -> Circuit | InputError:
+        """Return the circuit at other values of its ``.param`` cards, at its own point."""
+        lines = [_with_values(line, changed) for line in self._ready]
+        try:
+            flat, _ = _measured_flat(find_point(lines, _options(self.deck), find_simulator()))
+        except CardError as error:
+            return InputError(self.deck.file, Complaint("deck", "", str(error)))
+        return self._of(flat)
+
     def value_of(self, parameter: str) -> float | None:
         """Return the value of a ``.param``, as ngspice computes it; None if it is no number."""
         probe = f"{PROBE} {PROBE} 0 {{{parameter}}}"
         try:
-            (cards,) = expand((*self._stubbed, probe), find_simulator())
+            (cards,) = expand((*self._ready, probe), find_simulator())
             (found,) = (card for card in cards if card.startswith(PROBE))
             return number(found.split()[-1])
         except (DidNotLoad, ValueError):
             return None
 
     @cached_property
-    def _stubbed(self) -> tuple[str, ...]:
-        return tuple(with_stubs(self.deck, vendors_of(self.deck, self.linearise)))
+    def _ready(self) -> tuple[str, ...]:
+        return tuple(ready_lines(self.deck))
 
     def _circuit(self, cards: Iterable[str]) -> Circuit | InputError:
         try:
-            if self.linearise:
-                cards, _ = _linearised(cards)
-            flat, _ = stepped(read_cards(cards), small=self.linearise)
+            return self._of(read_cards(cards))
         except CardError as error:
             return InputError(self.deck.file, Complaint("deck", "", str(error)))
-        try:
-            flat = _with_models(self.deck, flat, self.supplied)
-        except InputError as error:
-            return error
-        outputs = [out.node for out in self.circuit.outputs]
-        return circuit_of(flat, self.circuit.name, outputs, self.circuit.models)
+
+    def _of(self, flat: Flat) -> Circuit:
+        flat, _ = stepped(flat, small=self.point is not None)
+        return circuit_of(flat, self.circuit.name, [out.node for out in self.circuit.outputs])
 
 
 def read_board(
-    file: str | Path,
-    outputs: Sequence[str] = (),
-    *,
-    linearise: bool = False,
-    wait: bool = False,
+    file: str | Path, outputs: Sequence[str] = (), *, wait: bool = False
 ) -> ForeignBoard:
     """Read a deck as a board.
 
@@ -212,8 +204,6 @@ def read_board(
     ----------
     outputs : sequence of str
         Nodes of interest; by default those that the deck shows, else the usual names of outputs.
-    linearise : bool
-        Take diodes and transistors for linear at ngspice's operating point.
     wait : bool
         Whether ngspice, which expands the deck, waits for the deck of its transient.
 
@@ -225,75 +215,79 @@ def read_board(
         ngspice is missing, or does not expand the deck.
     """
     deck = with_first_steps(read_deck(file))
-    deck = with_own_parameters(deck, vendors_of(deck, linearise))
-    vendors = vendors_of(deck, linearise)
-    stubbed, run = tuple(with_stubs(deck, vendors)), None
+    check_size(deck)
+    ready, run, point = tuple(ready_lines(deck)), None, None
     try:
-        if wait:
-            cards, run = expand_and_wait(stubbed, find_simulator())
+        if is_plain(deck):
+            cards, run = expand_and_wait(ready, find_simulator()) if wait else (
+                expand(ready, find_simulator())[0], None)  # fmt: skip
+            flat, small = read_cards(cards), ""
         else:
-            (cards,) = expand(stubbed, find_simulator())
-    except DidNotLoad as error:
+            point = find_point(ready, _options(deck), find_simulator())
+            cards, (flat, small) = point.cards, _measured_flat(point)
+            point = point if small else None
+        flat, stimulus = stepped(flat, small=point is not None)
+    except (CardError, DidNotLoad) as error:
         refused = unbraced_expression(deck) if "unknown parameter" in str(error) else None
-        refused = refused or table(deck, str(error))
-        said = Complaint("deck", "", one_line(error))
-        raise refused or InputError(deck.file, said) from None
-    try:
-        small = ""
-        if linearise:
-            cards, small = _linearised(cards)
-        flat, stimulus = stepped(read_cards(cards), small=bool(small))
-    except CardError as error:
-        accepted = "" if linearise else f"; {LINEAR}"
-        raise InputError(deck.file, Complaint("deck", "", f"{error}{accepted}")) from None
+        said = one_line(error)
+        accepted = "" if isinstance(error, DidNotLoad) or ACCEPTED in said else f"; {LINEAR}"
+        raise refused or InputError(deck.file, Complaint("deck", "", said + accepted)) from None
     nodes = outputs_of(flat, outputs, (card.text for card in deck.left))
     if len(flat.nodes) > MOST_UNKNOWNS:
         text = f"the deck has {len(flat.nodes)} nodes; up to {MOST_UNKNOWNS} are read"
         raise InputError(deck.file, Complaint("deck", "", text))
-    supplied = {kind: f"{MODEL.format(kind[0])}_{n}" for n, kind in enumerate(_kinds(deck, flat))}
-    imported = {
-        name: _imported(deck, vendors[k], order, low, high)
-        for (k, order, low, high), name in supplied.items()
-    }
-    flat = _with_models(deck, flat, supplied)
-    circuit = circuit_of(flat, deck.file.stem, nodes, _as_opamps(imported))
+    circuit = circuit_of(flat, deck.file.stem, nodes)
     immediate = any(re.search(r"\buic\b", c.text) for c in deck.left if c.word == ".tran")
-    immediate &= not small  # the small signal begins where the circuit rests
-    return ForeignBoard(
-        deck,
-        flat,
-        circuit,
-        "zero" if immediate else "rest",
-        (*([small] if small else ()), stimulus, *_notes(deck, flat, vendors, imported, immediate)),
-        imported,
-        tuple(cards),
-        linearise,
-        supplied,
-        run,
+    immediate &= point is None  # the small signal begins where the circuit rests
+    notes = (*([small] if small else ()), stimulus, *_notes(deck, flat, immediate))
+    start: Start = "zero" if immediate else "rest"
+    return ForeignBoard(deck, flat, circuit, start, notes, tuple(cards), point, run)
+
+
+def _options(deck: ForeignDeck) -> str:
+    """Return the options of a deck that change its circuit."""
+    words = [f"{key}={value}" for card in deck.left if card.word.startswith(".opt")
+             for key, value in _OPTION.findall(card.text)]  # fmt: skip
+    return " ".join(words)
+
+
+def _with_values(line: str, changed: Mapping[str, float]) -> str:
+    """Return a card ``.param`` with other values."""
+    if line.startswith(".param"):
+        for name, value in changed.items():
+            own = rf"\b{re.escape(name)} ?=(?!=) ?(?:\{{[^{{}}]*\}}|\S+)"
+            line = re.sub(own, f"{name}={value!r}", line)
+    return line
+
+
+def _measured_flat(point: OperatingPoint) -> tuple[Flat, str]:
+    """Return the linear parts of a deck at its operating point, and what was done.
+
+    Raises
+    ------
+    CardError
+        An element is not of the form ``G + s C``.
+    """
+    flat = read_cards(point.found.linear)
+    elements = point.found.elements
+    if not elements:
+        return flat, ""
+    add_measured(flat, measured(point.found, point.volts, point.options, find_simulator()))
+    within = tuple(f"{each.subcircuit}." for each in elements if each.subcircuit)
+    for name in [name for name in flat.knobs if name.startswith(within)] if within else ():
+        del flat.knobs[name]
+    places = list(dict.fromkeys(each.subcircuit or shown(each.name) for each in elements))
+    names = ", ".join(places[:NAMED])
+    names += f" and {len(places) - NAMED} more" * (len(places) > NAMED)
+    loose = "" if point.is_tight else f" (found with {point.limits} only)"
+    return flat, (
+        f"linear about ngspice's operating point{loose}, for small signals: {names}, measured"
+        f" there within {100 * MISFIT:g} %; their own noise does not count, and values of"
+        " parts change without moving the point"
     )
 
 
-def _linearised(cards: Iterable[str]) -> tuple[tuple[str, ...], str]:
-    from taction.verification.studies.small_signal import linearised
-
-    return linearised(cards, find_simulator())
-
-
-def _as_opamps(imported: Mapping[str, ImportedOpAmp]) -> dict[str, OpAmp]:
-    if not imported:
-        return {}
-    from taction.netlist_gen.board.opamp_choice import as_opamp
-
-    return {name: as_opamp(name, model) for name, model in imported.items()}
-
-
-def _notes(
-    deck: ForeignDeck,
-    flat: Flat,
-    vendors: Sequence[str],
-    imported: Mapping[str, ImportedOpAmp],
-    immediate: bool,
-) -> Iterator[str]:
+def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
     if immediate:
         yield "uic: the board starts with no charge"
     yield from deck.remarks
@@ -311,17 +305,6 @@ def _notes(
             yield f"{card.text}: does not count; every part is at 27 degrees C"
         if card.word == ".step":
             yield f"{card.text}: does not run; {_sweep_of(card.text)} does it"
-    for model_name, model in imported.items():
-        cells = [c for c in flat.opamps if c.model == model_name]
-        if model.linear is not None:
-            name = vendors[_vendor(model_name)]
-            inputs = f" with its inputs at {model.middle:g} V" if model.middle else ""
-            yield (
-                f"{', '.join('x' + c.name for c in cells)}: the macromodel {name} is replaced by"
-                f" its linear model, measured at {model.supplies}{inputs}, within"
-                f" {100 * model.linear.error:.2g} %; ngspice's transient keeps it, with its slew"
-                " rate and its swing"
-            )
     times = {found.at for found in flat.stimuli.values() if found.moves}
     if len(times) > 1:
         yield "the sources change at different times; all steps are taken at t = 0"
@@ -355,112 +338,3 @@ def _stepping(part: object, transient: Transient) -> str:
     else:
         wave = f"dc {before!r} PWL(0 {before!r} {EDGE * transient.begin!r} {after!r})"
     return f"{part.card} {part.a} {part.b} {wave}"
-
-
-def _vendor(model: str) -> int:
-    """Return the number of the subcircuit that a model of an op-amp replaces."""
-    return int(model.removeprefix(MODEL.format("")).partition("_")[0])
-
-
-def _kinds(deck: ForeignDeck, flat: Flat) -> dict[Supplied, list[OpAmpCell]]:
-    """Return the op-amps of vendors by their subcircuit and their supply voltages."""
-    held, found = _held(flat), dict[Supplied, list[OpAmpCell]]()
-    for cell in flat.opamps:
-        third, fourth = flat.rails[cell.name]
-        order, out = 0, cell.output
-        high, low = (held.get(node) for node in (third, fourth))
-        if high is None and fourth in held and out in held:
-            order, out = 1, third
-            high, low = held[fourth], held[cell.output]
-        if high is None or low is None:
-            high, low = (_through(flat, held, node) for node in (third, fourth))
-        if high is None or low is None:
-            node = third if high is None else fourth
-            text = (
-                f"x{cell.name} needs a voltage source at its supplies, such as 'VP {node} 0 5';"
-                f" its ports are read as + - V+ V- out: V+ at {third}, V- at {fourth}"
-            )
-            raise InputError(deck.file, Complaint("supply", repr(node), text))
-        if not high > low:
-            value, text = f"{high:g} V and {low:g} V", f"x{cell.name} needs V+ above V-"
-            raise InputError(deck.file, Complaint("supply", value, text))
-        kind = _vendor(cell.model), order, low, high
-        found.setdefault(kind, []).append(replace(cell, output=out))
-    return found
-
-
-def _through(flat: Flat, held: Mapping[str, float], node: str) -> float | None:
-    """Return the voltage that a node has by way of resistors and coils; None if of several."""
-    joined = dict[str, set[str]]()
-    ends = [(part.a, part.b) for part in flat.resistors]
-    ends += [(part.a, part.b) for part in flat.branches if isinstance(part, Coil)]
-    for a, b in ends:
-        joined.setdefault(a, set()).add(b)
-        joined.setdefault(b, set()).add(a)
-    seen, left, found = {node}, [node], set[float]()
-    while left:
-        one = left.pop()
-        if one in held:
-            found.add(held[one])
-        else:
-            left += joined.get(one, set()) - seen
-            seen |= joined.get(one, set())
-    return found.pop() if len(found) == 1 else None
-
-
-def _held(flat: Flat) -> dict[str, float]:
-    """Return the voltages of the nodes that voltage sources hold, by way of one another, V."""
-    sources = [part for part in flat.branches if isinstance(part, VoltageBetween)]
-    held, known = {GROUND: 0.0}, -1
-    while known < len(held):
-        known = len(held)
-        for part in sources:
-            volts = flat.stimuli[part.card].after
-            if part.b in held:
-                held.setdefault(part.a, held[part.b] + volts)
-            elif part.a in held:
-                held[part.b] = held[part.a] - volts
-    return held
-
-
-def _with_models(deck: ForeignDeck, flat: Flat, names: Mapping[Supplied, str]) -> Flat:
-    """Return flat cards in which each op-amp has the name of its model at its supplies."""
-    cells = []
-    for kind, members in _kinds(deck, flat).items():
-        if kind not in names:
-            text = "the models of the op-amps hold for the deck's own supplies only"
-            value = f"{kind[-2]:g} V and {kind[-1]:g} V"
-            raise InputError(deck.file, Complaint("supply", value, text))
-        cells += [replace(cell, model=names[kind]) for cell in members]
-    return replace(flat, opamps=cells)
-
-
-def _imported(deck: ForeignDeck, name: str, order: int, low: float, high: float) -> ImportedOpAmp:
-    """Import one macromodel of the deck, in an order of the pins or with inputs exchanged.
-
-    The order + - V+ V- out is that of nearly all vendors; the sign of the measured gain tells
-    whether the inputs are exchanged.
-    """
-    from taction.verification.characterise.vendor_model import import_opamp
-
-    roles = ORDERS[order]
-    half, middle = 0.5 * (high - low), 0.5 * (high + low)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder, "macromodel.lib")
-        place.write_text("\n".join(cards_of_models(deck)) + "\n")
-        try:
-            try:
-                found = import_opamp(str(place), name, roles, half, middle=middle)
-            except InputError as error:
-                if "exchange the roles" not in str(error):
-                    raise
-                turned = (roles[1], roles[0], *roles[2:])
-                found = import_opamp(str(place), name, turned, half, middle=middle)
-        except (InputError, SimulationError) as error:
-            text = str(error).replace(str(place), deck.file.name)
-            if isinstance(error, SimulationError):
-                text = f"ngspice does not measure it on its test bench: {one_line(error)}"
-            raise InputError(deck.file, Complaint(f".subckt {name}", "", text)) from None
-    if found.linear is None:
-        raise InputError(deck.file, Complaint(f".subckt {name}", "", found.missing))
-    return found

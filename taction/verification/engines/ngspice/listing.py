@@ -95,7 +95,7 @@ def expand_and_wait(
     end = time.perf_counter() + SECONDS
     run = _listing(text, (LIST, "source /dev/stdin"), simulator, SECONDS, waits=True)
     listed = run.reaches(lambda: _read(run.folder).endswith(LAST))
-    cards, said = _cards(_read(run.folder)), (run.folder / STREAMS[1]).stat().st_size
+    cards, said = listed_cards(_read(run.folder)), (run.folder / STREAMS[1]).stat().st_size
     if listed and cards and not said:
         return cards, run
     if (left := end - time.perf_counter()) <= 0.0:
@@ -151,7 +151,7 @@ def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...] | Did
     The exit status says only that nothing was simulated.
     """
     check_end(ending)
-    found = [_cards(part) for part in _HEAD.split(_read(ending.folder))[1:]]
+    found = [listed_cards(part) for part in _HEAD.split(_read(ending.folder))[1:]]
     text = re.split(r"incomplete or empty netlist", ending.errors)[0]
     wrong = [": ".join(each) for each in _REFUSED.findall(text)] or _WRONG.findall(
         re.sub(r"Error: $", "", text.strip())
@@ -164,6 +164,7 @@ def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...] | Did
     return tuple(found)
 
 
-def _cards(part: str) -> tuple[str, ...]:
+def listed_cards(part: str) -> tuple[str, ...]:
+    """Return the flat cards of one listing."""
     cards = [match[1] for line in part.split("\n") if (match := _CARD.match(line))]
     return tuple(" ".join(card.split()) for card in cards if not card.startswith((".end", "*")))

@@ -109,9 +109,9 @@ def make_folder(deck: ScreenedDeck, command: str, folder: Path | None) -> Path:
         The folder cannot be written.
     """
     texts = {
+        "spinit": "* no code models are loaded\n",
         **deck.files,
         "deck.cir": deck.text,
-        "spinit": "* no code models are loaded\n",
         "command.txt": command,
     }
     try:

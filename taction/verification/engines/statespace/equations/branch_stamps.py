@@ -17,6 +17,7 @@ from taction.netlist_gen.board.branches import (
     BranchCoupling,
     ByCurrent,
     ByVoltage,
+    ChargeByVoltage,
     Coil,
     CurrentBetween,
     CurrentByCurrent,
@@ -210,6 +211,13 @@ class _Branches:
         for place, gain in self._controls(part):
             self._through(part, place, gain)
 
+    def _charge(self, part: ChargeByVoltage) -> None:
+        """Add what flows out of `part.a`, on the left of ``M z' = K z``."""
+        a, b = self._ends(part)
+        for place, value in self._controls(part):
+            self.stamper.mass.add_one(a, place, value)
+            self.stamper.mass.add_one(b, place, -value)
+
     def _by_current(self, part: CurrentByCurrent) -> None:
         self._through(part, self._current(part.control), self._value(part.card))
 
@@ -253,5 +261,6 @@ _OTHERS: dict[type[Branch], Callable[..., None]] = {
     BranchCoupling: _Branches._coupling,
     CurrentBetween: _Branches._source,
     CurrentByVoltage: _Branches._by_voltage,
+    ChargeByVoltage: _Branches._charge,
     CurrentByCurrent: _Branches._by_current,
 }

@@ -1,0 +1,259 @@
+"""Flat cards that are measured alone: transistors, diodes, switches, and any other expression.
+
+An `Element` is a card with places for what is held on a bench: the nodes and currents that it
+depends on. Every card that `flat_cards` reads as linear stays a part.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import field
+
+from taction.netlist_gen.deck.flat_cards import CardError, read_cards, shown
+from taction.spice_models.foreign_expressions import number
+from taction.system.frozen import frozen
+
+MEASURED = "dqjmswbefghrcl"
+OHMIC = {
+    "d": (("rs",),),
+    "q": (("rc",), ("rb", "rbm", "irb"), ("re",)),
+    "j": (("rd",), (), ("rs",)),
+    "m": (("rd", "rsh"), (), ("rs", "rsh")),
+    "vdmos": (("rd",), ("rg",), ("rs",)),
+}
+"""Parameters of a model that are resistances in series with its terminals, by terminal."""
+STRIPPED = "__inner"  # ends the name of a model without them
+LEAST_TERMINALS = {"d": 2, "q": 3, "j": 3, "m": 3}
+_MODEL = re.compile(r"\.model (\S+) (\w+)(.*)")
+_VOLTAGE = re.compile(r"(?<![\w.#])v ?\( ?([^,() ]+) ?(?:, ?([^,() ]+) ?)?\)")
+_CURRENT = re.compile(r"(?<![\w.#])i ?\( ?([^,() ]+) ?\)")
+_TAKES = re.compile(r"(?<![\w.#])[vi] ?\(")
+_GIVEN = re.compile(r"(\w+) ?= ?([^\s(),]+)")
+ACCEPTED = "accepted are R C L K V I E F G H B, D Q J M with a .model, and switches S W"
+
+
+@frozen(eq=False)
+class Element:
+    """A card that is measured.
+
+    Attributes
+    ----------
+    name : str
+        Of the flat card.
+    pattern : str
+        The card: ``~`` for its name, ``{0}`` ``{1}`` for held nodes, ``{i0}`` for controlling
+        sources, ``{o0}`` ``{o1}`` for the nodes of an output.
+    held : tuple of str
+        Nodes whose voltages are held, terminals first.
+    currents : tuple of str
+        Sources whose currents are held.
+    outs : tuple
+        Kind (``v``, ``i`` or ``l``) and both nodes of an output.
+    terminals : int
+        How many of `held` are terminals, whose currents are read.
+    inner : mapping
+        By terminal, the inner node behind an ohmic resistance, ohm.
+    whole : str
+        The pattern with these resistances in it; empty without them.
+    """
+
+    name: str
+    pattern: str
+    held: tuple[str, ...]
+    currents: tuple[str, ...] = ()
+    outs: tuple[tuple[str, str, str], ...] = ()
+    terminals: int = 0
+    inner: Mapping[int, tuple[str, float]] = field(default_factory=dict)
+    whole: str = ""
+
+    @property
+    def subcircuit(self) -> str:
+        """The innermost subcircuit in which it stands, such as ``x1.xop``; empty at the top."""
+        return ".".join(self.name.split(".")[1:-1])
+
+
+@frozen(eq=False)
+class SortedCards:
+    """Flat cards: linear ones, elements, and the models of the elements by name."""
+
+    linear: tuple[str, ...]
+    elements: tuple[Element, ...]
+    models: Mapping[str, tuple[str, str]]
+
+    @property
+    def model_cards(self) -> list[str]:
+        """The models, and those without their ohmic resistances."""
+        cards = [card for _, card in self.models.values()]
+        inner = {
+            word.removesuffix(STRIPPED)
+            for element in self.elements
+            for word in element.pattern.split()
+            if word.endswith(STRIPPED)
+        }
+        for name in sorted(inner):
+            kind, card = self.models[name]
+            keys = "|".join(key for each in OHMIC[_letter(kind)] for key in each)
+            card = re.sub(rf"(?<=[\s(])(?:{keys}) ?= ?[^\s(),]+", " ", card)
+            cards.append(re.sub(r"^\.model \S+", f".model {name}{STRIPPED}", card))
+        return cards
+
+
+def _letter(kind: str) -> str:
+    known = {"npn": "q", "pnp": "q", "d": "d", "njf": "j", "pjf": "j"}
+    return "vdmos" if kind.startswith("vdmos") else known.get(kind, "m")
+
+
+def sorted_cards(cards: Iterable[str]) -> SortedCards:
+    """Sort flat cards into linear ones and elements.
+
+    Raises
+    ------
+    CardError
+        A card that is neither.
+
+    Examples
+    --------
+    >>> found = sorted_cards(["r1 a 0 1k", "b1 a 0 v=tanh(v(c))"])
+    >>> found.linear, found.elements[0].pattern, found.elements[0].held
+    (('r1 a 0 1k',), 'b~ {o0} {o1} v=tanh(v({0}))', ('c',))
+    """
+    every = tuple(_spelt(card) for card in cards)
+    models = {m[1]: (m[2], card) for card in every if (m := _MODEL.match(card))}
+    passive = [card for kind, card in models.values() if kind in ("r", "res", "c", "l")]
+    linear, elements = list[str](), list[Element]()
+    for card in every:
+        if card.startswith("."):
+            continue
+        try:
+            read_cards([*(passive if card[0] in "rcl" else ()), card])
+            linear.append(card)
+        except CardError:
+            element = _element(card, models)
+            if element is None:
+                raise
+            elements.append(element)
+    return SortedCards(tuple(linear), tuple(elements), models)
+
+
+def _spelt(card: str) -> str:
+    """Return a card of a listing as ngspice reads it again."""
+    card = re.sub(r"\s*=\s*", "=", " ".join(card.split()))
+    return re.sub(r"(?<=[\s=])\(\s*([-+\w.]+)\s*\)(?=\s|$)", r"\1", card)
+
+
+def _element(card: str, models: Mapping[str, tuple[str, str]]) -> Element | None:
+    kind, words = card[0], card.split()
+    if kind in "dqjm":
+        return _device(card, models)
+    if kind == "s" and len(words) > 5:
+        return Element(
+            words[0], f"s~ {{0}} {{1}} {{2}} {{3}} {' '.join(words[5:])}", _four(words), terminals=2
+        )
+    if kind == "w" and len(words) > 4:
+        pattern = f"w~ {{0}} {{1}} {{i0}} {' '.join(words[4:])}"
+        return Element(words[0], pattern, (words[1], words[2]), (words[3],), terminals=2)
+    if kind in "rcl" and len(words) > 3:
+        rest = re.sub(r"\bic=\S+", "", " ".join(words[3:]))
+        if _TAKES.search(rest) or any(word in models for word in words[3:]):
+            return _passive(kind, words, rest)
+        return None
+    if kind in "eg" and len(words) > 5 and not _TAKES.search(card) and "poly" not in card:
+        pattern = f"{kind}~ {{o0}} {{o1}} {{0}} {{1}} {' '.join(words[5:])}"
+        out = ("v" if kind == "e" else "i", words[1], words[2])
+        return Element(words[0], pattern, (words[3], words[4]), (), (out,))
+    if kind in "begh" and _TAKES.search(card) and "poly" not in card and len(words) > 3:
+        held, currents = list[str](), list[str]()
+        rest = _placed(" ".join(words[3:]), held, currents)
+        is_current = re.match(r"(?:i|cur)=", rest) or (kind == "g" and not rest.startswith("vol"))
+        out = ("i" if is_current else "v", words[1], words[2])
+        pattern = f"{kind}~ {{o0}} {{o1}} {rest}"
+        return Element(words[0], pattern, tuple(held), tuple(currents), (out,))
+    return None
+
+
+def _four(words: list[str]) -> tuple[str, ...]:
+    return tuple(words[1:5])
+
+
+def _passive(kind: str, words: list[str], rest: str) -> Element:
+    """Return R, C or L with a model or an expression."""
+    held, currents = [] if kind == "l" else list(words[1:3]), list[str]()
+    rest = _placed(rest, held, currents)
+    if kind == "l":
+        out = ("l", words[1], words[2])
+        pattern = f"l~ {{o0}} {{o1}} {rest}"
+        return Element(words[0], pattern, tuple(held), tuple(currents), (out,))
+    pattern = f"{kind}~ {{0}} {{1}} {rest}"
+    return Element(words[0], pattern, tuple(held), tuple(currents), terminals=2)
+
+
+def _placed(text: str, held: list[str], currents: list[str]) -> str:
+    """Return an expression with places for its nodes and currents, which are added to the lists."""
+    text = re.sub(r"(?<=[a-z_0-9]) \(", "(", text.replace("{", "(").replace("}", ")"))
+
+    def place(node: str) -> str:
+        if node == "0":
+            return "0"
+        if node not in held:
+            held.append(node)
+        return f"{{{held.index(node)}}}"
+
+    def voltage(match: re.Match[str]) -> str:
+        other = f",{place(match[2])}" if match[2] else ""
+        return f"v({place(match[1])}{other})"
+
+    def current(match: re.Match[str]) -> str:
+        if match[1] not in currents:
+            currents.append(match[1])
+        return f"i({{i{currents.index(match[1])}}})"
+
+    return _CURRENT.sub(current, _VOLTAGE.sub(voltage, text))
+
+
+def _device(card: str, models: Mapping[str, tuple[str, str]]) -> Element:
+    """Return a transistor or a diode; its ohmic resistances lead to inner nodes of their own."""
+    kind, (name, *words) = card[0], card.split()
+    n = next((k for k, w in enumerate(words) if k > 1 and (w in models or f"{w}.1" in models)), 0)
+    if n < LEAST_TERMINALS[kind]:
+        raise CardError(f"{shown(name)}: the deck has no .model of it; {ACCEPTED}: {card!r}")
+    nodes, model, rest = words[:n], words[n], words[n + 1 :]
+    if kind == "q" and n == 3:
+        nodes.append("0")  # its substrate
+    tail = " ".join(word for word in rest if word != "off" and not word.startswith("ic="))
+    places = " ".join(f"{{{k}}}" for k in range(len(nodes)))
+    pattern, count = f"{kind}~ {places}", len(nodes)
+    type_name, text = models.get(model, ("", ""))
+    letter = _letter(type_name) if kind == "m" else kind
+    values = dict(_GIVEN.findall(text))
+    inner = _inner(name, letter, values, rest)
+    whole = f"{pattern} {model} {tail}"
+    if not inner:
+        return Element(name, whole, tuple(nodes), terminals=count)
+    pattern = f"{pattern} {model}{STRIPPED} {tail}"
+    return Element(name, pattern, tuple(nodes), (), (), count, inner, whole)
+
+
+def _inner(
+    name: str, letter: str, values: Mapping[str, str], rest: list[str]
+) -> dict[int, tuple[str, float]]:
+    """Return the inner node and the resistance, ohm, of each terminal that has one."""
+    given = dict(_GIVEN.findall(" ".join(rest)))
+    try:
+        plain = [number(word) for word in rest if "=" not in word and word != "off"]
+        many = number(given.get("m", "1"))
+        area = number(given.get("area", "1")) if not plain or letter == "m" else plain[0]
+        found = dict[int, tuple[str, float]]()
+        for k, keys in enumerate(OHMIC[letter]):
+            if not keys:
+                continue
+            ohms = number(values.get(keys[0], "0")) / (area * many)
+            if letter == "m":
+                squares = number(given.get("nrd" if k == 0 else "nrs", "1"))
+                sheet = number(values.get("rsh", "0")) * squares
+                ohms = (number(values[keys[0]]) if keys[0] in values else sheet) / many
+            if ohms > 0.0:
+                found[k] = f"{name}#{keys[0]}", ohms
+    except (ValueError, ZeroDivisionError) as error:
+        raise CardError(f"{shown(name)}: {error}") from None
+    return found

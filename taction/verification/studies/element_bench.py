@@ -1,0 +1,258 @@
+"""Elements of a deck on one bench: each alone, held where it rests, its ``G + s C`` measured.
+
+One copy stands on the bench for each node or current that is excited. A device with ohmic
+resistances is measured without them, and once more with them: both have to be the same.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import field
+
+import numpy as np
+
+from taction.netlist_gen.deck.elements import Element, SortedCards
+from taction.netlist_gen.deck.flat_cards import CardError, shown
+from taction.system.array_types import Complexes, Floats
+from taction.system.frozen import frozen
+from taction.verification.engines.ngspice.commands import RESULT, run_commands
+from taction.verification.engines.ngspice.executable import Simulator
+
+TIGHT = "reltol=1e-9 abstol=1e-15 vntol=1e-12"
+FREQUENCIES = (1e3, 1e6, 1e9)  # Hz
+MISFIT = 1e-4  # of the largest admittance: more is not G + s C
+ROUNDED = 1e-12  # of the largest admittance: less is rounding
+LEAST_OHMS = 1e-6
+NAMED = 4  # elements in a message
+
+
+@frozen(eq=False)
+class MeasuredElement:
+    """An element with its small signal between its ports.
+
+    Attributes
+    ----------
+    element : Element
+        What was measured.
+    G, C : ndarray
+        Conductances and capacitances (rows read, columns held), or gains and their rates.
+    rest : ndarray
+        What is read at rest: currents, A, or voltages, V.
+    held : ndarray
+        What is held at rest, V and A.
+    ports : tuple of str
+        Nodes of the terminals, behind their resistances.
+    resistors : tuple
+        Terminal, inner node and ohms of each resistance.
+    outer : float
+        Capacitance of a transistor from its base, before the resistance, to its collector, F.
+    """
+
+    element: Element
+    G: Floats
+    C: Floats
+    rest: Floats
+    held: Floats
+    ports: tuple[str, ...] = ()
+    resistors: tuple[tuple[str, str, float], ...] = field(default=())
+    outer: float = 0.0
+
+
+@frozen(eq=False)
+class _Copy:
+    """A copy on the bench: vectors that are read, with their signs."""
+
+    reads: tuple[tuple[str, float], ...]
+
+
+def measured(
+    cards: SortedCards, volts: Mapping[str, float], options: str, simulator: Simulator
+) -> list[MeasuredElement]:
+    """Measure every element where it rests.
+
+    Parameters
+    ----------
+    volts : mapping of str to float
+        The operating point: voltages by node, V, and currents by ``name#branch``, A.
+    options : str
+        Of the deck, such as gmin.
+
+    Raises
+    ------
+    CardError
+        An element is not of the form ``G + s C``, or ngspice does not measure it.
+    """
+    if not cards.elements:
+        return []
+    bench = _Bench(cards, volts)
+    commands = ["save all", "op", f"write {RESULT}", "set appendwrite"]
+    for hertz in FREQUENCIES:
+        commands += [f"ac lin 1 {hertz!r} {hertz!r}", f"write {RESULT}"]
+    answers = run_commands([*bench.cards, f".options {TIGHT} {options}"], commands, simulator)
+    if len(answers.plots) != 1 + len(FREQUENCIES):
+        raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
+    tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
+    found = [bench.fitted(k, tables) for k in range(len(cards.elements))]
+    wrong = [text for _, text in found if text]
+    if wrong:
+        more = f"; and {len(wrong) - NAMED} more" if len(wrong) > NAMED else ""
+        raise CardError("; ".join(wrong[:NAMED]) + more)
+    return [each for each, _ in found]
+
+
+class _Bench:
+    """The cards of the bench, and what is read of each copy."""
+
+    def __init__(self, cards: SortedCards, volts: Mapping[str, float]) -> None:
+        self.elements, self.volts = cards.elements, {"0": 0.0, **volts}
+        self.cards = cards.model_cards
+        self.copies = list[list[_Copy]]()
+        self.whole = list[list[_Copy]]()
+        for k, element in enumerate(self.elements):
+            count = max(len(element.held) + len(element.currents), 1)
+            patterns = [element.pattern, *([element.whole] if element.whole else [])]
+            made = [
+                [self._copy(f"{w}{k}_{j}", element, pattern, j) for j in range(count)]
+                for w, pattern in zip("bw", patterns, strict=False)
+            ]
+            self.copies.append(made[0])
+            self.whole.append(made[1] if element.whole else [])
+
+    def _held(self, element: Element) -> list[float]:
+        try:
+            nodes = [self.volts[node] for node in element.held]
+            return [*nodes, *(self.volts[f"{name}#branch"] for name in element.currents)]
+        except KeyError as error:
+            text = f"{shown(element.name)}: ngspice has no voltage or current {error} at rest"
+            raise CardError(text) from None
+
+    def _copy(self, tag: str, element: Element, pattern: str, excited: int) -> _Copy:
+        """Put a copy on the bench, with one of what it depends on excited."""
+        rest, count = self._held(element), len(element.held)
+        inner = element.inner if pattern is element.pattern else {}
+        nodes = [f"n{tag}_{i}" for i in range(count)]
+        names = {f"i{j}": f"v{tag}_c{j}" for j in range(len(element.currents))}
+        names |= {f"o{j}": f"o{tag}_{j}" for j in range(2)}
+        names |= {f"{i}": node for i, node in enumerate(nodes)}
+        card = re.sub(r"\{(\w+)\}", lambda match: names[match[1]], pattern)
+        self.cards.append(card.replace("~", tag, 1))
+        for i, node in enumerate(nodes):
+            outer = node
+            if i in inner:
+                outer = f"x{tag}_{i}"
+                ohms = max(inner[i][1], LEAST_OHMS)
+                self.cards.append(f"rh{tag}_{i} {outer} {node} {ohms!r}")
+            self.cards.append(f"vh{tag}_{i} {outer} 0 dc {rest[i]!r} ac {int(i == excited)}")
+        for j in range(len(element.currents)):
+            self.cards.append(f"v{tag}_c{j} k{tag}_{j} 0 dc 0")
+            driven = int(count + j == excited)
+            self.cards.append(f"ih{tag}_{j} 0 k{tag}_{j} dc {rest[count + j]!r} ac {driven}")
+        reads = [(f"i(vh{tag}_{i})", -1.0) for i in range(element.terminals)]
+        if inner:
+            reads += [(f"v({node})", 1.0) for node in nodes[: element.terminals]]
+        for which, _, _ in element.outs:
+            self.cards.append(f"vz{tag} o{tag}_1 0 dc 0")
+            if which == "i":
+                self.cards.append(f"vo{tag} o{tag}_0 0 dc 0")
+                reads.append((f"i(vo{tag})", -1.0))
+            else:
+                reads.append((f"v(o{tag}_0)", 1.0))
+            if which == "l":
+                self.cards.append(f"io{tag} 0 o{tag}_0 dc 0 ac 1")
+        return _Copy(tuple(reads))
+
+    def fitted(
+        self, k: int, tables: Sequence[Mapping[str, complex]]
+    ) -> tuple[MeasuredElement, str]:
+        """Return an element with ``G + s C``, and why it is not of this form, or nothing."""
+        element = self.elements[k]
+        found = [_matrix(self.copies[k], table) for table in tables]
+        rest = found[0][:, 0].real
+        n, held = element.terminals, np.array(self._held(element))
+        if element.inner:  # currents and voltages of the inner nodes
+            held[:n] = rest[n:]
+            rest = rest[:n]
+            responses = [each[:n] @ np.linalg.inv(each[n:]) for each in found[1:]]
+        else:
+            responses = found[1:]
+        G, C, wrong = _fit(np.array(responses))
+        ports = tuple(element.inner[i][0] if i in element.inner else element.held[i]
+                      for i in range(n))  # fmt: skip
+        resistors = tuple(
+            (element.held[i], inner, max(ohms, LEAST_OHMS))
+            for i, (inner, ohms) in sorted(element.inner.items())
+        )
+        outer = self.volts.get(f"{element.name}[cbx]", 0.0) if 1 in element.inner else 0.0
+        if outer:
+            C[1, 1], C[0, 0] = C[1, 1] - outer, C[0, 0] - outer
+            C[0, 1], C[1, 0] = C[0, 1] + outer, C[1, 0] + outer
+        made = MeasuredElement(element, G, C, rest, held, ports, resistors, outer)
+        if element.whole and not wrong:
+            wrong = _behind(made, [_matrix(self.whole[k], table) for table in tables[1:]])
+        if not wrong and element.outs and element.outs[0][0] == "v" and np.any(C):
+            wrong = "its voltage depends on the rate of a change"
+        return made, f"{shown(element.name)}: {wrong}" if wrong else ""
+
+
+def _matrix(copies: Sequence[_Copy], table: Mapping[str, complex]) -> Complexes:
+    """Return what is read (rows) of each copy (columns)."""
+    return np.array([[table[name] * sign for name, sign in copy.reads] for copy in copies]).T
+
+
+def _fit(responses: Complexes) -> tuple[Floats, Floats, str]:
+    """Return G, C, and where the responses (P, rows, columns) are not ``G + s C``."""
+    omega = math.tau * np.array(FREQUENCIES)[:, None, None]
+    scale = np.abs(responses).max(axis=(1, 2), initial=0.0)
+    G, last = responses[0].real, responses[-1].imag
+    C = np.where(np.abs(last) > ROUNDED * scale[-1], last / omega[-1], 0.0)
+    G = np.where(np.abs(G) > ROUNDED * 1e-3 * scale[0], G, 0.0)
+    off = np.abs(responses - G - 1j * omega * C).max(axis=(1, 2), initial=0.0)
+    off = off / np.where(scale > 0.0, scale, 1.0)
+    if not np.all(np.isfinite(off)):
+        return G, C, "ngspice measures no finite small signal of it"
+    if np.any(off > MISFIT):
+        hertz = FREQUENCIES[int(off.argmax())]
+        return G, C, f"its small signal is not G + s C: off by {off.max():.1e} at {hertz:.0e} Hz"
+    return G, C, ""
+
+
+def _behind(made: MeasuredElement, whole: Sequence[Complexes]) -> str:
+    """Return where a device with its resistances is not what was measured without them."""
+    n = made.element.terminals
+    names = [*made.ports, *(each[0] for each in made.resistors)]
+    G, C = np.zeros((len(names),) * 2), np.zeros((len(names),) * 2)
+    G[:n, :n], C[:n, :n] = made.G, made.C
+    for matrix, parts in (
+        (G, [(i, j, 1.0 / ohms) for (i, j), ohms in _between(made)]),
+        (C, [(*_ends(made, names), made.outer)] if made.outer else []),
+    ):
+        for i, j, value in parts:
+            matrix[i, i] += value
+            matrix[j, j] += value
+            matrix[i, j] -= value
+            matrix[j, i] -= value
+    after = iter(range(n, len(names)))
+    seen = [next(after) if i in made.element.inner else i for i in range(n)]
+    left = [i for i in range(len(names)) if i not in seen]
+    for hertz, wanted in zip(FREQUENCIES, whole, strict=True):
+        Y = G + 2j * math.pi * hertz * C
+        through = np.linalg.solve(Y[np.ix_(left, left)], Y[np.ix_(left, seen)])
+        found = Y[np.ix_(seen, seen)] - Y[np.ix_(seen, left)] @ through
+        miss = np.abs(found - wanted).max() / np.abs(wanted).max()
+        if not miss <= MISFIT:
+            return f"its resistances are not in series: off by {miss:.1e} at {hertz:.0e} Hz"
+    return ""
+
+
+def _between(made: MeasuredElement) -> list[tuple[tuple[int, int], float]]:
+    """Return inner and outer place of each resistance, ohm, in the order of `_behind`."""
+    n = made.element.terminals
+    places = enumerate(sorted(made.element.inner))
+    return [((i, n + k), made.resistors[k][2]) for k, i in places]
+
+
+def _ends(made: MeasuredElement, names: Sequence[str]) -> tuple[int, int]:
+    """Return the places of the outer base and of the collector behind its resistance."""
+    return made.element.terminals + sorted(made.element.inner).index(1), 0

@@ -1,0 +1,153 @@
+"""The operating point of a deck as it is, every transistor and clamp in it, as ngspice finds it.
+
+ngspice expands the deck and finds a first point as it does by itself, then a tight one from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from taction.netlist_gen.deck.elements import SortedCards, sorted_cards
+from taction.netlist_gen.deck.flat_cards import CardError
+from taction.system.frozen import frozen
+from taction.verification.engines.ngspice.commands import RESULT, TEXT, Answers, run_commands
+from taction.verification.engines.ngspice.executable import Simulator
+from taction.verification.engines.ngspice.listing import listed_cards
+from taction.verification.studies.element_bench import TIGHT
+
+TRIED = (TIGHT, "reltol=1e-6 abstol=1e-13 vntol=1e-10")
+TIGHT_SECONDS = 4.0
+SEEDS = 12  # of starts from random voltages
+APART = 1e-3  # of the largest voltage: two points that differ by more are two
+MODES = ("psa", "")  # PSpice's ways first; what they break is read in ngspice's own
+_STEPPED = ("gmin stepping", "source stepping", "Transient op")
+
+
+@frozen(eq=False)
+class OperatingPoint:
+    """Where a deck rests.
+
+    Attributes
+    ----------
+    lines : tuple of str
+        The deck's text, as ngspice reads it in `mode`.
+    cards : tuple of str
+        Its flat cards.
+    volts : mapping of str to float
+        Voltages by node, V, currents by ``name#branch``, A, and what transistors say of themselves.
+    limits : str
+        Tolerances of ngspice with which it was found.
+    """
+
+    lines: tuple[str, ...]
+    cards: tuple[str, ...]
+    found: SortedCards
+    volts: Mapping[str, float]
+    limits: str
+    options: str
+    mode: str
+
+    @property
+    def is_tight(self) -> bool:
+        """Whether it is known to nine digits."""
+        return self.limits == TIGHT
+
+    @property
+    def starts(self) -> list[str]:
+        """Cards that make ngspice start at this point."""
+        return _starts(self.volts)
+
+
+def find_point(lines: Sequence[str], options: str, simulator: Simulator) -> OperatingPoint:
+    """Return where a deck rests.
+
+    Raises
+    ------
+    CardError
+        ngspice does not expand it, or finds no point; or a card is not read.
+    """
+    first = Answers((), "", "")
+    cards, mode, said = (), "", ""
+    commands = [f"listing expand > {TEXT}", "save all", "op", f"write {RESULT}"]
+    for mode in MODES:
+        first = run_commands([*lines, *_given(options)], commands, simulator, mode=mode)
+        said = said or first.complaint
+        if cards := listed_cards(first.listed):
+            break
+    if not cards:
+        raise CardError(f"ngspice does not expand the deck: {said}")
+    found = sorted_cards(cards)
+    volts = _volts(first)
+    if not found.elements:
+        return OperatingPoint(tuple(lines), cards, found, {}, TIGHT, options, mode)
+    if not volts:
+        raise CardError(f"ngspice finds no operating point: {first.complaint}")
+    asked = [
+        f"@{each.name}[{key}]" for each in found.elements if each.name[0] == "q" and 1 in each.inner
+        for key in ("gx", "cbx")
+    ]  # fmt: skip
+    commands = ["optran 1 1 1 0 0 0", f"save all {' '.join(asked)}", "op", f"write {RESULT}"]
+    limits = "reltol=1e-3"
+    for tighter in TRIED:
+        text = [*lines, f".options {tighter} {options}", *_starts(volts)]
+        answers = run_commands(text, commands, simulator, mode=mode, seconds=TIGHT_SECONDS)
+        if tight := _volts(answers):
+            volts, limits = tight, tighter
+            break
+    return OperatingPoint(tuple(lines), cards, found, volts, limits, options, mode)
+
+
+def other_points(point: OperatingPoint, simulator: Simulator) -> int:
+    """Return how many other points ngspice finds from random voltages."""
+    nodes = [name for name in point.volts if not {"#", "@", "["} & set(name)]
+    here = np.array([point.volts[name] for name in nodes])
+    scale, known = float(np.abs(here).max(initial=1.0)), [here]
+    low, high = float(here.min(initial=0.0)), float(here.max(initial=0.0))
+    drawn = np.random.default_rng(1)
+    commands = ["save all", "op", f"write {RESULT}"]
+    for _ in range(SEEDS):
+        volts = dict(zip(nodes, drawn.uniform(low - 1.0, high + 1.0, len(nodes)), strict=True))
+        text = [*point.lines, *_given(point.options), *_starts(volts)]
+        answers = run_commands(text, commands, simulator, mode=point.mode, seconds=TIGHT_SECONDS)
+        found = _volts(answers)
+        if not found:
+            continue
+        there = np.array([found.get(name, np.nan) for name in nodes])
+        if not any(np.abs(there - each).max(initial=0.0) <= APART * scale for each in known):
+            known.append(there)
+    return len(known) - 1
+
+
+def _given(options: str) -> list[str]:
+    return [f".options {options}"] if options else []
+
+
+def _starts(volts: Mapping[str, float]) -> list[str]:
+    return [
+        f".nodeset v({name})={value!r}"
+        for name, value in volts.items()
+        if not {"#", "@", "["} & set(name)
+    ]
+
+
+def _volts(answers: Answers) -> dict[str, float]:
+    """Return the last operating point that ngspice wrote; nothing where it failed."""
+    found = [
+        (names, values) for names, values in answers.plots if any(n.startswith("v(") for n in names)
+    ]
+    if not found:
+        return {}
+    names, values = found[-1]
+    plain = [_plain(name) for name in names]
+    return dict(zip(plain, values[-1].real.tolist(), strict=True))
+
+
+def _plain(name: str) -> str:
+    """Return the name of a vector as a node, ``name#branch`` or ``name[key]``."""
+    inner = name.lower()
+    if inner.startswith(("v(", "i(")) and inner.endswith(")"):
+        branch = "#branch" if inner.startswith("i(") and "@" not in inner else ""
+        inner = inner[2:-1] + branch
+    return inner.removeprefix("@")
