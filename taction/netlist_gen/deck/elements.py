@@ -30,6 +30,8 @@ _VOLTAGE = re.compile(r"(?<![\w.#])v ?\( ?([^,() ]+) ?(?:, ?([^,() ]+) ?)?\)")
 _CURRENT = re.compile(r"(?<![\w.#])i ?\( ?([^,() ]+) ?\)")
 _TAKES = re.compile(r"(?<![\w.#])[vi] ?\(")
 _GIVEN = re.compile(r"(\w+) ?= ?([^\s(),]+)")
+_OPERATOR = re.compile(r"[-+*/^]")
+MOST_OPERATORS = 2000  # of an expression, for the parser of ngspice
 ACCEPTED = "accepted are R C L K V I E F G H B, D Q J M with a .model, and switches S W"
 
 
@@ -95,8 +97,22 @@ class SortedCards:
             kind, card = self.models[name]
             keys = "|".join(key for each in OHMIC[_letter(kind)] for key in each)
             card = re.sub(rf"(?<=[\s(])(?:{keys}) ?= ?[^\s(),]+", " ", card)
+            card = _inner_junction(card)
             cards.append(re.sub(r"^\.model \S+", f".model {name}{STRIPPED}", card))
         return cards
+
+
+def _inner_junction(card: str) -> str:
+    """Return a model with the share XCJC of CJC that is behind the base resistance."""
+    values = dict(_GIVEN.findall(card))
+    if "xcjc" not in values or "cjc" not in values:
+        return card
+    try:
+        inner = number(values["cjc"]) * number(values["xcjc"])
+    except ValueError as error:
+        raise CardError(f"{card.split()[1]}: {error}") from None
+    card = re.sub(r"(?<=[\s(])xcjc ?= ?[^\s(),]+", " ", card)
+    return re.sub(r"(?<=[\s(])cjc ?= ?[^\s(),]+", f"cjc={inner!r}", card)
 
 
 def _letter(kind: str) -> str:
@@ -158,6 +174,8 @@ def _element(card: str, models: Mapping[str, tuple[str, str]]) -> Element | None
         if _TAKES.search(rest) or any(word in models for word in words[3:]):
             return _passive(kind, words, rest)
         return None
+    if kind in "begh" and len(_OPERATOR.findall(card)) > MOST_OPERATORS:
+        raise CardError(f"{shown(words[0])}: too many terms; expected several cards")
     if kind in "eg" and len(words) > 5 and not _TAKES.search(card) and "poly" not in card:
         pattern = f"{kind}~ {{o0}} {{o1}} {{0}} {{1}} {' '.join(words[5:])}"
         out = ("v" if kind == "e" else "i", words[1], words[2])

@@ -81,9 +81,14 @@ def ready_lines(deck: ForeignDeck) -> Iterator[str]:
             yield re.sub(place, plain_name(known[card]), card.text)
         else:
             try:
-                yield without_table(without_poly(card.text))
+                yield without_table(without_poly(_at_27(card.text)))
             except ValueError as error:
                 raise card.refused(str(error)) from None
+
+
+def _at_27(text: str) -> str:
+    """Return a card with 27 degrees C for ``temp`` in its expressions, which ngspice lacks."""
+    return re.sub(r"\btemp(?:er)?\b(?! ?=)", "27", text) if "{" in text else text
 
 
 def ltspice_opamps(deck: ForeignDeck) -> dict[Card, str]:

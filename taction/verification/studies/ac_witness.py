@@ -17,7 +17,7 @@ from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.studies.operating_point import OperatingPoint
+from taction.verification.studies.operating_point import DeckPoint
 from taction.verification.verdict.checks import Check, Outcome, at_most
 
 TIGHT_LIMIT, LOOSE_LIMIT = 1e-6, 1e-4
@@ -32,7 +32,7 @@ SHARP = 0.2  # damping below which frequencies about a pole are added
 class AcWitness:
     """Compares the circuit of a deck with ngspice's ``.ac``."""
 
-    point: OperatingPoint
+    point: DeckPoint
     sources: tuple[Source, ...]  # that step
     simulator: Simulator
 

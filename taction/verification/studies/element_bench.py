@@ -15,6 +15,7 @@ import numpy as np
 
 from taction.netlist_gen.deck.elements import Element, SortedCards
 from taction.netlist_gen.deck.flat_cards import CardError, shown
+from taction.spice_models.foreign_expressions import number
 from taction.system.array_types import Complexes, Floats
 from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
@@ -107,6 +108,7 @@ class _Bench:
 
     def __init__(self, cards: SortedCards, volts: Mapping[str, float]) -> None:
         self.elements, self.volts = cards.elements, {"0": 0.0, **volts}
+        self.models = cards.models
         self.cards = cards.model_cards
         self.copies = list[list[_Copy]]()
         self.whole = list[list[_Copy]]()
@@ -185,15 +187,33 @@ class _Bench:
             for i, (inner, ohms) in sorted(element.inner.items())
         )
         outer = self.volts.get(f"{element.name}[cbx]", 0.0) if 1 in element.inner else 0.0
-        if outer:
-            C[1, 1], C[0, 0] = C[1, 1] - outer, C[0, 0] - outer
-            C[0, 1], C[1, 0] = C[0, 1] + outer, C[1, 0] + outer
         made = MeasuredElement(element, G, C, rest, held, ports, resistors, outer)
         if element.whole and not wrong:
             wrong = _behind(made, [_matrix(self.whole[k], table) for table in tables[1:]])
+        wrong = wrong or _wrong_state(element, G, held, self.models)
         if not wrong and element.outs and element.outs[0][0] == "v" and np.any(C):
             wrong = "its voltage depends on the rate of a change"
         return made, f"{shown(element.name)}: {wrong}" if wrong else ""
+
+
+def _wrong_state(
+    element: Element, G: Floats, held: Floats, models: Mapping[str, tuple[str, str]]
+) -> str:
+    """Return whether ngspice left a switch in a state that its control contradicts."""
+    if element.name[0] not in "sw":
+        return ""
+    control = held[2] - held[3] if element.name[0] == "s" else held[2]
+    text = next((card for name, (_, card) in models.items() if name in element.pattern.split()), "")
+    given = dict(re.findall(r"(\w+) ?= ?([^\s(),]+)", text))
+    keys = ("vt", "vh") if element.name[0] == "s" else ("it", "ih")
+    threshold, half = (number(given.get(key, "0")) for key in keys)
+    on, off = 1.0 / number(given.get("ron", "1")), 1.0 / number(given.get("roff", "1e12"))
+    closed = abs(G[0, 0] - on) < abs(G[0, 0] - off)
+    if closed and control < threshold - abs(half):
+        return "ngspice leaves it closed below its threshold"
+    if not closed and control > threshold + abs(half):
+        return "ngspice leaves it open above its threshold; expected ON after its model"
+    return ""
 
 
 def _matrix(copies: Sequence[_Copy], table: Mapping[str, complex]) -> Complexes:

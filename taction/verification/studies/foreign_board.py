@@ -52,7 +52,7 @@ from taction.verification.engines.ngspice.process import Run
 from taction.verification.studies.ac_witness import AcWitness, stepping
 from taction.verification.studies.element_bench import MISFIT, measured
 from taction.verification.studies.element_parts import add_measured
-from taction.verification.studies.operating_point import OperatingPoint, find_point
+from taction.verification.studies.operating_point import DeckPoint, find_point
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
 RELATIVE = 1e-6  # reltol of the witness
@@ -81,7 +81,7 @@ class ForeignBoard:
         ``"zero"`` for a transient with ``uic``, else ``"rest"``.
     notes : tuple of str
         What was done with the deck: the step, op-amps that were replaced, what was left out.
-    point : OperatingPoint or None
+    point : DeckPoint or None
         Where a deck rests that is not linear.
     run : Run or None
         ngspice, which waits for the deck of its transient.
@@ -93,7 +93,7 @@ class ForeignBoard:
     initial: Start
     notes: tuple[str, ...]
     lines: tuple[str, ...] = ()  # as ngspice expands them
-    point: OperatingPoint | None = None
+    point: DeckPoint | None = None
     run: Run | None = None
 
     @property
@@ -260,7 +260,7 @@ def _with_values(line: str, changed: Mapping[str, float]) -> str:
     return line
 
 
-def _measured_flat(point: OperatingPoint) -> tuple[Flat, str]:
+def _measured_flat(point: DeckPoint) -> tuple[Flat, str]:
     """Return the linear parts of a deck at its operating point, and what was done.
 
     Raises

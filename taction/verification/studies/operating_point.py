@@ -26,7 +26,7 @@ _STEPPED = ("gmin stepping", "source stepping", "Transient op")
 
 
 @frozen(eq=False)
-class OperatingPoint:
+class DeckPoint:
     """Where a deck rests.
 
     Attributes
@@ -60,7 +60,7 @@ class OperatingPoint:
         return _starts(self.volts)
 
 
-def find_point(lines: Sequence[str], options: str, simulator: Simulator) -> OperatingPoint:
+def find_point(lines: Sequence[str], options: str, simulator: Simulator) -> DeckPoint:
     """Return where a deck rests.
 
     Raises
@@ -81,7 +81,7 @@ def find_point(lines: Sequence[str], options: str, simulator: Simulator) -> Oper
     found = sorted_cards(cards)
     volts = _volts(first)
     if not found.elements:
-        return OperatingPoint(tuple(lines), cards, found, {}, TIGHT, options, mode)
+        return DeckPoint(tuple(lines), cards, found, {}, TIGHT, options, mode)
     if not volts:
         raise CardError(f"ngspice finds no operating point: {first.complaint}")
     asked = [
@@ -96,10 +96,10 @@ def find_point(lines: Sequence[str], options: str, simulator: Simulator) -> Oper
         if tight := _volts(answers):
             volts, limits = tight, tighter
             break
-    return OperatingPoint(tuple(lines), cards, found, volts, limits, options, mode)
+    return DeckPoint(tuple(lines), cards, found, volts, limits, options, mode)
 
 
-def other_points(point: OperatingPoint, simulator: Simulator) -> int:
+def other_points(point: DeckPoint, simulator: Simulator) -> int:
     """Return how many other points ngspice finds from random voltages."""
     nodes = [name for name in point.volts if not {"#", "@", "["} & set(name)]
     here = np.array([point.volts[name] for name in nodes])

@@ -64,7 +64,7 @@ def sensitivities(
     >>> from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
     >>> from taction.verification.stability.poles import poles
     >>> flat = read_cards(["v1 in 0 1", "r1 in out 1k", "c1 out 0 1n"])
-    >>> board = LinearBoard(circuit_of(flat, "rc", ["out"], {}))
+    >>> board = LinearBoard(circuit_of(flat, "rc", ["out"]))
     >>> {name: round(rate.real) for name, rate in sensitivities(board, poles(board)).items()}
     {'R1': 1000000, 'C1': 1000000}
     """

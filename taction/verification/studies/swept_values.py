@@ -67,7 +67,7 @@ class SweptValue:
         --------
         >>> from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
         >>> flat = read_cards(["v1 in 0 1", "r1 in out 1k", "c1 out 0 1n"])
-        >>> found = SweptValue.of("c1=1p:1n:4", circuit_of(flat, "rc", ["out"], {}))
+        >>> found = SweptValue.of("c1=1p:1n:4", circuit_of(flat, "rc", ["out"]))
         >>> found.name, found.own, [f"{value:.0e}" for value in found.values]
         ('C1', 1e-09, ['1e-12', '1e-11', '1e-10', '1e-09'])
         """

@@ -109,10 +109,10 @@ def test_a_file_that_includes_itself_is_refused(folder: Path) -> None:
         "", "t\n", "t\n.end\n", "\x00\x00", "t\nR1\n", "t\nR1 a b\n", "t\nR1 a 0 1.2.3k\n",
         "t\nR1 a 0 0\n", "t\nC1 a 0 {x}\n", "t\nX1 a b c nothing\n", "t\n.subckt a b\n",
         "t\n.ends\nR1 a 0 1\n", "t\nE1 a 0 poly(2) b 0 c 0 0 1 1\nR1 a 0 1\n",
-        "t\nD1 a 0 dm\nR1 a 0 1k\n.model dm d\n", "t\nB1 a 0 V=v(a)^2\nR1 a 0 1\n",
+        "t\nD1 a 0 dm\nR1 a 0 1k\n", "t\nB1 a 0 V=v(nowhere)^2\nR1 a 0 1\n",
         "t\nM1 a b c d nm\nR1 a 0 1\n", "t\nF1 a 0 V9 2\nR1 a 0 1k\n",
         "t\nK1 L1 L2 0.5\nR1 a 0 1\n",
-        "t\nG1 a 0 value={v(a)*v(a)}\nR1 a 0 1\n", "t\nV1 a 0 TRNOISE(1 1n)\nR1 a 0 1\n",
+        "t\nA1 a 0 gain\nR1 a 0 1\n.model gain gain\n", "t\nV1 a 0 TRNOISE(1 1n)\nR1 a 0 1\n",
         "t\nL1 a 0 -1m\nR1 a 0 1\n", "t\n.subckt s a\nX1 a s\n.ends\nX1 a s\nR1 a 0 1\n",
         "t\nR1 a 0 1e999\n", "t\nR1 a 0 1k m=0\n", "t\nJ1 a b c jm\nR1 a 0 1\n", "+ x\n+ y\n",
         "t\nV1 a 0 PULSE()\nR1 a 0 1\n", "t\nV1 a 0 PWL(0)\nR1 a 0 1\n", "t\nK1 L1\nR1 a 0 1\n",
@@ -307,10 +307,12 @@ def test_a_choice_without_its_end_is_refused(folder: Path, ngspice: str) -> None
         read_board(written(folder, f"t\n{RC}.if (1)\nR2 out 0 2k\n.end\n"))
 
 
-def test_a_table_is_refused_with_its_line(folder: Path, ngspice: str) -> None:
+def test_a_table_is_its_slope(folder: Path, ngspice: str) -> None:
+    """Before the step the input is in the middle of the table: 2 V a volt."""
     card = "E1 x 0 TABLE {v(out)} = (-1,-2) (1,2)\nR2 x 0 1k\n"
-    with pytest.raises(InputError, match=r"line 5 = 'e1 .*a table is not linear"):
-        read_board(written(folder, f"t\n{RC}{card}.end\n"))
+    board = read_board(written(folder, f"t\n{RC}{card}.end\n"))
+    (gain,) = [part.value for part in board.circuit.branches if part.card.startswith("Ebe1#g")]
+    assert gain == pytest.approx(2.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("card", ["E1 x 0 POLY(2) out 0 in 0 0 0.5 0.25", "B1 x 0 V=2*v(out)+1"])

@@ -94,7 +94,7 @@ LINES = {
         "line ",
         "a function that calls itself",
     ),
-    "terms": (f"B1 x 0 v={'+'.join(['v(out)'] * 2500)}\n", "B1", "the expression cannot be read"),
+    "terms": (f"B1 x 0 v={'+'.join(['v(out)'] * 2500)}\n", "B1", "too many terms"),
     "degree": (
         f"E1 x 0 poly(1) out 0 0 {'1 ' * 9000}\n",
         "line 5 = 'e1 x 0 poly(1)",

@@ -19,7 +19,7 @@ CARDS = (
 
 @pytest.fixture(scope="module")
 def circuit() -> Circuit:
-    return circuit_of(read_cards(CARDS), "deck", ["out"], {})
+    return circuit_of(read_cards(CARDS), "deck", ["out"])
 
 
 def tolerances(text: str, circuit: Circuit, folder: Path) -> dict[str, float]:

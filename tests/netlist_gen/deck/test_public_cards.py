@@ -49,7 +49,7 @@ WITHIN = {"refused-k-one.net": 1e-4, "refused-level2.net": 1e-4}
 
 @pytest.mark.parametrize("name", POLES)
 def test_the_slowest_pole_is_that_of_the_cards(name: str, ngspice: str) -> None:
-    board = read_board(CASES / name, linearise=name.startswith("linearise"))
+    board = read_board(CASES / name)
     found = poles(board.circuit).rightmost.real
     assert found == pytest.approx(POLES[name], rel=WITHIN.get(name, 5e-4))
 
@@ -65,12 +65,6 @@ def test_the_slowest_pole_is_that_of_the_cards(name: str, ngspice: str) -> None:
 )
 def test_what_does_not_count_is_said(name: str, note: str, ngspice: str) -> None:
     assert any(each.startswith(note) for each in read_board(CASES / name).notes)
-
-
-def test_limit_is_no_drawn_value(ngspice: str) -> None:
-    """ngspice alone makes ``limit(x, a, b)`` the constant x + a or x - a."""
-    with pytest.raises(InputError, match=r"x1\.B1: not linear.*min \( max"):
-        read_board(CASES / "limit-silent.cir")
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ REFUSED = (
 
 
 def circuit(cards: list[str]) -> Circuit:
-    return circuit_of(read_cards(cards), "random", ["in"], {})
+    return circuit_of(read_cards(cards), "random", ["in"])
 
 
 def answered(cards: list[str]) -> Poles | None:
@@ -145,7 +145,7 @@ def test_sensitivities_by_ports_are_those_by_differences() -> None:
 def test_noise_of_a_part_at_a_floating_source_counts() -> None:
     """V2 floats on a node with C: R2 behind it is parallel to R1, and kT/C is left."""
     cards = ["v1 in 0 1", "r1 in a 1e3", "v2 a b 0.0", "r2 b 0 3e3", "c1 a 0 1e-9"]
-    rms, _ = output_noise(LinearBoard(circuit_of(read_cards(cards), "kT/C", ["a"], {})))
+    rms, _ = output_noise(LinearBoard(circuit_of(read_cards(cards), "kT/C", ["a"])))
     assert rms[0] == pytest.approx(math.sqrt(1.380649e-23 * 300.15 / 1e-9), rel=1e-5)
 
 

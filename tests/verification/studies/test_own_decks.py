@@ -90,7 +90,7 @@ def test_a_real_pole_that_crosses_beyond_the_margin_is_decided(
 def test_a_doubt_counts_within_the_margin_only(sure: float, doubt: str) -> None:
     """A loop gain of 2 at R1/R2 = 1: the edge is at R2 of twice its value."""
     cards = ["v1 in 0 1", "r1 in a 1e3", "c1 a 0 1e-9", "g1 0 a a 0 5e-4", "r2 a 0 1e6"]
-    board = LinearBoard(circuit_of(read_cards(cards), "negative", ["a"], {}))
+    board = LinearBoard(circuit_of(read_cards(cards), "negative", ["a"]))
     name = "G1"
     edge = board.circuit.value(name) * 2.002
     nearest = {name: _Nearest(above=edge), "R1": _Nearest(None, None, "a pole comes close", sure)}

@@ -21,7 +21,7 @@ CARDS = [
 
 
 def circuit() -> Circuit:
-    return circuit_of(read_cards(CARDS), "all kinds", ["out"], {})
+    return circuit_of(read_cards(CARDS), "all kinds", ["out"])
 
 
 def arrays(found: Descriptor) -> list[bytes]:
@@ -49,7 +49,7 @@ def test_every_kind_of_part_in_a_stack(name: str) -> None:
 def test_parts_that_cancel_at_one_value_only() -> None:
     """-1 kohm and R2 in parallel: at 1 kohm nothing is left, and only there."""
     cards = ["v1 in 0 1", "r0 in a 3k", "r1 a 0 -1k", "r2 a 0 1k", "c1 a 0 1n", "r3 a 0 7k"]
-    board = circuit_of(read_cards(cards), "cancelling", ["a"], {})
+    board = circuit_of(read_cards(cards), "cancelling", ["a"])
     boards = [board.turned("R2", ohms) for ohms in (500.0, 1000.0, 2000.0, 1000.0)]
     stacked = stamp_together(boards)
     counts = []
@@ -65,7 +65,7 @@ def test_parts_that_cancel_at_one_value_only() -> None:
 
 def test_boards_with_other_nodes_are_not_stacked() -> None:
     one, other = (
-        circuit_of(read_cards(["v1 in 0 1", "r1 in a 1k", "c1 a 0 1n", card]), "b", ["a"], {})
+        circuit_of(read_cards(["v1 in 0 1", "r1 in a 1k", "c1 a 0 1n", card]), "b", ["a"])
         for card in ("e1 b 0 a 0 2", "e1 b 0 a in 2")
     )
     for board, found in zip((one, other), stamp_together([one, other]), strict=True):

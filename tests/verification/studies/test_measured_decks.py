@@ -1,0 +1,262 @@
+"""Decks with transistors, clamps and op-amps of vendors: true poles, and ngspice's own ``.ac``.
+
+The poles of the cases are those of nodal analysis of their cards in mpmath.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+import taction
+from taction.system.errors import InputError
+from taction.verification.studies.board_check import BoardCheck
+from taction.verification.studies.foreign_board import read_board
+from tests.support.paths import ROOT
+
+pytestmark = pytest.mark.usefixtures("ngspice")
+CASES = ROOT / "tests" / "data" / "cases"
+VT = 1.3806488e-23 * 300.15 / 1.602176565e-19  # as ngspice has it at 27 degrees C
+
+
+def checked(folder: Path, text: str, **options: object) -> BoardCheck:
+    place = folder / "deck.cir"
+    place.write_text(f"title\n{text}\n.end\n")
+    return taction.check(place, **options)  # type: ignore[arg-type]
+
+
+def agrees(found: BoardCheck) -> bool:
+    (check,) = [check for check in found.checks if check.name == "ac_agrees"]
+    return check.outcome.value == "pass"
+
+
+@pytest.mark.parametrize(
+    ("name", "real", "hertz"),
+    [
+        ("vendor-rdiff-wien.cir", 0.0934, 0.9946),
+        ("vendor-rdiff-buffer.cir", -99.19e3, 0.0),
+        ("single-pole-1e39.cir", -2.9909e6, 0.0),
+        ("linearise-ldo-stub.cir", 9.17e3, 584e3),
+        ("refused-tanh-opamp.cir", -44.739e3, 7.913e3),
+        ("limit-silent.cir", -44.739e3, 7.913e3),
+        ("supply-through-diode.cir", -1e5 / (1e8 * 53e-12), 0.0),
+        ("refused-supply-bead.cir", -1.0 / (2.0 * 1e3 * 10e-6), 1.0 / (2.0 * math.pi * 1e-5)),
+        ("refused-six-ports-gnd-first.cir", None, None),
+        ("refused-order-out-vee-vcc.cir", -0.5e5 / (1e8 * 53e-12) / 1.00375, 0.0),
+        ("midsupply-ac.cir", None, None),
+    ],
+)
+def test_the_rightmost_pole_is_that_of_the_cards(
+    name: str, real: float | None, hertz: float | None
+) -> None:
+    found = taction.check(CASES / name)
+    assert agrees(found)
+    lead = found.poles.rightmost
+    if real is not None and hertz is not None:
+        assert lead.real == pytest.approx(real, rel=2e-3)
+        assert lead.imag / math.tau == pytest.approx(hertz, rel=2e-3)
+    assert found.poles.stable is (lead.real < 0.0)
+
+
+def test_the_onset_of_a_wien_bridge() -> None:
+    found = taction.check(CASES / "vendor-rdiff-wien.cir", ngspice=False)
+    (row,) = [part for part in found.parts if part.name == "R4"]
+    assert row.below == pytest.approx(20.001e3, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "volts"), [("vendor-rdiff-buffer", 0.99998), ("midsupply-ac", None)]
+)
+def test_an_output_rests_where_ngspice_says(name: str, volts: float | None) -> None:
+    (row,) = taction.check(CASES / f"{name}.cir", ngspice=False).outputs
+    if volts is None:
+        assert row.before == pytest.approx(2.475, abs=1e-3)
+    else:
+        assert row.rest == pytest.approx(volts, rel=1e-5)
+
+
+PAIR = """.model qn npn(is=1e-14 bf=200 vaf=100 cje=1p cjc=1p xcjc=0.5 tf=300p rb=100 rc=5 re=1)
+.model qp pnp(is=1e-14 bf=100 vaf=50 cje=1p cjc=1p tf=500p)
+Vcc vcc 0 5
+Vee vee 0 -5
+Vin in 0 DC 0 AC 1
+Q1 c1 in e qn
+Q2 out 0 e qn
+Q3 c1 c1 vcc qp
+Q4 out c1 vcc qp
+It e vee 1m
+CL out 0 10p
+RL out 0 100k"""
+FIELD = """.model nm nmos(level=1 vto=1 kp=200u lambda=0.02 cgso=1n cgdo=1n cbd=10f cbs=10f)
+.model jf njf(vto=-2 beta=1m lambda=0.01 cgs=3p cgd=2p)
+.model ds d(is=1e-12 rs=5 cjo=3p)
+Vdd vdd 0 5
+Vin in 0 DC 2 AC 1
+Rs in g 1k
+M1 d g 0 0 nm w=20u l=1u
+Rd vdd d 2k
+J1 vdd d s jf
+D1 s out ds
+Rl out 0 1k"""
+EMITTER = """VCC vcc 0 12
+Vin in 0 AC 1
+C1 in b 10u
+R1 vcc b 100k
+R2 b 0 22k
+RC vcc c 2.2k
+RE e 0 1k
+CE e 0 100u
+C2 c out 10u
+RL out 0 10k
+Q1 c b e q
+.model q NPN(Is=6.734f Bf=255.9 Vaf=74.03 Cje=4.493p Tf=301.2p)"""
+SWITCHED = """V1 in 0 DC 0 AC 1
+Vc c 0 2
+S1 in out c 0 sw on
+.model sw sw(vt=1 ron=1k roff=1g)
+C1 out 0 1n"""
+
+
+@pytest.mark.parametrize("text", [PAIR, FIELD, EMITTER, SWITCHED])
+def test_every_node_responds_as_in_ngspice(text: str, tmp_path: Path) -> None:
+    """From the source and from currents into every node, within 1e-6."""
+    assert agrees(checked(tmp_path, text))
+
+
+def test_a_diode_is_its_conductance(tmp_path: Path) -> None:
+    """1 mA through D1: g = (I + Is) / Vt, and the rest is Vt ln(1 + I / Is)."""
+    text = ".model dd d(is=1e-14)\nI1 0 out 1m\nIs 0 out DC 0 AC 1\nD1 out 0 dd\nC1 out 0 1u"
+    found = checked(tmp_path, text, outputs="out", ngspice=False)
+    assert found.poles.rightmost.real == pytest.approx(-(1e-3 + 1e-14) / VT / 1e-6, rel=1e-6)
+    (row,) = found.outputs
+    assert row.before == pytest.approx(VT * math.log1p(1e-3 / 1e-14), rel=1e-6)
+    assert "linear about ngspice's operating point" in found.notes[0]
+
+
+def test_a_charge_of_one_side_adds_no_pole(tmp_path: Path) -> None:
+    """Without a collector capacitance C1, CE and the base form a loop: three poles.
+
+    The base charge follows the collector through the Early voltage, and nothing follows it back.
+    """
+    found = checked(tmp_path, EMITTER)
+    assert len([p for p in found.poles.poles if abs(p) < 1e12]) == 3
+    assert found.poles.known_stable
+
+
+def test_a_switch_is_the_resistance_of_its_state(tmp_path: Path) -> None:
+    assert checked(tmp_path, SWITCHED, ngspice=False).poles.rightmost.real == pytest.approx(
+        -1e6, rel=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("card", "words"),
+    [
+        ("Q9 out in 0 nomodel", ("deck.cir", "nomodel")),
+        ("D1 in 0 dx\nV2 in 0 5\n.model dx d", ("deck.cir",)),
+        ("A1 in out g\n.model g gain(gain=2)", ("'A'", "not accepted")),
+        ("S1 out 0 in 0 sw\n.model sw sw(vt=0.5)", ("S1", "expected ON")),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(
+    card: str, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as error:
+        checked(tmp_path, f"V1 in 0 DC 1 AC 1\nR1 in out 1k\n{card}\nC1 out 0 1n", ngspice=False)
+    for word in words:
+        assert word in str(error.value)
+
+
+INVERTER = "R1 in x 10k\nR2 x out 10k\nC2 x out 10p\nX1 ref x vp {low} out FET100\n.tran 1n 10u"
+
+
+def with_opamp(folder: Path, text: str, **options: object) -> BoardCheck:
+    (folder / "fet100.lib").write_bytes((ROOT / "tests" / "data" / "fet100.cir").read_bytes())
+    return checked(folder, f".include fet100.lib\n{text}", **options)
+
+
+def test_a_single_supply_shifts_all_voltages(tmp_path: Path) -> None:
+    """A macromodel knows its supplies only: at 2 V and 26 V it is the op-amp at ±12 V."""
+    found = []
+    for low, middle in ((-12.0, 0.0), (2.0, 14.0)):
+        lines = (
+            f"Vp vp 0 {middle + 12.0}\nVm vm 0 {low}\nVref ref 0 {middle}\n"
+            f"V1 in 0 PULSE({middle} {middle + 0.01} 1u)\n"
+        )
+        check = with_opamp(tmp_path, lines + INVERTER.format(low="vm"))
+        assert agrees(check)
+        (row,) = check.outputs
+        assert row.rest is not None
+        assert row.before is not None
+        found.append((row.before - middle, row.rest - middle, check.poles.rightmost.real))
+    assert found[0] == pytest.approx(found[1], rel=1e-4, abs=1e-6)
+    assert found[1][1] - found[1][0] == pytest.approx(-0.01, rel=1e-3)
+
+
+def test_a_supply_may_come_through_anything(tmp_path: Path) -> None:
+    """Through a resistor with a load: ngspice knows the voltage."""
+    lines = (
+        "Vp v 0 24\nRp v vp 10\nRq vp 0 1k\nCp vp 0 1u\nVref ref 0 12\n"
+    lines += "V1 in 0 PULSE(12 12.01)\n"
+    )
+    found = with_opamp(tmp_path, lines + INVERTER.format(low="0"))
+    assert agrees(found)
+    (row,) = found.outputs
+    assert row.rest is not None
+    assert row.before is not None
+    assert row.rest - row.before == pytest.approx(-0.01, rel=1e-3)
+
+
+def test_only_parts_of_the_board_are_listed(tmp_path: Path) -> None:
+    lines = "Vp vp 0 12\nVm vm 0 -12\nVref ref 0 0\nV1 in 0 PULSE(0 10m)\n"
+    found = with_opamp(tmp_path, lines + INVERTER.format(low="vm"), ngspice=False)
+    assert {part.name for part in found.parts} == {"R1", "R2", "C2"}
+
+
+CLAMP = """.param f=1k
+.param t = 1/f double={2*t} third = double / 2
+.subckt clamped p n vcc vee out params: gain=20k pole=20
+Voff p q dc {1m*(temp - 27)}
+G1 0 x q n 100u
+R1 x 0 {gain/100u}
+C1 x 0 {1/(6.283185307179586*gain/100u*pole)} ic=0
+E1 y 0 x 0 1
+Ro y out 10
+E2 low 0 vee 0 1
+E3 high 0 vcc 0 1
+D1 low x limit
+D2 x high limit
+.model limit d n=0.01
+.ends
+Vp vp 0 15
+Vm vm 0 -15
+V1 in 0 PULSE(0 10m 1u)
+R1 in m 10k
+R2 m out 20k
+X1 0 m vp vm out clamped
+C1 m 0 {t*1p}"""
+
+
+def test_an_opamp_beside_parameters_without_braces(tmp_path: Path) -> None:
+    """With the gain A at DC and the noise gain N = 3 the pole is near -2 pi f (1 + A / N)."""
+    found = checked(tmp_path, CLAMP)
+    assert agrees(found)
+    loop = 1.0 + 2e4 / (3.0 + 10.0 / 1e4)
+    assert found.poles.rightmost.real == pytest.approx(-2.0 * math.pi * 20.0 * loop, rel=1e-3)
+
+
+def test_a_parameter_moves_the_point(tmp_path: Path) -> None:
+    """The conductance of a diode follows a .param that sets its current."""
+    text = ".param amps=1m\n.model dd d(is=1e-14)\nI1 0 out {amps}\nD1 out 0 dd\nC1 out 0 1u"
+    place = tmp_path / "deck.cir"
+    place.write_text(f"t\n{text}\n.end\n")
+    board = read_board(place)
+    one, other = board.at([{"amps": 1e-3}, {"amps": 2e-3}])
+    slopes = [
+        sum(part.value for part in circuit.branches if "#g" in part.card)
+        for circuit in (one, other)
+        if not isinstance(circuit, InputError)
+    ]
+    assert slopes == pytest.approx([1e-3 / VT, 2e-3 / VT], rel=1e-6)
