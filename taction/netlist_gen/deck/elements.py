@@ -31,7 +31,7 @@ _CURRENT = re.compile(r"(?<![\w.#])i ?\( ?([^,() ]+) ?\)")
 _TAKES = re.compile(r"(?<![\w.#])[vi] ?\(")
 _GIVEN = re.compile(r"(\w+) ?= ?([^\s(),]+)")
 _OPERATOR = re.compile(r"[-+*/^]")
-MOST_OPERATORS = 2000  # of an expression, for the parser of ngspice
+MOST_OPERATORS = 500  # of an expression, for the parser of ngspice
 ACCEPTED = "accepted are R C L K V I E F G H B, D Q J M with a .model, and switches S W"
 
 

@@ -210,9 +210,9 @@ def _wrong_state(
     on, off = 1.0 / number(given.get("ron", "1")), 1.0 / number(given.get("roff", "1e12"))
     closed = abs(G[0, 0] - on) < abs(G[0, 0] - off)
     if closed and control < threshold - abs(half):
-        return "ngspice leaves it closed below its threshold"
+        return "ngspice leaves it closed below its threshold; expected a resistor of its state"
     if not closed and control > threshold + abs(half):
-        return "ngspice leaves it open above its threshold; expected ON after its model"
+        return "ngspice leaves it open above its threshold; expected a resistor of its state"
     return ""
 
 

@@ -80,15 +80,17 @@ def _device(flat: Flat, each: MeasuredElement) -> None:
                 sums[j] += shared
             else:
                 shared = 0.0
-            for a, b, value in ((i, j, one - shared), (j, i, other - shared)):
+            for to, by, value in ((i, j, one - shared), (j, i, other - shared)):
                 if abs(value) > SMALL * scale:
-                    card, control = f"{name}#q{a}{b}", (ports[b], end)
-                    flat.branches.append(ChargeByVoltage(card, ports[a], end, value, control))
+                    charge = ChargeByVoltage(
+                        f"{name}#q{to}{by}", ports[to], end, value, (ports[by], end)
+                    )
+                    flat.branches.append(charge)
         for j in range(n, len(controls)):
             if abs(value := float(each.C[i, j])) > SMALL * scale:
-                control = (controls[j], GROUND)
+                card = f"{name}#q{i}{j}"
                 flat.branches.append(
-                    ChargeByVoltage(f"{name}#q{i}{j}", ports[i], end, value, control)
+                    ChargeByVoltage(card, ports[i], end, value, (controls[j], GROUND))
                 )
     for i, a in enumerate(ports[:-1]):
         if abs(sums[i]) > SMALL * scale and a != end:
@@ -102,7 +104,7 @@ def _drop(each: MeasuredElement, i: int) -> float:
         float(g) * (v - each.held[n - 1])
         for g, v in zip(each.G[i, : n - 1], each.held, strict=False)
     )
-    return total + float(each.G[i, n:] @ each.held[n:])
+    return float(total + each.G[i, n:] @ each.held[n:])
 
 
 def _outputs(each: MeasuredElement) -> Iterator[Branch]:

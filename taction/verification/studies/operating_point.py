@@ -68,8 +68,8 @@ def find_point(lines: Sequence[str], options: str, simulator: Simulator) -> Deck
     CardError
         ngspice does not expand it, or finds no point; or a card is not read.
     """
-    first = Answers((), "", "")
-    cards, mode, said = (), "", ""
+    first, mode, said = Answers((), "", ""), "", ""
+    cards: tuple[str, ...] = ()
     commands = [f"listing expand > {TEXT}", "save all", "op", f"write {RESULT}"]
     for mode in MODES:
         first = run_commands([*lines, *_given(options)], commands, simulator, mode=mode)
