@@ -37,8 +37,8 @@ def check(
     r"""Find poles, oscillation onset, settling and noise of the linear op-amp circuit in DECK.
 
     DECK is a SPICE deck (ngspice, LTspice, HSPICE), which nothing runs: ngspice expands it, and the
-    state-space engine reads the linear parts R C L K V I E F G H. Op-amps of vendors, subcircuits
-    with transistors and five ports, are replaced by linear models that ngspice measures.
+    state-space engine reads its parts. Transistors, op-amps of vendors and whatever else is not
+    linear are measured by ngspice at the operating point; its .ac is the witness then.
 
     Parameters
     ----------
@@ -54,8 +54,7 @@ def check(
     expect : str or iterable of str
         Expected voltage at rest: v(out)=1.25@0.1%.
     linearise : bool
-        Take diodes and transistors (D Q J M) for linear at ngspice's operating point: the answers
-        are those of small signals.
+        Without effect: whatever is not linear is always measured at the operating point.
     over : str or iterable of str
         Part or .param to change: C1=1p:1n, gain=2:4:50, or a part alone. Every crossing of
         stability is found, and the readings at every value.

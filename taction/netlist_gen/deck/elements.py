@@ -30,8 +30,6 @@ _VOLTAGE = re.compile(r"(?<![\w.#])v ?\( ?([^,() ]+) ?(?:, ?([^,() ]+) ?)?\)")
 _CURRENT = re.compile(r"(?<![\w.#])i ?\( ?([^,() ]+) ?\)")
 _TAKES = re.compile(r"(?<![\w.#])[vi] ?\(")
 _GIVEN = re.compile(r"(\w+) ?= ?([^\s(),]+)")
-_OPERATOR = re.compile(r"[-+*/^]")
-MOST_OPERATORS = 500  # of an expression, for the parser of ngspice
 ACCEPTED = "accepted are R C L K V I E F G H B, D Q J M with a .model, and switches S W"
 
 
@@ -174,8 +172,6 @@ def _element(card: str, models: Mapping[str, tuple[str, str]]) -> Element | None
         if _TAKES.search(rest) or any(word in models for word in words[3:]):
             return _passive(kind, words, rest)
         return None
-    if kind in "begh" and len(_OPERATOR.findall(card)) > MOST_OPERATORS:
-        raise CardError(f"{shown(words[0])}: too many terms; expected several cards")
     if kind in "eg" and len(words) > 5 and not _TAKES.search(card) and "poly" not in card:
         pattern = f"{kind}~ {{o0}} {{o1}} {{0}} {{1}} {' '.join(words[5:])}"
         out = ("v" if kind == "e" else "i", words[1], words[2])

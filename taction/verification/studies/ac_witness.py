@@ -132,7 +132,7 @@ def _solved(A: Complexes, b: Floats) -> Complexes:
     x = inverse @ wanted
     for _ in range(2):
         x = x + inverse @ (wanted - B @ x)
-    return x * columns[:, None]
+    return np.asarray(x * columns[:, None])
 
 
 def _weights(count: int) -> Floats:
@@ -151,7 +151,7 @@ def _sweeps(poles: Complexes) -> Iterator[str]:
     sharp = [p for p in poles.tolist() if p.imag > 0.0 and abs(p.real) < SHARP * abs(p)]
     sharp = [p for p in sharp if LEAST < abs(p) / math.tau < MOST]
     if sharp:
-        hertz = abs(min(sharp, key=lambda p: abs(p.real) / abs(p))) / math.tau
+        hertz = min((abs(p.real) / abs(p), abs(p)) for p in sharp)[1] / math.tau
         yield f"ac lin 5 {0.98 * hertz!r} {1.02 * hertz!r}"
 
 

@@ -265,8 +265,6 @@ def _nodes(board: ForeignBoard) -> Iterator[tuple[str, tuple[str, ...]]]:
         yield shown(part.card.lower()), (part.a, part.b)
     for branch in flat.branches:
         yield shown(branch.card.lower()), branch.nodes
-    for cell in flat.opamps:
-        yield f"X{cell.name}", (cell.noninverting, cell.inverting, cell.output, cell.model)
 
 
 def _expected(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tuple[str, ...]]:

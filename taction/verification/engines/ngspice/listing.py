@@ -29,6 +29,7 @@ from taction.verification.engines.ngspice.process import (
 LISTED = "listed.txt"
 LIST = f"listing expand >> {LISTED}"
 LAST = ".end\n"  # of a listing
+LONGEST_CARD = 4000  # characters: a longer one is listed without its end
 SECONDS = 20.0  # of an expansion, which takes some milliseconds
 MEMORY = 1000 * MEGABYTE  # addresses of ngspice: an expansion of 20,000 devices takes 100 MB
 _CARD = re.compile(r"^ *\d+ : (\S.*)$")
@@ -165,6 +166,16 @@ def _listings(deck: object, ending: Ending) -> tuple[tuple[str, ...], ...] | Did
 
 
 def listed_cards(part: str) -> tuple[str, ...]:
-    """Return the flat cards of one listing."""
+    """Return the flat cards of one listing.
+
+    Raises
+    ------
+    DidNotLoad
+        A card is so long that it may be listed without its end.
+    """
     cards = [match[1] for line in part.split("\n") if (match := _CARD.match(line))]
+    for card in cards:
+        if len(card) > LONGEST_CARD and card[0] in "befgh":
+            name = card.split(maxsplit=1)[0].capitalize()
+            raise DidNotLoad(f"{name}: too many terms: ngspice lists 4,000 characters of a card")
     return tuple(" ".join(card.split()) for card in cards if not card.startswith((".end", "*")))
