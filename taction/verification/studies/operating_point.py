@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from taction.netlist_gen.deck.elements import SortedCards, sorted_cards
 from taction.netlist_gen.deck.flat_cards import CardError
 from taction.system.frozen import frozen
@@ -19,8 +17,6 @@ from taction.verification.studies.element_bench import TIGHT
 
 TRIED = (TIGHT, "reltol=1e-6 abstol=1e-13 vntol=1e-10")
 TIGHT_SECONDS = 4.0
-SEEDS = 12  # of starts from random voltages
-APART = 1e-3  # of the largest voltage: two points that differ by more are two
 MODES = ("psa", "")  # PSpice's ways first; what they break is read in ngspice's own
 _STEPPED = ("gmin stepping", "source stepping", "Transient op")
 
@@ -97,27 +93,6 @@ def find_point(lines: Sequence[str], options: str, simulator: Simulator) -> Deck
             volts, limits = tight, tighter
             break
     return DeckPoint(tuple(lines), cards, found, volts, limits, options, mode)
-
-
-def other_points(point: DeckPoint, simulator: Simulator) -> int:
-    """Return how many other points ngspice finds from random voltages."""
-    nodes = [name for name in point.volts if not {"#", "@", "["} & set(name)]
-    here = np.array([point.volts[name] for name in nodes])
-    scale, known = float(np.abs(here).max(initial=1.0)), [here]
-    low, high = float(here.min(initial=0.0)), float(here.max(initial=0.0))
-    drawn = np.random.default_rng(1)
-    commands = ["save all", "op", f"write {RESULT}"]
-    for _ in range(SEEDS):
-        volts = dict(zip(nodes, drawn.uniform(low - 1.0, high + 1.0, len(nodes)), strict=True))
-        text = [*point.lines, *_given(point.options), *_starts(volts)]
-        answers = run_commands(text, commands, simulator, mode=point.mode, seconds=TIGHT_SECONDS)
-        found = _volts(answers)
-        if not found:
-            continue
-        there = np.array([found.get(name, np.nan) for name in nodes])
-        if not any(np.abs(there - each).max(initial=0.0) <= APART * scale for each in known):
-            known.append(there)
-    return len(known) - 1
 
 
 def _given(options: str) -> list[str]:

@@ -235,3 +235,42 @@ def test_a_parameter_moves_the_point(tmp_path: Path) -> None:
         if not isinstance(circuit, InputError)
     ]
     assert slopes == pytest.approx([1e-3 / VT, 2e-3 / VT], rel=1e-6)
+
+
+LATCH = """.model n npn(is=1e-14 bf=100 cje=1p cjc=1p tf=0.3n)
+Vcc vcc 0 5
+R1 vcc a 1k
+R2 vcc b 1k
+Rb1 a x 10k
+Rb2 b y 10k
+Q1 a y 0 n
+Q2 b x 0 n
+I1 0 a dc 0 ac 1
+.print v(a)"""
+SCHMITT = """B1 o1 0 V=10*tanh(1e3*(V(p)-V(n)))
+Ro o1 out 100
+Co out 0 1n
+R1 out p 10k
+R2 p 0 10k
+Cp p 0 10p
+V1 n 0 dc 0 ac 1"""
+HIDDEN = """V1 in 0 dc 0 ac 1
+R1 in out 1k
+C1 out 0 1n
+B2 h2 0 V=10*tanh(0.2*V(h))
+R2 h2 h 1k
+C2 h 0 1n
+.print v(out)"""
+
+
+@pytest.mark.parametrize(("text", "rate"), [(LATCH, None), (SCHMITT, None), (HIDDEN, 1e6)])
+def test_the_unstable_middle_of_a_latch_is_no_pass(
+    text: str, rate: float | None, tmp_path: Path
+) -> None:
+    """Also one that no source and no output sees."""
+    found = checked(tmp_path, text)
+    assert found.poles.stable is False
+    assert found.outcome.value == "fail"
+    assert agrees(found)
+    if rate is not None:
+        assert found.poles.rightmost.real == pytest.approx(rate, rel=1e-9)
