@@ -376,12 +376,6 @@ class Circuit(Result):
                 return knob
         raise ValueError(f"topology {self.topology!r} has no knob {name!r}")
 
-    def parts_of(self, knob: Knob) -> tuple[Capacitor, ...] | tuple[Resistor, ...]:
-        """Return the parts that a knob scales: capacitors or resistors; none if also arrays."""
-        if self.scales_arrays(knob):
-            return ()
-        return self.capacitors_of(knob.role) or self.resistors_of(knob.role)
-
     def scales_arrays(self, knob: Knob) -> bool:
         """Tell whether a knob scales all resistors of an array."""
         names = self.named(knob.role)

@@ -45,6 +45,7 @@ from taction.verification.stability.scan import TOLERANCE, scan
 
 PER_DECADE = 20  # values of the first grid of a scan
 APART_FROM_ZERO = 1e3  # times its bound: a pole beyond it is not at zero
+Parts = tuple[Capacitor | Resistor, ...]
 BESIDE = 1e-6  # relative distance of the samples beside an edge of the loci
 APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their values, and tolerance
 
@@ -81,8 +82,8 @@ class Family:
         """Return the boards that differ from `board` in a knob, for each of some knobs."""
         circuit, laws = board.circuit, list[str]()
         ports = dict[str, PortResponse | None]()
-        for knob in knobs:
-            parts = circuit.parts_of(knob)
+        scaled = scaled_parts(circuit, knobs)
+        for knob, parts in zip(knobs, scaled, strict=True):
             if _is_reactive(parts) or (parts and not circuit.has_nonlinear_amplifiers):
                 ports[knob.name] = PortResponse.of_parts(board, parts)
             elif not parts and circuit.is_linear and not circuit.scales_arrays(knob):
@@ -93,11 +94,15 @@ class Family:
             with suppress(EngineError):  # a capacitor at the source of a law
                 share_elimination(some)
                 break
-        return [cls._of(board, knob, ports.get(knob.name)) for knob in knobs]
+        return [
+            cls._of(board, knob, parts, ports.get(knob.name))
+            for knob, parts in zip(knobs, scaled, strict=True)
+        ]
 
     @classmethod
-    def _of(cls, board: LinearBoard, knob: Knob, ports: PortResponse | None) -> Family:
-        parts = board.circuit.parts_of(knob)
+    def _of(
+        cls, board: LinearBoard, knob: Knob, parts: Parts, ports: PortResponse | None
+    ) -> Family:
         point = board.operating_point if _is_reactive(parts) else None  # it moves no equilibrium
         moved = partial(_moved, board.circuit, knob.name, point)
         power = -knob.power if parts and not _is_reactive(parts) else knob.power
@@ -268,6 +273,18 @@ class Family:
         places = [*(edge.value for edge in found.edges), *found.near]
         sides = (1.0 - BESIDE, 1.0, 1.0 + BESIDE)
         return [v for each in places for side in sides if low < (v := each * side) < high]
+
+
+def scaled_parts(circuit: Circuit, knobs: Sequence[Knob]) -> list[Parts]:
+    """Return the parts that each knob scales: capacitors or resistors; none if also arrays."""
+    parts = (*circuit.capacitors, *circuit.resistors)
+    places = {part.card: place for place, part in enumerate(parts)}
+    found = list[Parts]()
+    for knob in knobs:
+        names = () if circuit.scales_arrays(knob) else circuit.named(knob.role)
+        own = tuple(parts[k] for k in sorted({places[name] for name in names if name in places}))
+        found.append(tuple(part for part in own if isinstance(part, Capacitor)) or own)
+    return found
 
 
 def _is_reactive(parts: Sequence[Capacitor | Resistor]) -> bool:

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.parts import Part
+from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.stability.families import Family
+from taction.verification.stability.families import Family, scaled_parts
 from taction.verification.stability.poles import poles
 from taction.verification.studies.board_check import BoardCheck, check_board
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
@@ -302,7 +304,9 @@ def test_an_expression_that_ngspice_takes_is_read(value: str, read: Read) -> Non
 def test_the_response_of_a_gain_is_that_of_the_equations(name: str, read: Read) -> None:
     """By modes where these suffice; with a capacitor at the source's output they do not."""
     board = LinearBoard(read(DECKS[name]).circuit)
-    laws = [knob for knob in board.circuit.knobs if not board.circuit.parts_of(knob)]
+    knobs = board.circuit.knobs
+    parts = scaled_parts(board.circuit, knobs)
+    laws = [knob for knob, scaled in zip(knobs, parts, strict=True) if not scaled]
     omega = np.geomspace(1e2, 1e9, 8)
     for ports in (Family.of(board, knob).ports for knob in laws):
         if ports is not None:
@@ -349,3 +353,14 @@ def test_a_transimpedance_stage_in_closed_form(read: Read) -> None:
 def test_a_tolerance_of_an_expected_value_is_a_number_that_is_not_negative(text: str) -> None:
     with pytest.raises(InputError, match="--expect"):
         wanted(expect=[text])
+
+
+def test_the_parts_of_many_knobs_are_looked_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    cards = ["v1 in 0 1", *(f"r{n} in out {n}k" for n in range(1, 201)), "c1 out 0 1n"]
+    circuit = circuit_of(read_cards(cards), "many", ["out"])
+    asked, card = list[str](), type(circuit.resistors[0]).card.fget
+    knobs = [knob for knob in circuit.knobs if knob.role]
+    monkeypatch.setattr(Part, "card", property(lambda part: asked.append(part.name) or card(part)))
+    found = scaled_parts(circuit, knobs)
+    assert len(asked) == 201  # each part once, not once for each knob
+    assert {part.name for (part,) in found} == {"c1"[1:], *(str(n) for n in range(1, 201))}

@@ -345,7 +345,10 @@ def compare_scene(path: Path, then: Entry | None, revision: str) -> SceneResult:
     """Verify one scene and compare it with its entry; bad input gives a result, too."""
     started = time.perf_counter()
     try:
-        verdict = verify(load_scene(path))
+        try:
+            verdict = verify(load_scene(path))
+        except MemoryError:
+            raise NoVerdictError("out of memory: the scene is too large") from None
     except InputError as error:
         return SceneResult(printable(path.name), Status.BAD_INPUT, reason=str(error), baseline=then)
     except NoVerdictError as error:

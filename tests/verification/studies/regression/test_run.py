@@ -222,3 +222,17 @@ def test_the_edited_key_comes_first_with_both_values() -> None:
     assert second == "taction was 0.1.0, now 0.2.0"
     without = entry()  # of a baseline that has no keys
     assert next(iter(module._notes(now, without))).endswith("was edited since the baseline")
+
+
+def test_too_little_memory_is_no_verdict_and_the_entry_stays(
+    tmp_path: Path, passing: dict[str, Entry], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lacking(scene: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(module, "verify", lacking)
+    write_fast(tmp_path / "a.toml")
+    report = run(tmp_path, passing, updated=True)
+    assert (only(report).status, report.exit_status) == (Status.NO_VERDICT, 3)
+    assert only(report).reason == "out of memory: the scene is too large"
+    assert updated_baseline(report, passing) == passing
