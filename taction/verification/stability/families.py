@@ -277,12 +277,14 @@ class Family:
 
 def scaled_parts(circuit: Circuit, knobs: Sequence[Knob]) -> list[Parts]:
     """Return the parts that each knob scales: capacitors or resistors; none if also arrays."""
-    parts = (*circuit.capacitors, *circuit.resistors)
+    parts: Parts = (*circuit.capacitors, *circuit.resistors)
     places = {part.card: place for place, part in enumerate(parts)}
     found = list[Parts]()
     for knob in knobs:
         names = () if circuit.scales_arrays(knob) else circuit.named(knob.role)
-        own = tuple(parts[k] for k in sorted({places[name] for name in names if name in places}))
+        own: Parts = tuple(
+            parts[k] for k in sorted({places[name] for name in names if name in places})
+        )
         found.append(tuple(part for part in own if isinstance(part, Capacitor)) or own)
     return found
 
