@@ -16,60 +16,106 @@ import pytest
 from tests.support.paths import ROOT
 from tests.support.terminals import Session, run_in_terminal
 
+CASES = ROOT / "tests" / "data" / "cases"
 SIZES = ((80, 24), (120, 40))
 SEARCH = "what to change, at most"
 NEVER = ("Traceback", "this is a bug", "Input should be")
 
 
 @dataclass(frozen=True)
-class User:
-    """Commands, the sentence (a pattern) among the last lines, and the exit status of each."""
+class Step:
+    """A command, what it must say (patterns, between any blanks and breaks), and its exit status.
 
-    commands: tuple[str, ...]
-    sentence: str
-    statuses: tuple[int, ...] = ()
+    The last pattern of the last step is of one of the last lines, which the screen still shows.
+    """
+
+    command: str
+    sentences: tuple[str, ...] = ()
+    status: int = 0
 
 
+NEW = Step("taction new board.toml")
+LAMBDA = r"from the true stress by regularisation.*; a smaller lambda trades bias for noise\."
 USERS = {
-    "designer": User(
-        (
-            "taction new board.toml",
+    "designer": (
+        NEW,
+        Step(
             "taction verify board.toml --set design.opamp=lm324 --engine statespace --changes 1",
+            status=1,
+        ),
+        Step(
+            "taction verify slew-ua741.toml --engine statespace",
+            (r"headroom slews for [\d.]+ us: needs [\d.]+ V/us of 0\.5 ",),
+        ),
+        Step(
             "taction verify board.toml --engine statespace",
+            (
+                r"settling to ±4 % [\d.]+ us",
+                LAMBDA,
+                r"^PASS: board, \d+ checks; nearest to its limit: .*\d %",
+            ),
         ),
-        r"^PASS: board, \d+ checks; nearest to its limit: .*\d %",
-        (0, 1, 0),
     ),
-    "researcher": User(
-        (
-            "taction new board.toml",
-            "taction verify --solve board.toml",
-            "taction onset board.toml --over C --no-confirm",
+    "researcher": (
+        NEW,
+        Step("taction verify --solve board.toml"),
+        Step("taction onset board.toml --over C --no-confirm"),
+        Step(
             "taction sweep board.toml --over C=20pF:500pF:3 --engine statespace --jobs 1",
+            (r"settling time to ±4 %", r"^3 computed now, 0 from board\.sqlite$"),
         ),
-        r"^3 computed now, 0 from board\.sqlite$",
     ),
-    "CI engineer": User(
-        (
-            "taction new board.toml",
-            "taction regress . --baseline baseline.json --update --jobs 1",
-            "taction regress . --baseline baseline.json --jobs 1",
-            "taction verify . --junit report.xml --jobs 1",
+    "CI engineer": (
+        NEW,
+        Step("taction regress . --baseline baseline.json --update --jobs 1"),
+        Step("taction regress . --baseline baseline.json --jobs 1"),
+        Step("taction verify . --junit report.xml --jobs 1"),
+        Step(
+            "taction regress failing --baseline failing.json --update --jobs 1",
+            (r"Not stored, a check fails: slew\.toml\.",),
+            1,
+        ),
+        Step(
             "taction diff board.toml board.toml --engine statespace",
+            (r"readings: \d+ equal, 0 within their uncertainties, 0 beyond",),
         ),
-        r"readings: \d+ equal, 0 within their uncertainties, 0 beyond",
     ),
-    "student": User(("taction", "taction demo"), r"Your own board: taction new board\.toml"),
-    "SPICE user": User(
-        (
-            "taction new board.toml",
-            "taction netlist board.toml -o board.cir",
-            "ngspice -b -r board.raw board.cir",
+    "student": (
+        Step("taction"),
+        Step(
+            "taction demo",
+            (
+                r"a smaller lambda regularises less, .* noise",
+                r"Your own board: taction new board\.toml",
+            ),
         ),
-        r"No\. of Data Rows : \d+",
+    ),
+    "SPICE user": (
+        Step(
+            "taction check ldo.cir --no-ngspice",
+            (
+                r"Not stable: oscillates at 559\.4 kHz, growing with 364 k/s",
+                r"Nearest stable value: Cout above 2\.773 uF \(now 1 uF, factor 2\.77\)",
+            ),
+            1,
+        ),
+        Step(
+            "taction check wienosc.cir --no-ngspice --check oscillates",
+            (r"Oscillates at 1\.59 kHz, growing with 500 /s\. The check passes\.",),
+        ),
+        NEW,
+        Step("taction netlist board.toml -o board.cir"),
+        Step("ngspice -b -r board.raw board.cir", (r"No\. of Data Rows : \d+",)),
     ),
 }
-MOST = {"designer": 3, "researcher": 4, "CI engineer": 5, "student": 2, "SPICE user": 3}
+"""What each types."""
+FILES = {
+    "designer": ("slew-ua741.toml", "slew-ua741-T.csv", "slew-ua741-eps.csv", "slew-ua741-f.csv"),
+    "CI engineer": ("failing/slew.toml", "failing/slew-T.csv", "failing/slew-eps.csv"),
+    "SPICE user": ("ldo.cir", "wienosc.cir"),
+}
+"""What each has in the folder at the start, from `CASES`."""
+MOST = {"designer": 4, "researcher": 4, "CI engineer": 6, "student": 2, "SPICE user": 5}
 
 
 def typed(command: str, folder: Path, size: tuple[int, int], **variables: str) -> Session:
@@ -93,15 +139,21 @@ TERMINALS = [
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize(("name", "size"), TERMINALS, ids=str)
 def test_a_user_comes_to_the_end(name: str, size: tuple[int, int], tmp_path: Path) -> None:
-    user = USERS[name]
-    assert len(user.commands) <= MOST[name]
-    statuses = user.statuses or (0,) * len(user.commands)
-    for command, status in zip(user.commands, statuses, strict=True):
-        done = typed(command, tmp_path, size)
-        assert done.status == status, "\n".join(done.lines)
+    steps = USERS[name]
+    assert len(steps) <= MOST[name]
+    for file in FILES.get(name, ()):
+        place = tmp_path / file
+        place.parent.mkdir(exist_ok=True)
+        shutil.copy(CASES / place.name, place)
+    for step in steps:
+        done = typed(step.command, tmp_path, size)
+        assert done.status == step.status, "\n".join(done.lines)
         assert [word for word in NEVER if word in done.raw] == []
-        if status == 1:  # the verdict stands on the screen before the search for changes begins
+        if "--changes" in step.command:  # the verdict stands there before the search begins
             assert "FAIL: " in done.raw.partition(SEARCH)[0]
             assert SEARCH in done.raw
+        words = " ".join(" ".join(done.lines).split())
+        wanted = step.sentences[:-1] if step is steps[-1] else step.sentences
+        assert [each for each in wanted if not re.search(each, words)] == [], words
     last = "\n".join(done.lines[-(size[1] - 1) :])  # what the screen still shows
-    assert re.search(user.sentence, last, re.MULTILINE), last
+    assert re.search(steps[-1].sentences[-1], last, re.MULTILINE), last

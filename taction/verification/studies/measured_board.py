@@ -100,7 +100,7 @@ class MeasuredBoard:
         Where one output has none, the others are known by themselves, and this one is NaN.
         """
         if not self.poles.known_stable:
-            return OutputNoise(unknown="a board that is not stable has no noise at rest")
+            return OutputNoise(unknown="only a board that is known to be stable has noise at rest")
         models = self.board.circuit.models.values()
         low = lowest or (LOWEST if any(model.flicker_noise > 0.0 for model in models) else 0.0)
         try:
