@@ -31,7 +31,7 @@ from taction.verification.engines.statespace.transients.steps import (
     Function,
 )
 
-ROUNDED = 4.0 * EPS  # of the coefficients of a board
+ROUNDED = EPS  # of the coefficients of a board
 DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solves keep
 
 
