@@ -104,7 +104,7 @@ def test_scene_files_are_judged_and_the_fixture_verifies_a_scene_once(
             "odd.scene.toml: bad input",
             "*problem.kind = 'tactil': did you mean 'tactile'*",
             "slow.scene.toml: fail",
-            "*check settling time fails*",
+            "*settles to ±1 % in *(limit: at most *)*",
             "*InputError*none.toml*No such file*",
         ]
     )
