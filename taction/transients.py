@@ -275,7 +275,7 @@ def verify_files(
 def what_to_change(
     verdict: Verdict,
     *,
-    changes: float = 4.0,
+    changes: float = 1400.0,
     any_part: bool = False,
     progress: Progress = lambda stage: None,
     tell: Progress = lambda line: None,
@@ -287,9 +287,9 @@ def what_to_change(
     verdict : Verdict
         Of the board that its scene describes.
     changes : float
-        Time limit of the search for changes that mend a failed verdict; 0: no search.
+        Most work of the search for changes that mend a failed verdict, in designs; 0: no search.
 
-        In seconds; a simulation that has begun is finished.
+        A verdict is 5 designs; a board of n states counts ``1 + (n / 70)^3`` times.
     any_part : bool
         Propose also parts beyond the limits of real ones.
     progress : callable, optional
@@ -319,7 +319,7 @@ def what_to_change(
     from taction.verification.design.remedies import find_remedies
     from taction.verification.report.views.remedies import found_text
 
-    progress(f"what to change, at most {changes:g} s")
+    progress(f"what to change, at most the work of {changes:g} designs")
     told = partial(found_text, verdict.scene)
     return find_remedies(verdict, changes, any_part=any_part, tell=lambda found: tell(told(found)))
 

@@ -142,7 +142,7 @@ VERIFY = Command(
         JUNIT.parameter,
         ANNOTATE,
         replace(JOBS, of="verify_files"),
-        option("changes", type=NumberRange(0), metavar="SECONDS", of="what_to_change"),
+        option("changes", type=NumberRange(0), metavar="DESIGNS", of="what_to_change"),
         replace(ANY_PART, of="what_to_change"),
         option(
             "verbose",

@@ -172,7 +172,7 @@ def test_a_board_of_ideal_op_amps_that_fails_has_its_verdict_and_a_search(
 ) -> None:
     scene = tmp_path / "a.toml"
     scene.write_text(IDEAL.format(opamp=opamp))
-    result = run("verify", str(scene), "--json", "--changes", "1")
+    result = run("verify", str(scene), "--json", "--changes", "100")
     assert result.exit_code == 1
     found = json.loads(result.stdout)
     assert found["outcome"] == "fail"

@@ -11,8 +11,8 @@ PINS = "--subckt FET100 --pins inp,inn,vcc,vee,out"
 # The document of a line has the schema of the name before the comma.
 LINES: dict[str, str] = {
     "verify": "verify a.toml --margins",
-    "verify, failing": "verify slow.toml --changes 0.5",
-    "verify, oscillating": "verify ringing.toml --margins --changes 0.5",
+    "verify, failing": "verify slow.toml --changes 50",
+    "verify, oscillating": "verify ringing.toml --margins --changes 50",
     "verify, inconclusive": "verify short.toml",
     "verify, one channel": "verify one.toml --margins",
     "verify, transistor stages": "verify devices.toml",

@@ -40,7 +40,7 @@ USERS = {
     "designer": (
         NEW,
         Step(
-            "taction verify board.toml --set design.opamp=lm324 --engine statespace --changes 1",
+            "taction verify board.toml --set design.opamp=lm324 --engine statespace --changes 100",
             status=1,
         ),
         Step(

@@ -22,12 +22,18 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.design.screening import can_estimate
 from taction.verification.design.search import Searched, search_list, search_pair, search_range
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
-from taction.verification.design.trials import OPAMP, Trial, Trials, knobs_with_margin
+from taction.verification.design.trials import (
+    OPAMP,
+    OutOfWorkError,
+    Trial,
+    Trials,
+    knobs_with_margin,
+)
 from taction.verification.verdict.cause import following
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
 
-LIMIT = 4.0  # s: time limit of a search
+LIMIT = 1400.0  # designs: the work of a search
 SERIES = ("E24", "E96", "E192", "exact")
 SUPPLIES = (5.0, 9.0, 12.0, 15.0, 18.0, 22.0)
 SHOWN = 4  # op-amps that are proposed
@@ -80,35 +86,39 @@ class Remedies:
     stability : tuple of StableRange
         The nearest stable ranges of an unstable board.
     changes : tuple of Change
-        Those that mend everything, else those that mend most.
+        Those that mend everything, else those of them that mend most, with a verdict.
     without : tuple of Searched
         The searches over keys that mend nothing.
+    searched : tuple of str
+        The keys that were searched, each once.
     cut : tuple of tuple of str
-        Keys whose search the time limit ended.
+        Keys whose search ended when its work was used up.
     unmendable : tuple of str
         Failed checks that no change of the design mends.
     opamps : tuple of str
         The presets with which an unstable board is stable.
     trials : int
         Number of verdicts.
-    limit : float
-        Time limit, s.
+    work, limit : float
+        The work done, and the most that is allowed, in designs (`Trials.spend`).
     """
 
     DOCUMENT = (
         *("failed", "stable_ranges = by_path", "stable_opamps = opamps", "changes", "without"),
-        "not_searched = cut # the time limit ended these searches",
-        *("unmendable", "trials", "time_limit [s] = limit"),
+        "not_searched = cut # these searches ended when the work was used up",
+        *("searched", "unmendable", "trials", "work # in designs", "work_limit = limit"),
     )
 
     failed: tuple[str, ...]
     stability: tuple[StableRange, ...]
     changes: tuple[Change, ...]
     without: tuple[Searched, ...]
+    searched: tuple[str, ...]
     cut: tuple[tuple[str, ...], ...]
     unmendable: tuple[str, ...]
     opamps: tuple[str, ...]
     trials: int
+    work: float
     limit: float
 
     @property
@@ -143,7 +153,7 @@ def mending_keys(scene: Scene) -> dict[str, tuple[str, ...]]:
 
 def find_remedies(
     verdict: Verdict,
-    seconds: float = LIMIT,
+    work: float = LIMIT,
     *,
     any_part: bool = False,
     tell: Tell = lambda found: None,
@@ -154,8 +164,9 @@ def find_remedies(
     ----------
     verdict : Verdict
         Of the board that its scene describes.
-    seconds : float
-        Time limit, s; a simulation that has begun is finished.
+    work : float
+        Most work of the search, in designs of few states: a verdict is some 5, a board of n states
+        ``1 + (n / 70)^3`` times as much. The result is the same on every machine.
     any_part : bool
         Whether a change may have parts beyond the limits of real ones.
     tell : callable, optional
@@ -168,14 +179,13 @@ def find_remedies(
 
     Notes
     -----
-    Costs up to about 240 designs (seven channels: 3 ms each), of which some ten need a verdict by
-    the state-space engine (20 ms each).
+    Seven channels: up to about 240 designs of 3 ms, of which some ten need a verdict of 20 ms.
     """
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
         return None
     accepted, far = ANY_PART if any_part else None, can_estimate(verdict.scene, failed)
-    trials = Trials(verdict.scene, seconds, accepted, screened=far)
+    trials = Trials(verdict.scene, work, accepted, screened=far)
     follows = following(verdict.checks)
     causes = tuple(name for name in failed if name not in follows)
     search = _RemedySearch(trials, failed, causes, tell)
@@ -210,7 +220,7 @@ class _RemedySearch:
         """Search over every key, then over C and the gain together."""
         paths = self.paths
         if unstable and paths:
-            self.trials.share(len(paths) + 1)
+            self.trials.share(2)
             self.ranges = stable_ranges(self.trials, self.knobs)
             self.tell(self.ranges)
         known = {each.path: each for each in self.ranges}
@@ -227,6 +237,7 @@ class _RemedySearch:
         if len(self.knobs) > 1 and transient and not single:
             self.trials.share(1)
             self._keep(search_pair(self.trials, self.knobs[:2]))
+        self.trials.share(1)
 
     def _over(self, path: str) -> None:
         values = _listed(self.scene, path)
@@ -259,10 +270,12 @@ class _RemedySearch:
             stability=self.ranges,
             changes=tuple(self._change(trial) for trial in best),
             without=tuple(s for s in self.searched if s.found is None and s.complete),
+            searched=tuple(dict.fromkeys(path for s in self.searched for path in s.paths)),
             cut=tuple(s.paths for s in self.searched if not s.complete),
             unmendable=tuple(name for name in self.failed if name not in self.keys),
             opamps=self._stable_opamps() if self.ranges else (),
             trials=len(self.trials.tried),
+            work=self.trials.spent,
             limit=self.trials.limit,
         )
 
@@ -271,20 +284,27 @@ class _RemedySearch:
         return tuple(str(t.values[OPAMP]) for t in stable if t.values.keys() == {OPAMP})
 
     def _partial(self) -> list[Trial]:
-        """Return the trial nearest to the scene that mends most checks, for each set of keys."""
+        """Return the trial nearest to the scene that mends most checks, for each set of keys.
+
+        An estimate whose verdict costs more than what is left of the work is left out.
+        """
+        dear: list[Trial] = []
         while True:
-            found = list(self._mending_most())
+            found = list(self._mending_most(dear))
             estimated = [trial for trial in found if trial.estimated]
             if not estimated:
                 return found
             for trial in estimated:
-                self.trials.verified(trial)
+                try:
+                    self.trials.verified(trial)
+                except OutOfWorkError:
+                    dear.append(trial)
 
-    def _mending_most(self) -> Iterator[Trial]:
+    def _mending_most(self, dear: Sequence[Trial]) -> Iterator[Trial]:
         mended: dict[tuple[str, ...], Trial] = {}
         for trial in self.trials.tried:
             paths, count = tuple(sorted(trial.values)), len(self._mends(trial))
-            if trial.refused or not count:
+            if trial.refused or not count or trial in dear:
                 continue
             known = mended.get(paths)
             if known is None or count > len(self._mends(known)):

@@ -34,7 +34,7 @@ from taction.verification.stability.poles import Poles, summarise
 from taction.verification.verdict.checks import Check, Outcome
 
 FAR = 1.15  # times a limit: beyond it a design fails by far
-CLOSE = 1.01  # times a limit of a rise time, which instants of its own resolve
+CLOSE = 1.01  # times a limit of the state at rest, which is solved, or of a rise time
 LATER = 1.02  # times the limit: so far from its begin a rise is followed
 FINE = 0.05  # angle of the fastest ringing between two of them: a rise errs by some 1e-3
 FEWEST, MOST = 33, 4000  # of them
@@ -67,6 +67,12 @@ class Outline:
         errors = np.full(len(self.poles), self.resolution)
         found = summarise(self.poles, complete=True, errors=errors)
         return found if found.known_unstable else None
+
+    def ringing(self) -> float:
+        """Return the angle by which the longest ringing turns in its time constant, rad."""
+        rings = self.poles.imag > 0.0
+        damping = np.maximum(np.abs(self.poles.real[rings]), self.resolution)
+        return float((self.poles.imag[rings] / damping).max(initial=0.0))
 
     def fastest(self, time: float, level: float) -> float:
         """Return the largest angular frequency of ringing above `level`, V, at an instant, 1/s."""
@@ -221,15 +227,19 @@ def _checks(
 ) -> Iterator[Check]:
     checks, u, step = scene.checks, outline.at(times), ideal.target - ideal.start
     static = float(np.abs(outline.final - ideal.target).max()) / amplitude
-    yield _check("steady_state", static, checks.steady_state.tolerance)
+    yield _check("steady_state", static, checks.steady_state.tolerance, far=CLOSE)
     if checks.stability.margin <= 1.0:
         yield _check("stability", float(outline.poles.real.max()), 0.0)
     limited, band = checks.settling_time, checks.settling_time.band
     outside = np.flatnonzero((np.abs(u - ideal.target) > band * amplitude).any(axis=1))
     last = float(times[outside[-1]]) if outside.size else 0.0
-    known = limited.max is not None and limited.min is None
-    settled = (last if static < band else math.inf) if known else None
-    yield _check("settling_time", settled, limited.max)
+    if static > CLOSE * band:
+        yield Check(
+            "settling_time", Outcome.FAIL, None, None, limited.max, None, "", "rests outside"
+        )
+    else:
+        known = limited.max is not None and limited.min is None and static < band
+        yield _check("settling_time", last if known else None, limited.max)
     for name, beyond in (
         ("overshoot", (u - ideal.target) * np.sign(step)),
         ("undershoot", (ideal.start - u) * np.sign(step)),

@@ -13,7 +13,7 @@ from taction.netlist_gen.scene.keys import Value
 from taction.system.errors import InputError
 from taction.system.frozen import frozen
 from taction.verification.design.ranges import SearchRange
-from taction.verification.design.trials import OutOfTimeError, Trial, Trials
+from taction.verification.design.trials import OutOfWorkError, Trial, Trials
 
 PER_DECADE = 6  # values of one key; a window narrower than that can be missed
 DECADES = 2.0  # on both sides of the scene's value
@@ -39,7 +39,7 @@ class Searched:
     least, most : float or None
         Ends of the values that were tried, of one key with a range.
     complete : bool
-        Whether the time sufficed.
+        Whether the work sufficed.
     """
 
     DOCUMENT = ("keys = paths", "from = least", "to = most")
@@ -91,7 +91,7 @@ def search_range(
                 values = one.between(before, float(found.values[path]))
                 found = _first(trials, path, values) or found
                 break
-    except OutOfTimeError:
+    except OutOfWorkError:
         return Searched((path,), found, min(tried), max(tried), complete=False)
     return Searched((path,), found, min(tried), max(tried))
 
@@ -127,7 +127,7 @@ def search_list(trials: Trials, path: str, values: Sequence[Value]) -> tuple[Sea
             trial = trials.at({path: value})
             if trial.good:
                 good.append(trial)
-    except OutOfTimeError:
+    except OutOfWorkError:
         return Searched((path,), next(iter(good), None), complete=False), good
     return Searched((path,), next(iter(good), None)), good
 
@@ -158,7 +158,7 @@ def search_pair(trials: Trials, paths: tuple[str, ...]) -> Searched:
             found = _window(trials, at, ends)
             if found is not None:
                 return Searched(paths, _nearer(trials, at, found))
-    except (OutOfTimeError, InputError):
+    except (OutOfWorkError, InputError):
         return Searched(paths, None, complete=False)
     return Searched(paths, None)
 

@@ -14,7 +14,7 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.keys import Key, find_key, own_value
 from taction.system.errors import InputError, NoVerdictError
 from taction.system.frozen import frozen
-from taction.verification.design.trials import OutOfTimeError, Trials, knobs_with_margin
+from taction.verification.design.trials import OutOfWorkError, Trials, knobs_with_margin
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import Family, unrounded
 
@@ -80,7 +80,7 @@ def stable_ranges(trials: Trials, paths: Iterable[str] = ()) -> tuple[StableRang
     Notes
     -----
     Costs the loci of C (seven channels: 0.1 s), and the poles of some 50 boards for every other
-    key (0.2 s); what the time limit of `trials` leaves out has its `reason`.
+    key (0.2 s); what the work of `trials` leaves out has its `reason`.
 
     Examples
     --------
@@ -93,12 +93,11 @@ def stable_ranges(trials: Trials, paths: Iterable[str] = ()) -> tuple[StableRang
     stable from 9.02e-12 F
     """
     found, paths = [], tuple(paths) or (*knobs_with_margin(trials.scene), *OTHERS)
-    for number, path in enumerate(paths):
+    for path in paths:
         key = find_key(trials.scene, path)
         own = own_value(trials.scene, key)
         if own is None or not 0.0 < own < math.inf:
             continue
-        trials.share(len(paths) - number)
         found.append(_range(trials, key, own))
     return tuple(found)
 
@@ -107,8 +106,8 @@ def _range(trials: Trials, key: Key, own: float) -> StableRange:
     least, most = own / REACH, own * REACH
     try:
         edges = _edges(trials, key, own)
-    except OutOfTimeError:
-        reason = "the time limit left it out"
+    except OutOfWorkError:
+        reason = "not searched: the work of the search was used up"
         return StableRange(key.path, key.unit, own, least, most, reason=reason)
     except (InputError, NoVerdictError) as error:
         return StableRange(key.path, key.unit, own, least, most, reason=str(error))

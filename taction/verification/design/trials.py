@@ -10,7 +10,6 @@ of its parts does not pass, though its verdict at the large-signal level might.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import field, replace
@@ -41,8 +40,14 @@ _Key = tuple[tuple[str, Value], ...]
 _Outlined = tuple[Scene, LinearBoard, Outline | None]
 
 
-class OutOfTimeError(Exception):
-    """The time limit of a search is over; no result of the search is wrong."""
+VERDICT = 5.0  # designs: the work of a verdict
+POLES = 2.0  # designs: the work of poles with bounds
+STATES = 70.0  # of a board whose decomposition costs as much as all that grows slower with it
+RINGING = 250.0  # rad in a time constant: the work of following it is that of one design
+
+
+class OutOfWorkError(Exception):
+    """The work of a search is used up; no result of the search is wrong."""
 
 
 @frozen
@@ -133,8 +138,8 @@ class Trials:
     ----------
     scene : Scene
         Lambda is a number.
-    seconds : float
-        Time limit of all trials together, s, from now on.
+    work : float
+        Most work of all trials together: a design of few states is 1 (`Trials.spend`).
     accepted : AcceptedParts, optional
         Parts beyond the limits that are not refused, by default those of the scene.
     screened : bool
@@ -149,7 +154,7 @@ class Trials:
     def __init__(
         self,
         scene: Scene,
-        seconds: float = math.inf,
+        work: float = math.inf,
         accepted: AcceptedParts | None = None,
         *,
         screened: bool = False,
@@ -158,11 +163,11 @@ class Trials:
         self.problem = make_problem(scene)
         self.lam = ideal_network(self.problem, scene).lam
         self.accepted = accepted or accepted_parts(scene, self.problem)
-        self.limit, self.screened = seconds, screened
-        self.deadline = self.end = time.monotonic() + seconds
+        self.limit, self.screened = work, screened
+        self.spent, self.end = 0.0, work  # of all searches; where this one ends
         self._known: dict[_Key, Trial] = {}
         self._outlined: dict[_Key, _Outlined] = {}  # before their trials
-        self._longest = 0.0  # s, of the trials so far
+        self._ringing: dict[_Key, float] = {}  # of what is outlined
 
     @property
     def tried(self) -> tuple[Trial, ...]:
@@ -170,18 +175,21 @@ class Trials:
         return tuple(self._known.values())
 
     def share(self, parts: int) -> None:
-        """Give the next search one of `parts` equal parts of the time that is left."""
-        now = time.monotonic()
-        self.deadline = now + max(self.end - now, 0.0) / parts
+        """Give the next search one of `parts` equal parts of the work that is left."""
+        self.end = self.spent + max(self.limit - self.spent, 0.0) / parts
 
-    def check_time(self) -> None:
-        """Raise OutOfTimeError if the time of this search is over.
+    def spend(self, designs: float, board: LinearBoard, ringing: float = 0.0) -> None:
+        """Count work before it is done: its cost grows with the cube of the states.
 
-        Also if the time of all searches would be over before a trial as long as the longest ends.
+        Raises
+        ------
+        OutOfWorkError
+            The work of this search does not suffice for it; nothing is counted.
         """
-        now = time.monotonic()
-        if now >= self.deadline or now + self._longest > self.end:
-            raise OutOfTimeError
+        work = designs * (1.0 + (board.state_space.n / STATES) ** 3) + ringing / RINGING
+        if self.spent + work > self.end:
+            raise OutOfWorkError
+        self.spent += work
 
     def completed(self, changes: Mapping[str, Value]) -> dict[str, Value]:
         """Return `changes` with lambda, if they would change it.
@@ -213,11 +221,12 @@ class Trials:
         ------
         InputError
             The board cannot be built.
-        OutOfTimeError
-            The time is over.
+        OutOfWorkError
+            The work of this search is used up.
         """
-        self.check_time()
-        return LinearBoard(synthesise(self.scene_at(changes), self.problem))
+        board = LinearBoard(synthesise(self.scene_at(changes), self.problem))
+        self.spend(POLES, board)
+        return board
 
     def resistance_at(self, changes: Mapping[str, Value]) -> float | None:
         """Return R of the board with a change, ohm; None where it has none."""
@@ -230,49 +239,50 @@ class Trials:
 
         Raises
         ------
-        OutOfTimeError
-            The time is over.
+        OutOfWorkError
+            The work of this search is used up.
         """
         known = self._known.keys() | self._outlined.keys()
         new = {key: each for each in several if (key := _key(each)) not in known}
         if not self.screened or not new:
             return
-        self.check_time()
         designs = dict[_Key, tuple[Scene, LinearBoard]]()
         for key, changes in new.items():
             with suppress(InputError, NoVerdictError):  # the trial itself says why
                 designs[key] = self._design(changes)
+                self.spend(1.0, designs[key][1])
         found = outlines([board for _, board in designs.values()], self.scene.analysis.initial)
-        self._outlined |= {
-            key: (*design, outline)
-            for (key, design), outline in zip(designs.items(), found, strict=True)
-        }
+        for (key, design), outline in zip(designs.items(), found, strict=True):
+            self._outlined[key] = (*design, outline)
+            self._ringing[key] = 0.0 if outline is None else outline.ringing()
 
     def at(self, changes: Mapping[str, Value]) -> Trial:
         """Return the trial of a change.
 
         Raises
         ------
-        OutOfTimeError
-            The time is over.
+        OutOfWorkError
+            The work of this search is used up.
         """
         key = _key(changes)
         if key not in self._known:
-            start = time.monotonic()
             self.expect([changes])
             self._known[key] = self._try(dict(changes), self._outlined.pop(key, None))
-            self._longest = max(self._longest, time.monotonic() - start)
         return self._known[key]
 
     def verified(self, trial: Trial) -> Trial:
-        """Return the trial with a verdict in the place of estimates, whatever the time.
+        """Return the trial with a verdict in the place of estimates.
 
         A trial that is refused keeps its estimates, by which it fails.
+
+        Raises
+        ------
+        OutOfWorkError
+            The work of this search is used up.
         """
         if not trial.estimated:
             return trial
-        key, self.deadline, self._longest = _key(trial.values), math.inf, 0.0
-        self.end = math.inf
+        key = _key(trial.values)
         refused = self.accepted.refused(broken_at_rest(self.board_at(trial.values)))
         self._known[key] = (
             replace(trial, refused=refused, estimated=False) if refused else self._try(trial.values)
@@ -287,7 +297,6 @@ class Trials:
     def _try(self, changes: dict[str, Any], outlined: _Outlined | None = None) -> Trial:
         """Return the trial of a change, whose design may be outlined."""
         try:
-            self.check_time()
             scene, board, outline = outlined or (*self._design(changes), None)
             found = poles(board) if outline is None else outline.unstable()
             if found is not None and found.known_unstable:  # known without a transient
@@ -297,6 +306,7 @@ class Trials:
                 if checks := estimated_checks(outline, scene, ideal):
                     return Trial(changes, _failing("", checks), estimated=True)
             refused = self.accepted.refused(broken_at_rest(board))
+            self.spend(VERDICT, board, self._ringing.get(_key(changes), 0.0))
             verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
         except (InputError, NoVerdictError) as error:
             failure, reason = type(error).__name__, str(error)

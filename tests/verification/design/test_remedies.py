@@ -15,7 +15,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.verification.design.remedies import Remedies, find_remedies, mending_keys
 from taction.verification.design.stable_ranges import stable_ranges
-from taction.verification.design.trials import Trials
+from taction.verification.design.trials import OutOfWorkError, Trials
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.views.remedies import (
     distance_text,
@@ -27,7 +27,7 @@ from taction.verification.verdict.verify import verify
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
 
-LONG = 1e4  # s
+LONG = 1e6  # designs
 
 
 def paper(changes: Point | None = None, name: str = "paper-breadboard") -> Scene:
@@ -142,7 +142,7 @@ def test_where_nothing_mends_the_searched_keys_are_named() -> None:
     assert "no tried value of C from 100 fF to 1 nF mends it" in remedies_text(scene, found)
 
 
-def test_a_time_limit_says_what_it_left_out() -> None:
+def test_a_limit_of_the_work_says_what_it_left_out() -> None:
     scene = paper({"design.capacitance": 5e-12})
     found = find_remedies(verify(scene), 1e-9)
     assert found.trials == 0
@@ -152,7 +152,24 @@ def test_a_time_limit_says_what_it_left_out() -> None:
         ("design.opamp",),
         ("design.capacitance", "design.gain"),
     )
-    assert "not searched to the end" in remedies_text(scene, found)
+    assert (
+        "searched 0 changes of C, gain, opamp; not to the end: C, gain, opamp, C and gain"
+        in remedies_text(scene, found)
+    )
+
+
+def test_the_work_is_counted_and_kept() -> None:
+    scene = paper({"design.capacitance": 5e-12})
+    found, again = (find_remedies(verify(scene), 60.0) for _ in range(2))
+    assert 0 < found.work <= found.limit == 60.0
+    assert found == again
+    assert found.cut
+    trials = Trials(scene, 20.0)
+    board = LinearBoard(synthesise(scene))
+    with pytest.raises(OutOfWorkError):
+        trials.spend(1.0, board, ringing=1e6)
+    trials.spend(1.0, board)
+    assert trials.spent == 1.0 + (board.state_space.n / 70.0) ** 3
 
 
 def test_a_pass_needs_no_change() -> None:
@@ -184,7 +201,7 @@ def test_the_command_ends_with_the_changes(tmp_path: Path) -> None:
     file = tmp_path / "slow.toml"
     file.write_text(text.replace("10pF", "100pF"), encoding="utf-8")
     arguments = ["verify", str(file), "--engine", "statespace"]
-    shown = command(*arguments, "--changes", "1000")
+    shown = command(*arguments, "--changes", "1e6")
     assert shown.exit_code == 1
     assert "C = 77.3 pF (verified)" in shown.stdout
     document = json.loads(command(*arguments, "--json").stdout)

@@ -14,7 +14,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.design.remedies import find_remedies
 from taction.verification.design.screening import can_estimate, outlines
-from taction.verification.design.trials import OutOfTimeError, Trials
+from taction.verification.design.trials import OutOfWorkError, Trials
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
@@ -99,7 +99,7 @@ def test_estimates_change_no_proposal(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     verdict = verify(PAPER.model_copy(update={"checks": checks}))
     assert verdict.outcome is Outcome.FAIL
-    quick = find_remedies(verdict, 1000.0)
+    quick = find_remedies(verdict, 1e6)
     monkeypatch.setattr(Trials, "at", lambda self, changes: self._verdict_at(changes))
     monkeypatch.setattr(
         Trials,
@@ -109,7 +109,7 @@ def test_estimates_change_no_proposal(monkeypatch: pytest.MonkeyPatch) -> None:
         ),
         raising=False,
     )
-    slow = find_remedies(verdict, 1000.0)
+    slow = find_remedies(verdict, 1e6)
     assert quick.changes == slow.changes
     assert quick.without == slow.without
 
@@ -128,8 +128,8 @@ def test_designs_that_are_expected_have_the_trials_that_they_have_alone() -> Non
     assert "capacitance" in together.at({"design.capacitance": -1.0}).refused
 
 
-def test_nothing_is_expected_after_the_time() -> None:
-    with pytest.raises(OutOfTimeError):
+def test_nothing_is_expected_beyond_the_work() -> None:
+    with pytest.raises(OutOfWorkError):
         Trials(PAPER, 0.0, screened=True).expect([{"design.gain": 1e6}])
     Trials(PAPER, 0.0).expect([{"design.gain": 1e6}])  # nothing is computed
 

@@ -12,7 +12,7 @@ import pytest
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.design.search import AHEAD, search_list, search_pair, search_range
-from taction.verification.design.trials import OutOfTimeError, Trial, Trials
+from taction.verification.design.trials import OutOfWorkError, Trial, Trials
 from tests.support.making import make_scene
 from tests.support.trials import make_trial
 
@@ -43,7 +43,7 @@ class MadeUp:
         self.count += 1
         self.tried.append(changes)
         if self.count > self.most:
-            raise OutOfTimeError
+            raise OutOfWorkError
         farads, ohms = float(changes.get(C, 1e-11)), float(changes.get(GAIN, 1e6))
         failed = self.fails(farads / 1e-11, ohms / 1e6)
         return make_trial(changes, left=failed)

@@ -25,7 +25,7 @@ def remedies_text(scene: Scene, remedies: Remedies) -> str:
     >>> scene = taction.load_scene("scenes/tuned-breadboard.toml")
     >>> slow = with_value(scene, "design.capacitance", 1e-10)
     >>> verdict = taction.verify(slow, engine="statespace")
-    >>> print(remedies_text(slow, find_remedies(verdict, 1000.0)).splitlines()[1])
+    >>> print(remedies_text(slow, find_remedies(verdict)).splitlines()[1])
       C = 77.3 pF (verified)
     """
     return "\n".join(_lines(scene, remedies))
@@ -52,10 +52,10 @@ def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
             unit = find_key(scene, searched.paths[0]).unit
             where = f" from {show(searched.least, unit, 3)} to {show(searched.most, unit, 3)}"
         yield f"  no tried value of {' and '.join(map(name_of, searched.paths))}{where} mends it"
+    keys = ", ".join(map(name_of, remedies.searched)) or "no key"
     cut = [" and ".join(map(name_of, paths)) for paths in remedies.cut]
-    if cut:
-        yield f"  not searched to the end, within {show(remedies.limit, 's')}: {', '.join(cut)}"
-    yield f"  {remedies.trials} designs tried"
+    rest = f"; not to the end: {', '.join(cut)} (--changes)" if cut else ""
+    yield f"  searched {remedies.trials} changes of {keys}{rest}"
 
 
 def found_text(scene: Scene, found: Sequence[StableRange] | Change) -> str:
