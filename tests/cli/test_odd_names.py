@@ -173,5 +173,5 @@ def test_a_name_with_a_command_in_every_medium() -> None:
     text = page_text(page) + markdown(page) + card(page) + junit_text("demo", [suite])
     text += page_html(page).partition("<style>")[0] + page_html(page).rpartition("</header>")[2]
     unseen(text)
-    annotations = list(annotation_lines(document))
+    annotations = list(annotation_lines([document]))
     assert all("\n" not in line and "\x1b" not in line for line in annotations)
