@@ -31,7 +31,6 @@ from taction.verification.engines.statespace.transients.steps import (
     Function,
 )
 
-ROUNDED = EPS  # of the coefficients of a board
 DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solves keep
 
 
@@ -123,8 +122,8 @@ class StateBoard:
         )
         self.constant = self.B + (self.E * slopes) @ (loop @ self.D[: self.count])
 
-    def perturbed(self) -> StateBoard:
-        """Return the board with every coefficient moved by a draw of its rounding.
+    def perturbed(self, rounding: float) -> StateBoard:
+        """Return the board with every coefficient moved by a draw of its relative `rounding`.
 
         A slow mode beside fast ones has few digits in A: a second run by the same matrices has the
         same errors, one by these shows them.
@@ -134,7 +133,7 @@ class StateBoard:
         draw = np.random.default_rng([1992, found.draws])
         for name in ("A", "B", "E", "C", "D"):
             values = getattr(self, name)
-            moved = values * (1.0 + ROUNDED * draw.choice([-1.0, 1.0], values.shape))
+            moved = values * (1.0 + rounding * draw.choice([-1.0, 1.0], values.shape))
             setattr(found, name, moved)
         found._close()
         return found
