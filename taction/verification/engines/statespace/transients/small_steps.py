@@ -17,7 +17,7 @@ from copy import copy
 
 import numpy as np
 
-from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
+from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.loop_newton import solve_loop

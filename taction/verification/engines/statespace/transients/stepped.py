@@ -49,8 +49,8 @@ FLOOR = 1e-3  # of the board's largest voltage: the least voltage to which error
 REPEATED = 1.0 / 16.0  # of the tolerance: what a second run leaves of its iterations
 FOLLOWED, LATER = 100, 30.0  # switches, times the record: how far a limit cycle is looked for
 FINER = 2.0**-STAGES  # of the tolerance: that of half the steps
-# Of the coefficients of a board, relative. A slow mode between straight pieces has no amplifier that
-# makes it faster, so the rounding of all its life adds up.
+# Of the coefficients of a board, relative. Between straight pieces no amplifier makes a slow mode
+# faster, so the rounding of all its life adds up.
 ROUNDED = {False: EPS, True: 4.0 * EPS}
 FIRST = 2.0**-16  # of the record: the first step tried
 BETWEEN = 2e-8  # of the step amplitude: error of a cubic between points of a record
