@@ -27,7 +27,7 @@ from taction.verification.verdict.step_forecast import StepModel
 MOST_STEPS = 200_000.0  # of ngspice: a longer record is cut, and says so
 SHORTEST = 2e-11  # of ngspice's longest step: below half of it a step is too short for it
 SPARSE = "noopiter"  # the matrix solver that every ngspice has
-TIMEOUT = 300.0  # of ngspice, s
+TIMEOUT = 20.0  # of ngspice, s; what takes longer is not compared, and says so
 Witness = Callable[[Transient, str], Deck]
 
 

@@ -42,6 +42,7 @@ POLES = {
     "refused-portnum-ac.cir": -1e5 * (1 + 11 / 1e5),
     "refused-rkm-4r7.cir": -(1 + 1e5 * 4.7 / 51.7) / (1e3 * 1.5e-6),
     "refused-tc-pair.cir": -1e5 * (1 + 11 / 1e5),
+    "pz2-rl.cir": -1.060594e7,  # -R/L of the last of four stages
     "t-abs.cir": -(1 + 1e5 / 2 * 20e3 / 20.075e3) / (1e8 * 53e-12),
 }
 WITHIN = {"refused-k-one.net": 1e-4, "refused-level2.net": 1e-4}
