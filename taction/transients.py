@@ -289,7 +289,7 @@ def what_to_change(
     changes : float
         Most work of the search for changes that mend a failed verdict, in designs; 0: no search.
 
-        A verdict is 5 designs; a board of n states counts ``1 + (n / 70)^3`` times.
+        A verdict is 10 designs; a board of n states counts ``1 + (n / 70)^3`` times.
     any_part : bool
         Propose also parts beyond the limits of real ones.
     progress : callable, optional

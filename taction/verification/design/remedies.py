@@ -165,7 +165,7 @@ def find_remedies(
     verdict : Verdict
         Of the board that its scene describes.
     work : float
-        Most work of the search, in designs of few states: a verdict is some 5, a board of n states
+        Most work of the search, in designs of few states: a verdict is some 10, a board of n states
         ``1 + (n / 70)^3`` times as much. The result is the same on every machine.
     any_part : bool
         Whether a change may have parts beyond the limits of real ones.

@@ -40,7 +40,7 @@ _Key = tuple[tuple[str, Value], ...]
 _Outlined = tuple[Scene, LinearBoard, Outline | None]
 
 
-VERDICT = 5.0  # designs: the work of a verdict
+VERDICT = 10.0  # designs: the work of a verdict
 POLES = 2.0  # designs: the work of poles with bounds
 STATES = 70.0  # of a board whose decomposition costs as much as all that grows slower with it
 RINGING = 250.0  # rad in a time constant: the work of following it is that of one design
