@@ -275,7 +275,7 @@ def verify_files(
 def what_to_change(
     verdict: Verdict,
     *,
-    changes: float = 1400.0,
+    changes: float = 1800.0,
     any_part: bool = False,
     progress: Progress = lambda stage: None,
     tell: Progress = lambda line: None,
