@@ -20,6 +20,7 @@ from taction.verification.readings.crossings import (
     maxima,
 )
 
+UNKNOWN_ERROR = 1e200  # V
 CUBIC = 4  # points: more would magnify rounding where the steps grow from tiny steps
 _EQUAL_STEPS = 1e-6  # relative difference of steps that count as equal
 _SAME_INSTANT = 1e-9  # of a step: distance of instants that count as equal
@@ -148,7 +149,7 @@ class SampledSignal:
 
     def last_outside(self, levels: Floats, shifts: Floats) -> Crossings:
         """See `Signal`; the levels are shifted instead of the samples."""
-        moved = np.maximum(levels - shifts * self.error, 0.0)
+        moved = np.maximum(levels - shifts * self._finite_error, 0.0)
         channels = len(self.errors)
         both, every = np.concatenate([self.errors, -self.errors]), np.repeat(moved, 2 * channels)
         at, doubt = last_crossings(self.time, both, every.reshape(-1, 2 * channels))
@@ -161,7 +162,7 @@ class SampledSignal:
         self, rows: Indices, steps: Floats, levels: Floats, shifts: Floats
     ) -> Crossings:
         """See `Signal`; the levels are shifted instead of the samples."""
-        moved = levels[:, None] - shifts[:, None] * (self.error / np.abs(steps))
+        moved = levels[:, None] - shifts[:, None] * (self._finite_error / np.abs(steps))
         progress = 1 + self.errors[rows] / steps[:, None]
         at, doubt = first_crossings(self.time, progress, moved)
         return Crossings(at, np.fmax(doubt, self._rounding))
@@ -169,6 +170,11 @@ class SampledSignal:
     def _peaks(self, sign: float) -> tuple[Floats, Floats]:
         """Return the maxima of ``sign * error`` and their uncertainty, (N,) each."""
         return highest(self.time, sign * self.errors)
+
+    @property
+    def _finite_error(self) -> float:
+        """The error, V; of an unknown one a voltage so large that 0 times it is still 0."""
+        return min(self.error, UNKNOWN_ERROR)
 
     @property
     def _rounding(self) -> float:
@@ -206,7 +212,7 @@ class ContinuousSignal(SampledSignal):
         """See `Signal`."""
         found, begin = SampledSignal.last_outside(self, levels, shifts), float(self.time[0])
         count = len(self.errors)
-        level = np.repeat(np.maximum(levels - shifts * self.error, 0.0), count)
+        level = np.repeat(np.maximum(levels - shifts * self._finite_error, 0.0), count)
         channel = np.tile(np.arange(count), len(levels))
 
         def excess(t: Floats, q: Indices) -> Floats:
@@ -220,7 +226,7 @@ class ContinuousSignal(SampledSignal):
     ) -> Crossings:
         """See `Signal`."""
         found = SampledSignal.first_reached(self, rows, steps, levels, shifts)
-        level = (levels[:, None] - shifts[:, None] * (self.error / np.abs(steps))).ravel()
+        level = (levels[:, None] - shifts[:, None] * (self._finite_error / np.abs(steps))).ravel()
         channel, step = np.tile(rows, len(levels)), np.tile(steps, len(levels))
 
         def excess(t: Floats, q: Indices) -> Floats:
