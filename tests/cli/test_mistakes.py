@@ -190,7 +190,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("check", "rc.cir", "--check", "settling=abc"):
         ("--check", "settling_time.max = 'abc'", "such as '5ms'"),
     ("check", "rc.cir", "--check", "margin=0.5"):
-        ("--check", "stability.margin = 0.5", "must be 1 or more"),
+        ("--check", "margin = '0.5'", "expected a factor from 1 to 100"),
     ("check", "rc.cir", "--check", "foo=1"): ("--check", "'foo'", "settling=1ms@1%"),
     ("check", "rc.cir", "--check", "overshoot=nan"): ("--check", "'nan'", "such as 5% or 0.05"),
     ("check", "rc.cir", "--over", "R2"): ("--over", "'R2'", "one of R1, C1"),

@@ -216,11 +216,11 @@ def _board(given: Place) -> ForeignBoard:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "board.cir")
         file.write_text(deck.text, encoding="utf-8")
-        try:
-            return read_board(file)
-        except InputError as error:
-            text = "its deck is not linear; compare the scene with a raw file of the other deck"
-            raise InputError(given.file, *error.complaints, Complaint("deck", "", text)) from None
+        board = read_board(file)
+    if board.point is not None:
+        text = "its deck is not linear; compare the scene with a raw file of the other deck"
+        raise InputError(given.file, Complaint("deck", "", text))
+    return board
 
 
 def _with_outputs(board: ForeignBoard, nodes: Sequence[str]) -> ForeignBoard:
@@ -274,6 +274,9 @@ def _expected(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tup
         assert isinstance(deck.analysis, Transient)  # noqa: S101 - `deck_of` writes transients
         return circuit, deck.analysis.initial, 0.0, ()
     found = read_board(board)
+    if found.point is not None:
+        text = "is not linear, and small signals say nothing of a record; expected a linear deck"
+        raise InputError(board, Complaint("deck", "", text))
     steps = [each.at for each in found.flat.stimuli.values() if each.moves]
     if not any(out.node in wave.nodes for out in found.circuit.outputs):
         shared = [node for node in wave.nodes if node in found.flat.nodes]
