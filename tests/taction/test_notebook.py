@@ -84,7 +84,8 @@ def test_repr_and_card_of_a_verdict_name_the_outcome_and_the_values(kind: str) -
     sign = OUTCOMES[shown.outcome.value].sign
     assert f"{sign} {shown.outcome.value}" in card
     titles = (check.name.replace("_", " ") for check in shown.checks)
-    assert all(title.replace("settling time", "settling to ±") in card for title in titles)
+    assert all(title in card or title == "settling time" for title in titles)
+    assert "settling time" in card or "settling to ±" in card
     assert "simulated by statespace" in card
     assert "of the step" in card
 

@@ -14,15 +14,17 @@ from taction.verification.studies.tolerance.samples import evaluate
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict, verify
-from tests.support.paths import CASES
+from tests.support.paths import CASES, DATA
 
 PASS, FAIL, INCONCLUSIVE = Outcome.PASS, Outcome.FAIL, Outcome.INCONCLUSIVE
 ENGINES = pytest.mark.parametrize("engine", ["ngspice", "statespace"])
+STRAIGHT = DATA / "straight"
 LOW, HIGH = 1.1153e-9, 1.2547e-9  # F: between them the board of `margin-window` is unstable
 
 
 def case(name: str) -> Scene:
-    return load_scene(CASES / f"{name}.toml")
+    folder = STRAIGHT if name.startswith("saturation") else CASES
+    return load_scene(folder / f"{name}.toml")
 
 
 def verdict_of(name: str, engine: str) -> Verdict:

@@ -69,7 +69,7 @@ def without_table(text: str) -> str:
     Examples
     --------
     >>> without_table("e1 s 0 table {v(a)} = (0,0) (1,2)")
-    'be1 s 0 v=((0)+((2)-(0))/((1)-(0))*(max(min((v(a)),1),0)-(0)))'
+    'be1 s 0 v=(0.0+((2.0)-(0.0))/((1.0)-(0.0))*(max(min((v(a)),1.0),0.0)-(0.0)))'
     """
     match = _TABLE.fullmatch(text)
     if match is None:

@@ -42,7 +42,7 @@ def latching(circuit: Circuit) -> str:
     >>> from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
     >>> for gain in ("-1e6", "1e6"):
     ...     cards = ["v1 in 0 1", "r1 in n 1k", "r2 n out 10k", f"e1 out 0 n 0 {gain}"]
-    ...     print(bool(latching(circuit_of(read_cards(cards), "inverter", ["out"], {}))))
+    ...     print(bool(latching(circuit_of(read_cards(cards), "inverter", ["out"]))))
     False
     True
     """

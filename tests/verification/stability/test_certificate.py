@@ -78,7 +78,7 @@ def test_two_loci_on_the_axis_warn_of_nothing() -> None:
 def test_a_part_that_is_no_product_of_a_column_and_a_row_is_searched() -> None:
     """A coupling of coils: up to 1 no pole of a passive network crosses, beyond is none."""
     cards = ["v1 in 0 1", "r1 in a 50", "l1 a 0 1e-3", "l2 b 0 1e-3", "k1 l1 l2 0.5", "r2 b 0 50"]
-    board = LinearBoard(circuit_of(read_cards(cards), "coupled", ["b"], {}))
+    board = LinearBoard(circuit_of(read_cards(cards), "coupled", ["b"]))
     found = margin_of(board)
     assert "K1" in found.doubt or not found.doubt
 
@@ -97,7 +97,7 @@ def test_margins_of_parts_over_many_decades(first: int) -> None:
     stable = 0
     for seed in range(first, first + 3):
         cards, draw = wide_cards(seed), random.Random(seed)  # noqa: S311 - no secret
-        board = LinearBoard(circuit_of(read_cards(cards), "wide", ["out"], {}))
+        board = LinearBoard(circuit_of(read_cards(cards), "wide", ["out"]))
         if not poles(board).known_stable:
             continue
         stable += 1

@@ -27,7 +27,7 @@ def delayed(gain: str) -> list[str]:
 def test_an_amplifier_latches_with_exchanged_inputs(gain: str, latches: bool) -> None:
     """Without a delay both poles are left of the axis; with it nodal analysis tells them apart."""
     cards = [*AMPLIFIER, f"e1 out 0 n 0 {gain}"]
-    circuit = circuit_of(read_cards(cards), "amplifier", ["out"], {})
+    circuit = circuit_of(read_cards(cards), "amplifier", ["out"])
     assert poles(circuit).known_stable
     growing = [p for p in exact_poles(delayed(gain)) if p.real > 0.0 and p.imag == 0.0]
     assert bool(growing) is latches
@@ -37,7 +37,7 @@ def test_an_amplifier_latches_with_exchanged_inputs(gain: str, latches: bool) ->
 def test_two_that_latch_are_seen_as_well_as_one() -> None:
     """An even number of growing real poles leaves the sign of the determinant as it is."""
     other = ("r3 in m 1k", "r4 m o2 10k", "c4 m o2 1n", "e2 o2 0 m 0 1e6", "e1 out 0 n 0 1e6")
-    circuit = circuit_of(read_cards([*AMPLIFIER, *other]), "two", ["out"], {})
+    circuit = circuit_of(read_cards([*AMPLIFIER, *other]), "two", ["out"])
     assert poles(circuit).known_stable
     assert latching(circuit)
 
@@ -45,7 +45,7 @@ def test_two_that_latch_are_seen_as_well_as_one() -> None:
 @pytest.mark.parametrize(("ohms", "latches"), [("-1meg", True), ("1meg", False)])
 def test_a_source_by_current_latches_too(ohms: str, latches: bool) -> None:
     cards = ["vs a b 0", "r1 a 0 1k", "r2 b 0 10k", "r3 c b 1k"]
-    circuit = circuit_of(read_cards([*cards, f"h1 c 0 vs {ohms}"]), "by current", ["c"], {})
+    circuit = circuit_of(read_cards([*cards, f"h1 c 0 vs {ohms}"]), "by current", ["c"])
     lag = [f"f1 0 x vs {ohms}", "rx x 0 1", "cx x 0 1p", "e1 c 0 x 0 1"]
     lag += [f"c{node} {node} 0 1f" for node in ("a", "b", "c")]
     growing = [p for p in exact_poles([*cards, *lag]) if p.real > 0.0 and p.imag == 0.0]
@@ -61,7 +61,7 @@ def test_a_loop_of_capacitors_and_a_source_is_seen() -> None:
     ]  # fmt: skip
     lag = ["g9 0 x in n2 13.5", "rx x 0 1", "cx x 0 1p", "e9 0 n0 x 0 1"]
     strays = [f"cs{node} {node} 0 1f" for node in ("in", "n0", "n2")]
-    circuit = circuit_of(read_cards(cards), "capacitors", ["n2"], {})
+    circuit = circuit_of(read_cards(cards), "capacitors", ["n2"])
     assert poles(circuit).known_stable
     assert any(p.real > 0.0 and p.imag == 0.0 for p in exact_poles([*cards[:-1], *lag, *strays]))
     assert latching(circuit)

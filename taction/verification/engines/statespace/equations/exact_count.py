@@ -28,7 +28,7 @@ def characteristic(descriptor: Descriptor) -> tuple[Fraction, ...] | None:
     >>> from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
     >>> from taction.verification.engines.statespace.equations.stamps import stamp
     >>> flat = read_cards(["r1 a 0 -2", "c1 a 0 1", "r2 b 0 1", "c2 b 0 1"])
-    >>> found = characteristic(stamp(circuit_of(flat, "two", ["a"], {})))
+    >>> found = characteristic(stamp(circuit_of(flat, "two", ["a"])))
     >>> [float(each) for each in found], count_right(found)
     ([-0.5, 0.5, 1.0], 1)
     """
