@@ -196,12 +196,18 @@ def _scatter(share: float) -> float:
 
 @functools.lru_cache(maxsize=8)
 def _standard(count: int, distribution: str) -> Floats:
-    """Return independent deviations (DRAWN, count): normal of variance 1, or uniform to ±1."""
-    random, shape = np.random.default_rng(95), (DRAWN, count)
+    """Return independent deviations (DRAWN, count): normal of variance 1, or uniform to ±1.
+
+    Each has one value in every `DRAWN`-th part of its distribution, in an order that is drawn
+    (Latin hypercube), so the sums of one part have its own quantiles.
+    """
+    from scipy.special import ndtri
+
+    shares = np.tile((np.arange(DRAWN)[:, None] + 0.5) / DRAWN, count)
+    shares = np.random.default_rng(95).permuted(shares, axis=0)
     if distribution == "uniform" or not count:
-        return random.uniform(-1.0, 1.0, shape)
-    drawn = random.standard_normal(shape)
-    drawn -= drawn.mean(axis=0)
+        return 2.0 * shares - 1.0
+    drawn = np.asarray(ndtri(shares))
     lower = np.linalg.cholesky(drawn.T @ drawn / DRAWN)
     return np.asarray(np.linalg.solve(lower, drawn.T).T)  # their covariance is 1
 
@@ -225,13 +231,13 @@ class _Deviations:
             f"{cell.name}.{figure}": (each, _value(models[cell.model], figure))
             for cell in board.circuit.opamps
             for figure, each in models[cell.model].varying
-        } | {f"{name}.drift": (Spread(0.0, self.resistors), 0.0) for name in own}
+        } | {f"{name}.resistor_drift": (Spread(0.0, self.resistors), 0.0) for name in own}
         spreads |= {
             f"{name}.{kind}": (Spread(0.0, share), 0.0)
             for name, shares in self.devices.items()
             for kind, share in shares.items()
         }
-        slopes |= {f"{name}.drift": slope for name, slope in own.items()}
+        slopes |= {f"{name}.resistor_drift": slope for name, slope in own.items()}
         slopes |= _device_slopes(sensitivity, self.devices)
         count, names = len(board.circuit.outputs), list(spreads)
         moves = [slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()]
@@ -293,8 +299,8 @@ class _Deviations:
         z |= {part.name: value / size for part, value in zip(self.at_rest, left, strict=True)}
         scale: dict[str, float] = {}
         for name, value in own.items():
-            if name.endswith(".drift"):
-                scale[name.removesuffix(".drift")] = math.exp(self.resistors * value)
+            if name.endswith(".resistor_drift"):
+                scale[name.removesuffix(".resistor_drift")] = math.exp(self.resistors * value)
         for name, shares in self.devices.items():
             off = sum(share * own[f"{name}.{kind}"] for kind, share in shares.items())
             scale[name] = scale.get(name, 1.0) * math.exp(off)
@@ -303,20 +309,19 @@ class _Deviations:
 
 def _label(name: str) -> str:
     """Return the name of an error for a sentence."""
-    return name.removesuffix(".drift")
+    return name.removesuffix(".resistor_drift")
 
 
 def _changes(names: list[str], shifts: Floats, parts: Floats) -> tuple[Floats, dict[str, float]]:
     """Return what the changes move the mean, V, and how far each kind of change moves an output."""
     kinds = np.array([name.rpartition(".")[2] for name in names], dtype=object)
     moved, found = np.zeros(shifts.shape[1]), dict[str, float]()
-    for kind in (*CHANGES, "drift", *KINDS):
+    for kind in (*CHANGES, "resistor_drift", *KINDS):
         if (here := kinds == kind).any():
             shift = shifts[here].sum(axis=0)
             moved += shift
             alone = InputSpread(shift, parts[here], 0.0, "", False)
-            name = "resistor_drift" if kind == "drift" else kind
-            found[name] = alone.distance(np.zeros(len(shift)))[0]
+            found[kind] = alone.distance(np.zeros(len(shift)))[0]
     return moved, found
 
 

@@ -75,7 +75,8 @@ def test_the_screen_of_a_pass_names_nearest_limit_distance_answer_and_warnings()
     assert first == "PASS: paper-breadboard, 5 checks; nearest to its limit: overshoot (95.8 %)"
     assert bars[1] == "  settling to ±1 %  #####.......|     2.42 ms, at most 5 ms (48.4 %)"
     assert "Distance to oscillation: damping ratio 0.0048 at 37.3 kHz" in text
-    assert "within 0.00056 % of 955 mV; it is 77 % from the true stress by regularisation" in text
+    assert "within 0.00056 % of 955 mV, and 95 % of built boards within 0.21 %" in text
+    assert "it is 77 % from the true stress by regularisation" in text
     assert "warning: 60 of 74 matrix resistors are above 10 Mohm, up to 247.3 Mohm" in text
     assert "more: -v (2 warnings), --report FILE" in text
 
