@@ -157,7 +157,8 @@ class InputSpread:
         for away in self._away(target):
             farthest, error = np.abs(away + self._sums).max(axis=1), self._first_order(away)
             ends = [float((farthest <= limit + sign * error).mean()) for sign in (-1.0, 1.0)]
-            found.append((max(ends[0] - _scatter(ends[0]), 0.0), ends[1] + _scatter(ends[1])))
+            low, high = (self._scatter(end) for end in ends)
+            found.append((max(ends[0] - low, 0.0), ends[1] + high))
         least, most = min(found)
         return least, min(most, 1.0)
 
@@ -169,7 +170,7 @@ class InputSpread:
     def _distance(self, away: Floats) -> tuple[float, float]:
         """Return the distance, and its error, for means that are `away` (N,), V."""
         farthest = np.sort(np.abs(away + self._sums).max(axis=1))
-        ranks = DRAWN * (SHARE + _scatter(SHARE) * np.array([-1.0, 0.0, 1.0]))
+        ranks = DRAWN * (SHARE + self._scatter(SHARE) * np.array([-1.0, 0.0, 1.0]))
         low, middle, high = farthest[np.ceil(ranks).astype(np.int64) - 1].tolist()
         return middle, max(high - middle, middle - low) + self._first_order(away)
 
@@ -178,20 +179,27 @@ class InputSpread:
         return self.curvature * float(np.abs(away).max() + self.sigma.max(initial=0.0))
 
     @functools.cached_property
-    def _sums(self) -> Floats:
-        """Drawn sums of all deviations, (DRAWN, N), V."""
-        normal, found = self.parts, np.zeros(len(self.mean))
+    def _independent(self) -> tuple[Floats, Floats]:
+        """The uniform deviations that are drawn, (Q, N), and the normal ones, (at most N, N), V."""
+        normal, uniform = self.parts, np.zeros((0, len(self.mean)))
         if self.ends is not None:
             single = (self.ends**2 > 3.0 * SINGLE * self.sigma**2).any(axis=1)
             normal = np.concatenate([normal, self.ends[~single] / math.sqrt(3.0)])
-            found = _standard(int(single.sum()), "uniform") @ self.ends[single]
-        factor = np.linalg.qr(normal, mode="r")
-        return np.asarray(found + _standard(len(factor), "normal") @ factor)
+            uniform = self.ends[single]
+        return uniform, np.linalg.qr(normal, mode="r")
 
+    @functools.cached_property
+    def _sums(self) -> Floats:
+        """Drawn sums of all deviations, (DRAWN, N), V."""
+        uniform, normal = self._independent
+        found = _standard(len(uniform), "uniform") @ uniform
+        return np.asarray(found + _standard(len(normal), "normal") @ normal)
 
-def _scatter(share: float) -> float:
-    """Return the bound on the scatter of a drawn share."""
-    return SURE * math.sqrt(max(share * (1.0 - share), 1.0 / DRAWN) / DRAWN)
+    def _scatter(self, share: float) -> float:
+        """Return the bound on the scatter of a drawn share; one deviation has its own quantiles."""
+        if sum(map(len, self._independent)) == 1:
+            return 1.0 / DRAWN
+        return SURE * math.sqrt(max(share * (1.0 - share), 1.0 / DRAWN) / DRAWN)
 
 
 @functools.lru_cache(maxsize=8)
