@@ -19,7 +19,6 @@ import click
 import taction
 from taction.cli.terminal import StageLine
 from taction.system import results
-from taction.system.frozen import frozen
 
 ENGINES = ("auto", "ngspice", "statespace")
 GRID_ENGINES = ("both", "hybrid")
@@ -33,7 +32,7 @@ def load(target: Target) -> Callable[..., Any]:
     return target if callable(target) else results.load(f"taction.{target}")
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class CommandParameter:
     """An argument (without flags) or an option of a command.
 
@@ -94,7 +93,7 @@ def argument(name: str, **attributes: Any) -> CommandParameter:
     return CommandParameter(name, (), {"type": click.Path(), **attributes}, **own)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class OutputOption:
     """A file that shows the result.
 
@@ -172,7 +171,7 @@ class Call:
         return bool(self.options["as_json"])
 
 
-@frozen(kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
     """A public function, and what shows its result.
 
@@ -219,7 +218,7 @@ class Job:
     lacks: str = ""
 
 
-@frozen(kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Command(Job):
     """An entry of the table of commands: a job with its options.
 

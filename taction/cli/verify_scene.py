@@ -13,7 +13,6 @@ from taction.cli.running import is_of_stdout
 from taction.cli.terminal import StageLine, put, say
 from taction.system.after_result import attempt
 from taction.system.errors import Interrupted
-from taction.system.frozen import frozen
 
 if TYPE_CHECKING:
     from taction.verification.design.remedies import Remedies
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 DOCUMENT = "verification.report.documents.verdict:verdict_document"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Verified:
     """The verdict of one scene, with what the options of ``taction verify`` add."""
 

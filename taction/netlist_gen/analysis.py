@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Literal
-
-from taction.system.frozen import frozen
 
 # An exponential board that starts from nothing with a larger first step can make the first
 # iteration of an antilog stage overflow: one scene did at 250 points a period and at no other
@@ -14,7 +12,7 @@ from taction.system.frozen import frozen
 FIRST_STEP = 1e-3  # of the maximum step
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SimulatorTolerances:
     """Tolerances of ngspice; they follow from the scene's scales, not from ngspice's defaults."""
 
@@ -26,7 +24,7 @@ class SimulatorTolerances:
     junction: float  # parallel conductance of junctions, S
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Transient:
     """A transient from t = 0.
 
@@ -71,12 +69,12 @@ class Transient:
         return FIRST_STEP * self.max_step if self.first_step is None else self.first_step
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class OperatingPoint:
     """The equilibrium with the strain applied."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class NoiseBand:
     """Frequencies in geometric progression.
 
@@ -98,14 +96,14 @@ class NoiseBand:
         return float(self.start * 10.0 ** (self.steps / self.density))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class NoiseAnalysis:
     """The noise at the equilibrium with the strain applied, over `bands` that follow each other."""
 
     bands: tuple[NoiseBand, ...]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SmallSignal:
     """The response at the operating point to the AC sources, over a band of frequencies."""
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from taction.system.documents import OPTIONAL, Note
 from taction.system.errors import Complaint, InputError, SimulationError, TactionError
-from taction.system.frozen import frozen
 
 Ending = Literal["bad input", "inconclusive"]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Failure:
     """Why there is no result."""
 
@@ -23,7 +23,7 @@ class Failure:
     folder: Annotated[str | None, OPTIONAL, Note("what reproduces the failed simulation")] = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ErrorDocument:
     """Any command that ended without its document."""
 

@@ -26,12 +26,12 @@ study is `Interrupted`, a `KeyboardInterrupt` with what the study has finished.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from taction.system.foreign_text import LONGEST as LONGEST_MESSAGE
 from taction.system.foreign_text import shortened, visible, visible_lines
-from taction.system.frozen import frozen
 
 LONGEST = {"key": 200, "value": 200, "accepted": 1500}  # characters of a complaint
 MOST_LISTED = 20  # complaints in a message
@@ -75,7 +75,7 @@ def _unpickled(
     return error
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Complaint:
     """One mistake in the input: its key, its value, and the values that are accepted.
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import mmap
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,6 @@ import numpy as np
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import BadEvidence, OutOfDisk
 from taction.system.foreign_files import UnusableFileError, open_regular
-from taction.system.frozen import frozen
 from taction.system.waveforms import Waveforms
 
 DOUBLE, COMPLEX = np.dtype("<f8"), np.dtype("<c16")
@@ -27,7 +27,7 @@ _MOST_DIGITS = 18  # of a count
 _END = b"\nBinary:\n"  # of the header
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Plot:
     """One plot of a raw file.
 
@@ -45,7 +45,7 @@ class Plot:
     data: Floats
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Header:
     fields: dict[str, str]
     vectors: tuple[str, ...]

@@ -8,7 +8,7 @@ and the measures may share them.
 
 from __future__ import annotations
 
-from taction.system.frozen import frozen
+from dataclasses import dataclass
 
 SETTLING_BAND = 0.01  # of A: half width of the settling band where a scene gives none
 RISE_LEVELS = (0.1, 0.9)  # of a channel's own step
@@ -20,7 +20,7 @@ FOUND = 1e-6  # of A: error to which an excursion is found, if no limit is neare
 FAINT = 1e-5  # of A: a mode with a smaller share does not ring in a channel
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ReadingKind:
     """One kind of reading.
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.system.array_types import Floats, Indices
-from taction.system.frozen import frozen
 from taction.system.picture import plot, time_unit
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ PHYSICAL_BOUND = 1e6
 """No node of a working board is above this voltage, V, with a unit voltage of 1 V."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Cost:
     """Cost of a result: wall seconds, accepted time points and factorisations (0: unknown)."""
 
@@ -26,7 +26,7 @@ class Cost:
     factorisations: int = 0
 
 
-@frozen(eq=False, repr=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Waveforms:
     """Node voltages over time.
 

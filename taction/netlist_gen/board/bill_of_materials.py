@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +12,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 
 SAME = 1e-9  # relative: closer values are one part
 UNITS = {"resistor": "ohm", "capacitor": "F"}
@@ -19,7 +19,7 @@ STANDARD = {"resistor": ("E24", "E96", "E192"), "capacitor": ("E24",)}  # E24 ho
 STOCKED = {"resistor": ("E24", "E96"), "capacitor": ("E24",)}  # series of the proposed values
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Preferred:
     """The nearest preferred value of a part whose own value is not a standard value."""
 
@@ -28,7 +28,7 @@ class Preferred:
     deviation: float  # of the preferred value from the part's value, fraction
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PartLine:
     """All parts of one kind and one value.
 
@@ -72,7 +72,7 @@ class PartLine:
         return self.preferred is None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Package:
     """A package with the op-amps that it holds."""
 
@@ -81,7 +81,7 @@ class Package:
     spare: int  # op-amps without use
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BillOfMaterials:
     """The parts of a board.
 

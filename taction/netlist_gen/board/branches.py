@@ -7,20 +7,20 @@ of a deck has no strain: its sources are constant, or step at t = 0 (`Source`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 from taction.netlist_gen.board.parts import Branch
-from taction.system.frozen import frozen
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Coil(Branch):
     """An inductor of `value` H."""
 
     letter: ClassVar[str] = "L"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BranchCoupling(Branch):
     """Coils that share flux: `a` and `b` are their cards, `value` is k, from -1 to 1."""
 
@@ -32,7 +32,7 @@ class BranchCoupling(Branch):
         return ()
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Source(Branch):
     """A source of `value` from t = 0, and of `before` until then."""
 
@@ -44,21 +44,21 @@ class Source(Branch):
         return self.value - self.before
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VoltageBetween(Source):
     """``V(a) - V(b)`` in V."""
 
     letter: ClassVar[str] = "V"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CurrentBetween(Source):
     """A current from `a` through the source to `b`, A."""
 
     letter: ClassVar[str] = "I"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ByVoltage(Branch):
     """A source of `value` times the voltage between two nodes, `control`."""
 
@@ -70,42 +70,42 @@ class ByVoltage(Branch):
         return self.a, self.b, *self.control
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VoltageByVoltage(ByVoltage):
     """A voltage, V/V."""
 
     letter: ClassVar[str] = "E"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CurrentByVoltage(ByVoltage):
     """A current from `a` through the source to `b`, A/V."""
 
     letter: ClassVar[str] = "G"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ChargeByVoltage(ByVoltage):
     """A charge that flows from `a` to `b` as a voltage elsewhere changes, F; of transistors."""
 
     letter: ClassVar[str] = "Y"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ByCurrent(Branch):
     """A source of `value` times the current through a voltage source, whose card `control` is."""
 
     control: str
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CurrentByCurrent(ByCurrent):
     """A current from `a` through the source to `b`, A/A."""
 
     letter: ClassVar[str] = "F"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VoltageByCurrent(ByCurrent):
     """A voltage, V/A."""
 

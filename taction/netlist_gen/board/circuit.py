@@ -12,7 +12,7 @@ equations. Node ``"0"`` is ground. Matrices are arrays, never N² objects. A top
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -33,7 +33,6 @@ from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.system.quantities import quantity, sizes
 from taction.system.results import Result
 
@@ -65,7 +64,7 @@ class Role:
     FEEDBACK = "matrix from the constraint amplifiers to the signal nodes"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Fact:
     """A number of the design.
 
@@ -151,7 +150,7 @@ def common_facts(**values: float) -> dict[str, Fact]:
     }
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Knob:
     """A key of the scene that can be moved.
 
@@ -210,7 +209,7 @@ def common_knobs(*, linear: bool) -> tuple[Knob, ...]:
     )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Output:
     """The output of one channel: ``u = sign * V(node)``, V."""
 
@@ -218,7 +217,7 @@ class Output:
     sign: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Omission:
     """A part that the board omits because the scene does not need it."""
 
@@ -226,7 +225,7 @@ class Omission:
     why: str
 
 
-@frozen(eq=False, repr=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Circuit(Result):
     """A whole board."""
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 
 MICRO = 1e-6
 KINDS = ("programming", "drift", "read_noise")
@@ -25,7 +25,7 @@ REPEATS = 60  # of the iteration for what has drifted
 FLOOR = 1e-6  # of the largest conductance: what a device without a window keeps
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Logarithmic:
     """A number that falls with the logarithm of x, between two limits; a constant by default."""
 
@@ -39,7 +39,7 @@ class Logarithmic:
         return np.clip(self.offset + self.slope * np.log(x), self.low, self.high)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Device:
     """A device that is programmed to a conductance.
 

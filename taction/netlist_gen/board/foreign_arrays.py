@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.board.devices import MICRO, Device, Logarithmic, load_devices
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
-from taction.system.frozen import frozen
 
 ACCEPTED = (
     "a parameter file of CrossSim, or JSON with the key 'class' and the attributes of a noise model"
@@ -36,7 +36,7 @@ READ_NOISE = (
 )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ForeignTable:
     """A table of a file: what is wrong with a value is said with file, key and what is accepted."""
 

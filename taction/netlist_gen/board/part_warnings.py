@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 
 LEAST_OHMS, MOST_OHMS = 10.0, 10e6  # of a resistor that a proposal may have
@@ -20,7 +19,7 @@ SAME = 1.0 + 1e-9  # ratio of values that count as equal
 ROUNDING = 1.05  # the most that E24 moves a value by
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PartLimit:
     """A limit of a real part, and why it is one."""
 
@@ -66,7 +65,7 @@ LIMITS = {
 its own has these in the place of the table's."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Kind:
     """Values that the same keys of the scene set: their limits, each with its remedy."""
 
@@ -198,7 +197,7 @@ def stuck_cells(circuit: Circuit) -> tuple[str, ...]:
     return (text,)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BrokenLimit:
     """A warning, and the factor by which the extreme part is beyond the limit, above 1."""
 
@@ -206,7 +205,7 @@ class BrokenLimit:
     factor: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class AcceptedParts:
     """What a proposal may have beyond the limits: what the scene itself has, but for rounding.
 

@@ -6,6 +6,7 @@ Node ``"0"`` is ground. Matrices are arrays, never N² objects.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -13,10 +14,9 @@ import numpy as np
 from taction.netlist_gen.board.devices import Device
 from taction.netlist_gen.board.wires import Wires
 from taction.system.array_types import Bools, Floats
-from taction.system.frozen import frozen
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Part:
     """A part with a name; its card in the deck begins with the letter of its kind."""
 
@@ -37,7 +37,7 @@ class Part:
         return f"{path[1:]}.{last[:1].upper()}{last[1:]}"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class OpAmpCell(Part):
     """One op-amp: `model` is a key of `Circuit.models`; the rest are node names."""
 
@@ -48,7 +48,7 @@ class OpAmpCell(Part):
     output: str
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SignalAmplifier(Part):
     """A behavioural amplifier, ideal and inverting: ``V(output) = -u_scale g(V(input) / v_scale)``.
 
@@ -63,7 +63,7 @@ class SignalAmplifier(Part):
     v_scale: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class TransistorCell(Part):
     """One transistor: `model` is a key of `Circuit.transistor_models`; the rest are node names."""
 
@@ -74,7 +74,7 @@ class TransistorCell(Part):
     emitter: str
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Resistor(Part):
     """A resistor between nodes `a` and `b`, ohm."""
 
@@ -84,7 +84,7 @@ class Resistor(Part):
     ohms: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Capacitor(Part):
     """A capacitor between nodes `a` and `b`, F; at t = 0 discharged or at rest."""
 
@@ -94,7 +94,7 @@ class Capacitor(Part):
     farads: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CurrentSource(Part):
     """A current of `amps` into `node` (out of ground), switched on at t = 0."""
 
@@ -103,7 +103,7 @@ class CurrentSource(Part):
     amps: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class NoiseCurrent(Part):
     """A white noise current into `node`, of a `density` in A/rtHz over positive frequencies."""
 
@@ -112,7 +112,7 @@ class NoiseCurrent(Part):
     density: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VoltageSource(Part):
     """A voltage from ground to `node`: constant, or `switched` on at t = 0."""
 
@@ -122,7 +122,7 @@ class VoltageSource(Part):
     switched: bool = False
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Branch(Part):
     """A linear part of `value` between nodes `a` and `b`; `branches` has the kinds."""
 
@@ -136,7 +136,7 @@ class Branch(Part):
         return self.a, self.b
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ResistorMatrix:
     """An M-by-N matrix of resistors; element (k, n) has the name ``Rf_k_n``, counted from 1."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from taction.spice_models.input_errors import MOST, drawn
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 
 TEMPERATURE = "temperature"  # name and kind
 INPUT_ERROR = "input_error"  # kind
@@ -31,7 +30,7 @@ BRANCHES = {"L": "coil", "E": "gain", "F": "gain", "G": "gain", "H": "gain", "K"
 """Kinds of the branches that vary, by their letter; no table of a scene has them."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """A value that varies: of an element of the deck, an op-amp's figure, or the temperature."""
 

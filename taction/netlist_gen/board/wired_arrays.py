@@ -7,7 +7,7 @@ one for each sign, and its resistors and wires get names and nodes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,10 +15,9 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wires import Crossbar, Wires
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SignedArray:
     """The array that a matrix of resistors has for its entries of one sign.
 

@@ -25,12 +25,12 @@ The deck has every wire as a resistor, so ngspice shares none of this.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 
 CORNERS = ("top-left", "top-right", "bottom-left", "bottom-right")
 STEPS, GAIN = 60, 0.97  # of a compensation, which ends where a step leaves more of its error
@@ -39,7 +39,7 @@ ALIKE = 1e-12  # error of the conductances that counts as none, in their norm
 KEPT = 8  # arrays whose reduction is kept: a budget and a margin ask for the same ones again
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Wires:
     """The wires of an array, ohm.
 
@@ -100,7 +100,7 @@ class Wires:
         return found.through(*self.terminals(by_column))
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PortConductances:
     """An array as conductances between its ports, S, none below zero.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
 
@@ -18,7 +19,6 @@ from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
 from taction.spice_models.transistor import model_card
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 
 
 def matrix_lines(matrices: Iterable[ResistorMatrix]) -> list[str]:
@@ -102,7 +102,7 @@ def _written(fact: Fact) -> str:
 ROUNDING = 1e-12  # relative: above it a value of the board is not what its expression gives
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Parameters:
     """The head of a deck with parameters, and the expressions of its parts.
 

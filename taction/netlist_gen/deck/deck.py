@@ -8,7 +8,7 @@ of text, because an object per part costs twenty times as much. Every number is 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, Transient
@@ -23,7 +23,6 @@ from taction.netlist_gen.deck.dialects.dialect import (
     starts_from_rest,
 )
 from taction.netlist_gen.deck.dialects.table import DIALECTS
-from taction.system.frozen import frozen
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from taction.netlist_gen.deck.measures import Measures
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Deck:
     """A complete deck with one analysis; a `NoiseAnalysis` has a card for each band."""
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.deck.flat_cards import CardError, read_cards, shown
 from taction.spice_models.foreign_expressions import number
-from taction.system.frozen import frozen
 
 MEASURED = "dqjmswbefghrcl"
 OHMIC = {
@@ -33,7 +32,7 @@ _GIVEN = re.compile(r"(\w+) ?= ?([^\s(),]+)")
 ACCEPTED = "accepted are R C L K V I E F G H B, D Q J M with a .model, and switches S W"
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Element:
     """A card that is measured.
 
@@ -73,7 +72,7 @@ class Element:
         return ".".join(self.name.split(".")[1:-1])
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SortedCards:
     """Flat cards: linear ones, elements, and the models of the elements by name."""
 

@@ -29,7 +29,6 @@ from taction.spice_models.foreign_lines import (
 )
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
-from taction.system.frozen import frozen
 
 KEPT = (
     *(".subckt", ".ends", ".model", ".param", ".func", ".global"),
@@ -61,7 +60,7 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]
 _QUOTED = re.compile(r"'([^'{}]*)'")
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Card:
     """A card of a deck: the file and the line where it begins, and its text in lower case."""
 
@@ -88,7 +87,7 @@ class Card:
         return InputError(self.file, complaint)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ForeignDeck:
     """A checked deck.
 
@@ -286,7 +285,7 @@ LINEAR = (
 )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Include(Card):
     """A card that names a file, and the section of a library."""
 

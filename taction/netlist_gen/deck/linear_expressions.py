@@ -5,11 +5,10 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.spice_models.foreign_expressions import DEEPEST, number, piecewise, polynomial
 from taction.spice_models.foreign_lines import LONGEST
-from taction.system.frozen import frozen
 
 Probe = tuple[str, ...]
 """``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source."""
@@ -85,7 +84,7 @@ def without_table(text: str) -> str:
     return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Affine:
     """``constant + sum of terms``: a coefficient for each probe."""
 

@@ -11,19 +11,19 @@ A noise analysis has the noise of the sensors, and one ``.noise`` for each band.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from taction.netlist_gen.analysis import NoiseAnalysis
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import NoiseCurrent
 from taction.spice_models.thermal_noise import THERMAL
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import RISE_LEVELS, SMALL_STEP
 
 END = 0.9  # of the record: from there on a channel that has settled is inside the band
 NOT_SETTLED = 1e99  # s: the settling time of a record that ends outside the band
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Measures:
     """What the measures of a deck compare with.
 

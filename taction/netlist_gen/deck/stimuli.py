@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 
 from taction.spice_models.foreign_expressions import number
-from taction.system.frozen import frozen
 
 _WAVE = re.compile(r"\b(pulse|pwl|sine?|exp|step)\s*\(?([^()]*)\)?")
 FIXED = "fixed"  # kind of a source that is the constant of an expression
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Stimulus:
     """What a source does: its value before and after the step, the instant, and the kind."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache, cached_property
 
 from taction.netlist_gen.board import parts as boards
@@ -14,7 +15,6 @@ from taction.netlist_gen.kicad.sheet import SymbolPart
 from taction.netlist_gen.kicad.symbols import Symbol
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.frozen import frozen
 from taction.system.quantities import percent, show
 
 INNER = re.compile(r"(_\d+)(_[a-z]+)$")
@@ -66,7 +66,7 @@ def spare_node(package: str, unit: int) -> str:
     return f"unused_{package}_{unit}"
 
 
-@frozen(slots=False)
+@dataclass(frozen=True)
 class Catalogue:
     """The parts of a board as symbols; op-amps are named as in ``taction export bom``."""
 

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import channel_sheet
@@ -16,7 +16,6 @@ from taction.netlist_gen.kicad.stages import driven_row
 from taction.netlist_gen.kicad.symbols import LIBRARY
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 
 # The columns of KiCad's own lists, then ours; parts that agree in GROUPED share a row.
 COLUMNS = ("Reference", "Value", "Datasheet", "Footprint", "Qty", "DNP")
@@ -25,7 +24,7 @@ OWN = ("Tolerance", "MPN", "Description")
 GROUPED = ("Value", "Tolerance", "MPN", "Description")
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class KicadProject:
     """The drawing of a channel, and the files that were written."""
 

@@ -13,7 +13,6 @@ from itertools import pairwise
 from typing import Any, Literal, TypeAlias
 
 from taction.netlist_gen.kicad.symbols import LIBRARY, Point, Symbol
-from taction.system.frozen import frozen
 
 VERSION = 20231120  # of the format: KiCad 8 and newer
 NAMES = uuid.UUID("6ba7b812-9dad-11d1-80b4-00c04fd430c8")  # the namespace of OIDs
@@ -62,7 +61,7 @@ def _atom(value: str | float) -> str:
     )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SymbolPart:
     """A symbol with its reference, its value and its other fields."""
 
@@ -73,7 +72,7 @@ class SymbolPart:
     unit: int = 1
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Placed:
     """A part on a sheet; `reference` and `value` are the middles of these texts, hidden if None."""
 
@@ -95,7 +94,7 @@ class Placed:
         return self.at[0] + x / GRID, self.at[1] - y / GRID
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Label:
     """A text on a sheet; `at` is its left end, its middle, or its right end.
 
@@ -131,7 +130,7 @@ class Label:
         return [shared, Quoted(self.text), ["shape", self.kind], where, _effects(*side)]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Below:
     """A sheet as a box on the sheet above it: its nets are pins, inputs left and outputs right."""
 

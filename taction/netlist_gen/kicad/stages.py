@@ -7,7 +7,7 @@ voltages: a channel, or a sensor row. So every topology can be drawn, also one o
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,14 +20,13 @@ from taction.netlist_gen.board.parts import (
     SignalAmplifier,
     TransistorCell,
 )
-from taction.system.frozen import frozen
 
 Passive = Resistor | Capacitor
 Cell = OpAmpCell | SignalAmplifier
 Rung = tuple[str, Resistor | Capacitor | CurrentSource]  # the node at the other end, and the part
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Stage:
     """An amplifier with the parts at its input.
 
@@ -61,7 +60,7 @@ class Stage:
         )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class DrawnBranch:
     """A channel or a sensor row: chains of stages that follow each other, and all other parts."""
 

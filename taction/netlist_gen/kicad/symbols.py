@@ -5,7 +5,7 @@ They stand in the schematic itself and in a library beside it, so no library of 
 
 from __future__ import annotations
 
-from taction.system.frozen import frozen
+from dataclasses import dataclass
 
 LIBRARY = "taction"
 RIGHT, UP, LEFT, DOWN = 0, 90, 180, 270  # from the end of a pin to its symbol
@@ -13,7 +13,7 @@ Point = tuple[float, float]
 Path = tuple[Point, ...]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Pin:
     """A connection: `number` as KiCad has it, `kind` its electrical type, `at` its free end."""
 
@@ -25,7 +25,7 @@ class Pin:
     length: float = 2.54
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Symbol:
     """A symbol; unit A is the first of `units`.
 

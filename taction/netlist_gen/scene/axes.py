@@ -26,12 +26,12 @@ import itertools
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from taction.netlist_gen.scene.keys import Key, Value, find_key, own_value, read_value
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 
 MAX_POINTS = 100_000  # on one axis
 ENGINE = "analysis.engine"
@@ -52,7 +52,7 @@ Point = Mapping[str, Value]
 Over = str | Iterable[str] | Mapping[str, str | Iterable[Value]]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SweepAxis:
     """The values of one key."""
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from taction.system.frozen import frozen
 from taction.system.quantities import EXAMPLES, parse
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def plain_validator(check: Callable[[object], object]) -> CoreSchema:
     return core_schema.no_info_plain_validator_function(check)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Unit:
     """Annotation of a quantity in `unit` above zero (with `zero`: or zero), or the `word`.
 
@@ -74,7 +74,7 @@ RANGE = re.compile(r"\s*([-+]?\d+(?:\.\d+)?)\s*\.\.\s*([-+]?\d+(?:\.\d+)?)\s*(?:
 COLDEST, HOTTEST = -55.0, 125.0  # degrees C, of parts
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class TemperatureRange:
     """Annotation of two temperatures of a board, as ``"0..70degC"``."""
 
@@ -94,7 +94,7 @@ class TemperatureRange:
         return {"type": "string", "description": "two temperatures, such as '0..70degC'"}
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Rule:
     """Annotation of a positive number, or the name of a rule that finds the number."""
 

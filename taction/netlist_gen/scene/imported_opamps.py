@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any
 
 from taction.spice_models.foreign_lines import RefusedError
@@ -16,7 +16,6 @@ from taction.spice_models.imported import (
 )
 from taction.system.documents import plain, read, taken
 from taction.system.errors import listed
-from taction.system.frozen import frozen
 
 FORMAT = 2
 READ = (1, FORMAT)
@@ -28,7 +27,7 @@ FIGURES_LEAST = {
 """The least value of a figure that is not negative."""
 
 
-@frozen(kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class StoredOpAmp:
     """The file of an imported op-amp; a file of version 1 has neither compensation nor doubts."""
 

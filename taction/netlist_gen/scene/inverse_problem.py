@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,12 +20,11 @@ from taction.netlist_gen.scene.problem import (
 )
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 
 ROUNDING = 16 * EPS
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class InverseProblem:
     """``strain = matrix @ stress + noise``, dimensionless."""
 

@@ -6,6 +6,7 @@ import difflib
 import functools
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Literal, get_args
 
@@ -15,7 +16,6 @@ from taction.netlist_gen.scene.field_values import Unit
 from taction.netlist_gen.scene.key_mistakes import impossible
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import number as plain_number
 from taction.system.quantities import parse
 
@@ -36,7 +36,7 @@ Value = float | int | str | bool
 Kind = Literal["real", "integer", "choice"]  # choice: words and truth values
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Key:
     """One key of a scene."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -24,7 +25,6 @@ from taction.netlist_gen.scene.fields import (
     Real,
     Seed,
 )
-from taction.system.frozen import frozen
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -82,7 +82,7 @@ def _words(shape: tuple[int | None, ...]) -> str:
     return " x ".join("any" if length is None else str(length) for length in shape)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _NameOrArray:
     """Annotation of a field: the name of a file, or an array of real numbers."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,9 @@ from taction.netlist_gen.scene.array_files import read_table
 from taction.netlist_gen.scene.problem import fitted
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ProblemTable:
     """Numbers of a file as the scene needs them.
 

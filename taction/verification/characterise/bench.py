@@ -7,6 +7,8 @@ its operating point (`VendorBench`), and only as a deck.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, SmallSignal, Transient
 from taction.netlist_gen.board.circuit import GROUND, NEEDED, Circuit, Output, common_facts
 from taction.netlist_gen.board.parts import CurrentSource, OpAmpCell, Resistor, VoltageSource
@@ -16,7 +18,6 @@ from taction.spice_models.foreign_netlist import Subcircuit
 from taction.spice_models.imported import instance
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.subcircuits import opamp_subcircuit
-from taction.system.frozen import frozen
 
 OHMS = 1.0  # of the source of a step
 IN, OUT = "in", "out"
@@ -41,7 +42,7 @@ LOAD = 10e3  # ohm, of a vendor's op-amp at its largest output
 _UNITS = common_facts(**dict.fromkeys(NEEDED, 1.0))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Bench:
     """One op-amp on a test bench.
 
@@ -110,7 +111,7 @@ class Bench:
         return _deck([*lines, TIGHT], analysis, (OUT,))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VendorBench:
     """A vendor's subcircuit at the operating point of a follower, with open loop otherwise.
 

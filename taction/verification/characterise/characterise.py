@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin, figure_origins
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import SimulationError
-from taction.system.frozen import frozen
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.characterise.bench import Bench
@@ -48,7 +47,7 @@ SETTLED = 8.0  # periods of the unity-gain bandwidth: a follower's small step
 SMALL = 1e-3  # V: that step
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Measured:
     """One figure.
 
@@ -68,7 +67,7 @@ class Measured:
     stated: float
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class OpAmpFigures(Result):
     """An op-amp, measured on test benches.
 
@@ -91,7 +90,7 @@ class OpAmpFigures(Result):
     results: Mapping[str, tuple[Measured, ...]] = field(repr=False)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Bode:
     """The open-loop gain ``response`` (P,) at `frequency` (P,), Hz."""
 

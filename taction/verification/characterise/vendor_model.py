@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,6 @@ from taction.spice_models.imported import (
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import Complaint, InputError, SimulationError, one_line
 from taction.system.foreign_files import UnusableFileError, read_bounded
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.characterise.bench import VendorBench
 from taction.verification.characterise.characterise import RAMP, UNITS, Bode, slope
@@ -59,7 +58,7 @@ USUAL = {
 """Figures of op-amps that are sold; others may be right, and are said."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ImportedModel(Result):
     """The results of `taction.import_model`: the file, and what it holds."""
 

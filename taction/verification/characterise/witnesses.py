@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -19,7 +19,6 @@ from taction.netlist_gen.analysis import (
 from taction.netlist_gen.board.parts import VoltageSource
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import SingularCircuit, StepTooSmall, TimedOut
-from taction.system.frozen import frozen
 from taction.system.own_folders import remove_own_folder
 from taction.verification.characterise.bench import IN, OUT, SWITCHED, VENDOR, Bench, VendorBench
 from taction.verification.engines.ngspice.executable import Simulator
@@ -51,7 +50,7 @@ class Witness(Protocol):
         """Return the mean density of the output's noise over a band, V/rtHz."""
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Responses:
     """What a vendor's subcircuit shows on its `bench`.
 

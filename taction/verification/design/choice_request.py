@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from taction.netlist_gen.scene.axes import LIMITS, Point
 from taction.netlist_gen.scene.open_tables import NAMES
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import fraction, number
 
 EVERY = "all"
 POINTS = 9  # of C and of the gain
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ChoiceRequest:
     """What is asked for.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts
@@ -25,7 +25,6 @@ from taction.system.errors import (
     SimulatorNotFound,
     SimulatorTooOld,
 )
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
 from taction.verification.design.choice_plan import CAPACITANCE, GAIN, OPAMP, TOPOLOGY
@@ -48,7 +47,7 @@ VIEWS = "taction.verification.report.views.choose"
 BEST = 3  # designs that ngspice confirms
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ChosenDesign(Trial):
     """The trial of one design of a choice: op-amp, C and gain.
 
@@ -114,7 +113,7 @@ class ChosenDesign(Trial):
         return not self.good, self.outcome != "pass", left, self.worst, self.settling_time
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Confirmation:
     """What ngspice says about a design; `outcome` is None without ngspice, then with `reason`."""
 
@@ -124,7 +123,7 @@ class Confirmation:
     verdict: Verdict | None = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BestDesign:
     """One of the best designs, with what ngspice says."""
 
@@ -144,7 +143,7 @@ class BestDesign:
         return None if self.said.verdict is None else self.said.verdict.answer.yield_at_most
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Choice(Result):
     """The best designs of a grid, and what ngspice says about them.
 

@@ -8,6 +8,7 @@ a movement of the hand and runs in a process of its own.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, TactionError
-from taction.system.frozen import frozen
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
@@ -49,7 +49,7 @@ LIMITED = (
 )
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ExplorerCurves:
     """Outputs of every channel.
 
@@ -67,7 +67,7 @@ class ExplorerCurves:
     stop: float
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class LinearResponse:
     """The step response of a linear board of some channels, at any instant.
 
@@ -117,7 +117,7 @@ def _rise(solution: Exact, stop: float) -> float:
     return min(TIMES_RISE * float(first.max()), stop)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class RestView:
     """The board at rest, beside the solution of the problem.
 
@@ -155,7 +155,7 @@ class RestView:
         return self.board.circuit.is_linear and not self.is_large
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PoleView:
     """Poles of the board, and its response if it has a closed form.
 
@@ -265,7 +265,7 @@ def view_boundary(view: RestView, poles: PoleView, name: str, low: float, high: 
     return found
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
     """A verdict without what the page does not show.
 

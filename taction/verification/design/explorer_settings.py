@@ -9,7 +9,7 @@ import math
 import re
 import shlex
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import EXAMPLES, number, parse
 from taction.verification.reference.lambda_rule import resolve_lambda
 
@@ -36,7 +35,7 @@ ZERO_PART = 0.04  # of a slider whose value may be zero: its lower end
 SUFFIX = ".toml"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Control:
     """A key with a logarithmic slider.
 
@@ -130,7 +129,7 @@ def _control(scene: Scene, path: str, symbol: str, name: str, around: float) -> 
     return Control(path, key.unit, symbol, name, own / around, own * around, own)
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Start:
     """The scene at the beginning of an exploration.
 
@@ -164,7 +163,7 @@ class Start:
         return known[path]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Settings:
     """Values that differ from those of the scene.
 

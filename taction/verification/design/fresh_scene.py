@@ -10,7 +10,7 @@ import math
 import os
 import textwrap
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -30,7 +30,6 @@ from taction.netlist_gen.scene.writing import scene_text
 from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import fraction
 from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, Scaling, scale
@@ -129,7 +128,7 @@ def next_round_value(value: float) -> float:
     return next((float(f"{m * decade:.1g}") for m in ROUND if m * decade >= value), 0.0)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class FreshPruning:
     """A fraction for ``design.prune``, and what it changes.
 
@@ -206,7 +205,7 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> FreshPruning:
     return FreshPruning()
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class FreshScene:
     """A new scene and the files that belong to it.
 
@@ -231,7 +230,7 @@ class FreshScene:
     notes: tuple[str, ...]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class NewScene(Result):
     """The files of a new scene, and for a matrix the scaling and the verdict."""
 

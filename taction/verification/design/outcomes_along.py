@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
-from taction.system.frozen import frozen
 from taction.system.quantities import spaced
 from taction.verification.design.explorer_settings import Control, Settings, Start
 from taction.verification.design.trials import BARE
@@ -16,7 +15,7 @@ from taction.verification.verdict.verify import verify
 CELLS = 9  # of a slider: one verdict in the middle of each
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Spot:
     """A value of one slider; all others are as they stand."""
 

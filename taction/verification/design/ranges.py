@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,12 +13,11 @@ from taction.netlist_gen.scene.axes import rising_ends
 from taction.netlist_gen.scene.keys import find_key, own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 
 AT_EDGE = 0.02  # of the logarithmic range: a value so close to an end is at its edge
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SearchRange:
     """The values of one key, above zero, that can be bought.
 

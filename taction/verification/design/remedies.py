@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.part_warnings import ANY_PART
@@ -17,7 +18,6 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.verification.design.screening import can_estimate
 from taction.verification.design.search import Searched, search_list, search_pair, search_range
@@ -39,7 +39,7 @@ SUPPLIES = (5.0, 9.0, 12.0, 15.0, 18.0, 22.0)
 SHOWN = 4  # op-amps that are proposed
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Change:
     """A change with what the state-space verdict says about it.
 
@@ -75,7 +75,7 @@ Tell = Callable[[tuple[StableRange, ...] | Change], None]
 """Receives what a search has found: stable ranges, then each change that mends everything."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Remedies:
     """The changes that were found for a verdict that fails.
 

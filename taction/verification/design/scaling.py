@@ -31,7 +31,6 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, EngineError, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.design.search import search_range
@@ -139,7 +138,7 @@ def _product(scene: Scene, unit: float) -> float:
     )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Scaling:
     """Scalings that were found.
 
@@ -168,7 +167,7 @@ class Scaling:
         return float(ohms.min()), float(ohms.max())
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Scaled(Result):
     """The scalings, and the verdict of the board with them."""
 

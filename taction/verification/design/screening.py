@@ -11,6 +11,7 @@ import functools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,6 @@ from taction.netlist_gen.scene.checks import RiseTimeCheck
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS, RISE_LEVELS, SMALL_STEP
 from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.linearised.board import (
@@ -49,7 +49,7 @@ ROUNDED = 1e-11  # times the fastest pole: farther from the axis the sign of a p
 DEFECTIVE = 1e4  # step amplitudes: a larger mode has no direction of its own
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Outline:
     """A linear board's step response, without bounds: ``final + Re sum share exp(poles t)``, V."""
 
@@ -146,7 +146,7 @@ class _PartAtStart(NamedTuple):
     rests: bool  # x is so small that its modes are faint
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _BoardAtStart:
     """A board's deviation from its rest at the start, in the parts of its state space."""
 
@@ -271,7 +271,7 @@ def _slowest_rise(
     )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Progress:
     """How far a channel is on its way: 0 at `start`, V, 1 after its own `step`, V.
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 from taction.netlist_gen.scene.keys import Value
 from taction.system.errors import InputError
-from taction.system.frozen import frozen
 from taction.verification.design.ranges import SearchRange
 from taction.verification.design.trials import OutOfWorkError, Trial, Trials
 
@@ -26,7 +26,7 @@ Place = tuple[float, float]  # steps of one key, or of two
 At = Callable[[Sequence[float]], dict[str, Value]]  # the change at a place
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Searched:
     """The search over one key or over two.
 

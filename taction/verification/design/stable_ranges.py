@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.keys import Key, find_key, own_value
 from taction.system.errors import InputError, NoVerdictError
-from taction.system.frozen import frozen
 from taction.verification.design.trials import OutOfWorkError, Trials, knobs_with_margin
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import Family, unrounded
@@ -23,7 +23,7 @@ POINTS = 25  # over a key that is no knob of the board
 OTHERS = ("design.stray_capacitance", "design.opamp.gbw")  # keys beside the knobs with a margin
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class StableRange:
     """The stable range of one key that is nearest to the scene's value.
 

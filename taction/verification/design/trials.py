@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
@@ -23,7 +23,6 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import EngineError, InputError, NoVerdictError
-from taction.system.frozen import frozen
 from taction.verification.design.screening import Outline, estimated_checks, outlines
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
@@ -50,7 +49,7 @@ class OutOfWorkError(Exception):
     """The work of a search is used up; no result of the search is wrong."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Trial:
     """What the checks say about one design.
 

@@ -22,7 +22,6 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, EngineError, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import percent, show
 from taction.system.results import Result
 from taction.verification.design.ranges import SearchRange, parse_ranges
@@ -42,7 +41,7 @@ RESERVE = 0.99  # of the overshoot limit: the verification adds the simulator's 
 INFEASIBLE = 1e6  # added to the objective for every check that does not pass
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Tuning:
     """Result of a search."""
 
@@ -67,7 +66,7 @@ class Tuning:
         return {path: edge for path, edge in edges.items() if edge is not None}
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Tuned(Result):
     """A search, and the verdict of the best design."""
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import NoVerdictError
-from taction.system.frozen import frozen
 from taction.system.quantities import banded, percent, readable, show
 from taction.system.results import Result
 from taction.verification.evidence.paper.findings import paper_scene
@@ -23,7 +23,7 @@ SMALL = 8.2e-12  # F, the next smaller capacitor of the paper's bench
 QUIET = 2.45e6  # ohm, a gain with the least settling time (taction reproduce, chapter console)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class DemonstrationStep:
     """One board: what it shows, in words, and its verdict.
 
@@ -47,7 +47,7 @@ class DemonstrationStep:
     text: str
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Demonstration(Result):
     """The boards of the demonstration, in their order; `file` is the report, None without one."""
 

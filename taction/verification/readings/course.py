@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -17,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.transients.exact import Exact
 
 FINENESS = 0.25  # step times |p| of the fastest mode of a resolved interval: 25 points a period
@@ -30,7 +30,7 @@ FEW = 4  # channels up to which sums over modes of many boards are quicker than 
 BLOCK, BOARD_BLOCK = 1 << 15, 512  # instants that are evaluated together: of all boards, of one
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Course:
     """The way of one board's channels ``u = sign V`` to their targets, ``e = u - target``.
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.frozen import frozen
 from taction.verification.readings.signals import resample, typical_step
 
 _MOST_SAMPLES = 8192  # of a record
@@ -19,7 +19,7 @@ _WEAK = 0.1  # of a strong line: a weaker line at a third of its frequency is no
 _TONE = 0.1  # largest misfit of a tone to three lines, over the middle line
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Envelope:
     """Ringing amplitude over time."""
 

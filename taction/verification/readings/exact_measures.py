@@ -10,13 +10,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import FAINT, FOUND, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import find_share_errors
@@ -39,7 +39,7 @@ DETAIL = 1e-4  # of the settling band: the first grid resolves modes above it
 SHORT = "the channel never reaches the levels of its step"
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class ExactResponse:
     """The step response of a linear board, to be measured.
 

@@ -8,12 +8,11 @@ is within its physical range is read. A settling time is given only if the recor
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.system.array_types import Bools, Floats
-from taction.system.frozen import frozen
 from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
 from taction.verification.readings.envelope import Envelope, envelope
@@ -37,7 +36,7 @@ from taction.verification.readings.signals import (
 NO_STEP = "no channel has a step (target equals start): a band in % of it has no width"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ChannelMeasure:
     """Measurements of one channel.
 
@@ -98,7 +97,7 @@ class ChannelMeasure:
         return {name: found for name, found in self.readings.items() if found and found.fragile}
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Measurements:
     """Measurements of a transient.
 
@@ -239,7 +238,7 @@ def describe_states(measurements: Measurements) -> str:
     return "; ".join(parts)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SoundPart:
     """The part of a record before any channel leaves its physical range."""
 
@@ -368,7 +367,7 @@ def measure(
     return summary(amplitude, band, modes, channels)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Record:
     """The sound part of a record and the results that all channels share."""
 

@@ -10,11 +10,11 @@ contribute to the same poles; its singular values give the number of poles.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.frozen import frozen
 from taction.verification.readings.envelope import (
     Envelope,
     envelope,
@@ -126,7 +126,7 @@ _MOST_GROWTH = 37.0  # nepers, 1e16: more growth within the stretch is a kink, n
 _FADED = 0.01  # of the largest envelope: below, a decayed ringing is not fitted
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Mode:
     """One exponential ``exp(growth_rate t) cos(2 pi frequency t + phase)`` shared by all channels.
 

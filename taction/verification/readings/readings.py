@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from taction.system.array_types import Bools, Floats, Indices
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import (
     BAND_SHIFT,
     EXCURSIONS,
@@ -62,7 +62,7 @@ class Signal(Protocol):
         """Return the maximum of ``sign * error`` of every channel and its uncertainty, (N,)."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Reading:
     """A measured time, or a measured share of the step amplitude.
 
@@ -94,7 +94,7 @@ None for a channel that ends outside its settling band, or does not reach both l
 """
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Step:
     """Values before the step and targets, (N,) each, of the channels of one or more `boards`."""
 

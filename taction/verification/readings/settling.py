@@ -13,12 +13,12 @@ Everything else is another state, with a reason that says what to do.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.verification.readings.envelope import saturates
 from taction.verification.readings.mode_fit import GOOD_FIT, RESOLVED, Mode
 from taction.verification.readings.readings import Reading
@@ -44,7 +44,7 @@ class ChannelState(StrEnum):
     DIVERGED = "diverged"
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ChannelRinging:
     """The ringing in one channel."""
 
@@ -55,7 +55,7 @@ class ChannelRinging:
     share: float  # amplitude of that mode in this channel at the end of the fitted stretch
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Settlement:
     """State of a channel, with its settling time or the reason why it has none."""
 

@@ -7,11 +7,11 @@ instant or height is then refined on the waveform itself, and no interpolation a
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Floats, Indices
-from taction.system.frozen import frozen
 from taction.verification.readings.crossings import (
     Crossings,
     first_crossings,
@@ -116,7 +116,7 @@ def resample(
 FEWEST_POINTS = 8
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Rest:
     """Where channels come to rest after their record, by other knowledge than the record.
 
@@ -128,7 +128,7 @@ class Rest:
     left: float
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SampledSignal:
     """Samples of errors as a `taction.verification.readings.readings.Signal`."""
 
@@ -202,7 +202,7 @@ AROUND = np.linspace(-1.0, 1.0, 17)  # instants of one search for a peak, in hal
 ROUNDS = 5  # of a search for a peak; each shrinks its bracket to an eighth
 
 
-@frozen(eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ContinuousSignal(SampledSignal):
     """A `SampledSignal` with a `curve`: errors of channels (Q,) at instants (Q,), s."""
 

@@ -7,13 +7,13 @@ Oishi and Rump, Numer. Algorithms 59, 2012), so they run at BLAS speed.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, factorial, fsum, log, log2
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 
 FUNCTION_ERROR = 2.0**-96
 """Bound on the relative error of every function here, for arguments of exp up to 700."""
@@ -51,7 +51,7 @@ def _two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class DoubleDouble:
     """An array ``hi + lo``, with ``|lo|`` at most half a unit in the last place of ``hi``."""
 

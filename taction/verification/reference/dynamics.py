@@ -8,20 +8,20 @@ components only mu, a multiple of lambda, is left. Its rest state solves the ref
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Floats, Indices
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.solve import solve
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class AtOnce:
     """A network without capacitors: with ideal op-amps it is at rest at once.
 
@@ -37,7 +37,7 @@ class AtOnce:
     regularised: bool = False
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class IdealNetwork:
     """A problem as a network with ideal op-amps; it has no components."""
 
@@ -112,7 +112,7 @@ HALVINGS = 24  # of a step in which a piecewise linear amplifier changes its pie
 SECTIONS, ROUNDS = 64, 9  # 64^9 is 2^54: an interval is divided down to its rounding
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Response:
     """Outputs of the ideal network as a function of time."""
 
@@ -264,7 +264,7 @@ def ideal_linear(network: IdealNetwork, v0: Floats, rest: Solution | None = None
     return Response(np.concatenate([[0.0], grid]), outputs, start, target)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class IdealTransient:
     """A response with the evidence for its accuracy."""
 

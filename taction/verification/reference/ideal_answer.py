@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system import plugins
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.verification.reference import networks
 from taction.verification.reference.dynamics import (
     AtOnce,
@@ -38,7 +37,7 @@ ENERGY_STRIDE = 20  # every 20th instant of the response, whose instants are 1 %
 CACHED_SOLUTIONS = 64  # the points of a grid with one lambda share one solution
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class TransientFigures:
     """Figures of the ideal transient."""
 
@@ -46,7 +45,7 @@ class TransientFigures:
     energy_residual: float  # see `taction.verification.reference.dynamics.ScaledNetwork`
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class IdealAnswer:
     """Steady state and transient of the ideal network.
 
@@ -227,7 +226,7 @@ def _linear_residual(network: IdealNetwork, response: Response) -> float:
 INSTANTS = 2000
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class EnergyRise:
     """Largest rise of the energy above its least earlier value."""
 

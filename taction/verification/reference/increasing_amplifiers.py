@@ -8,11 +8,11 @@ duality gap ``1/2 |f1|^2 + mu sum(divergence of f2/mu)`` of ``f1 = eps - T u - r
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.system.frozen import frozen
 from taction.verification.reference.doubledouble import (
     FUNCTION_ERROR,
     PRODUCT_ERROR,
@@ -53,7 +53,7 @@ FAST = 1e-6
 """If a correction shrinks the gap by less than this, T is factorised again."""
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _RootPoint:
     """A primal-dual pair in 106 bits with its residuals and its gap."""
 

@@ -7,14 +7,13 @@ Every rule minimises a score over lam. The sensitivity of the solution is exact:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from operator import itemgetter
 
 import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.reference.solve import solve
@@ -28,7 +27,7 @@ PER_DECADE = 3
 _PRECISION = 1e-5  # of the exponent of lam
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class RuleInputs:
     """Data beside the problem that some rules need."""
 
@@ -37,7 +36,7 @@ class RuleInputs:
     tau: float = TAU  # factor of the discrepancy principle
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class LambdaTrial:
     """The solution for one lam, with the quantities that the scores use."""
 
@@ -104,7 +103,7 @@ def _squared_error(trial: LambdaTrial, inputs: RuleInputs) -> float:
     return float(np.sum((trial.solution.u - np.asarray(inputs.truth)) ** 2))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class LambdaRule:
     """A score to minimise over lam, and the inputs that the score needs."""
 
@@ -125,7 +124,7 @@ RULES: dict[str, LambdaRule] = {
 }
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class LambdaChoice:
     """A chosen lam, which is ``solution.lam``, with the grid that was searched."""
 

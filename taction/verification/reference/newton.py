@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.errors import SolverError
-from taction.system.frozen import frozen
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
 from taction.verification.reference.stacked_least_squares import StackedFactor, factorise
@@ -32,7 +31,7 @@ OBJECTIVE_ROUNDING = 1e-14
 SHORTEST_STEP = 1e-10
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class System(ABC):
     """A problem divided by a power of two near |T|; a subclass holds T."""
 
@@ -77,7 +76,7 @@ def divergence(regulariser: Regulariser, v: Floats, size: Floats) -> float:
         return float(np.sum(0.5 * size * size * regulariser.largest_slope(v, size)))
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Iterate:
     """v with u = g(v), the residual eps - T u and the objective at some mu."""
 
@@ -95,7 +94,7 @@ class Iterate:
         return cls(v, u, residual, 0.5 * float(residual @ residual) + mu * penalty)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class NewtonResult:
     """The last iterate of Newton's method."""
 
@@ -180,7 +179,7 @@ def homotopy(
     return replace(last, steps=steps + last.steps)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ScaledProblem(System):
     """Minimise ``1/2 |T u - eps|^2 + mu sum(phi(u) + beta u)``, with |T| near 1.
 

@@ -22,7 +22,6 @@ import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import SolverError
-from taction.system.frozen import frozen
 from taction.verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
 from taction.verification.reference.newton import ScaledProblem
 from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
@@ -178,7 +177,7 @@ def _along_null(A: Floats, f2: Floats) -> Floats:
     return part / size * 1e6 if size > 1e-9 * float(np.abs(f2).max(initial=0.0)) else 0.0 * f2
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Certified:
     """A refined point with its bounds: `gradient` is E, `least` s of the module's text."""
 

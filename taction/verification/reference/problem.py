@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.reference.regularisers import REGULARISERS
 
@@ -30,7 +30,7 @@ def _freeze(instance: object, *keys: str) -> None:
         object.__setattr__(instance, key, copy)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Problem:
     """Minimise ``|T u - eps|^2 + lam * Omega(u)`` over u; dimensionless.
 
@@ -80,7 +80,7 @@ class Problem:
         _check(self, shape, T=self.T, eps=self.eps)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ToeplitzProblem:
     """A `Problem` with a square Toeplitz matrix that is never formed; dimensionless.
 
@@ -143,7 +143,7 @@ def _check(problem: Problem | ToeplitzProblem, shape: list[Complaint], **arrays:
         raise InputError("reference problem", *complaints)
 
 
-@frozen(eq=False, repr=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Solution(Result):
     """A solution with its certificate.
 

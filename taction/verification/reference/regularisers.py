@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.system.plugins import OpenTable
 from taction.verification.reference import doubledouble as dd
 from taction.verification.reference.doubledouble import DoubleDouble
@@ -22,7 +22,7 @@ from taction.verification.reference.doubledouble import DoubleDouble
 Function = Callable[[Floats], Floats]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Pieces:
     """The convex function ``phi(u) = size |u| + u^2 / 2`` within bounds, a regulariser's pieces.
 
@@ -85,7 +85,7 @@ class Pieces:
         )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Regulariser:
     """An increasing g with the functions that a certified Newton method needs."""
 

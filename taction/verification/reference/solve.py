@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
-from taction.system.frozen import frozen
 from taction.verification.reference.doubledouble import PRODUCT_ERROR, DoubleDouble, ExactMatrix
 from taction.verification.reference.increasing_amplifiers import solve_maxent
 from taction.verification.reference.newton import ScaledProblem
@@ -33,7 +32,7 @@ SMALL = 300
 """Up to this many channels or sensors the cost of the SVD is negligible."""
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _SolutionPoint:
     """u and r in 106 bits with their residuals."""
 

@@ -9,18 +9,17 @@ Quantities are written with µ and Ω; the terminal writes them as SPICE does.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from taction.system.after_result import attempt
-from taction.system.frozen import frozen
 from taction.verification.report.charts import Chart, Outcome
 
 if TYPE_CHECKING:
     from taction.netlist_gen.kicad.picture import Strokes
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Cell:
     """A cell of a table: its text, the number it sorts by (None: its text), and an outcome."""
 
@@ -44,7 +43,7 @@ LETTER, SHORT = 0.085, 12  # width of a letter, inches; letters that have room b
 ALIKE = 3  # rows with the same value, which `Table.folded` says once
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Table:
     """A table; the first cell of a row is its header.
 
@@ -120,7 +119,7 @@ class Table:
         return replace(self, rows=self.rows[:-left], note=note)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Bar:
     """A value beside its limit.
 
@@ -183,7 +182,7 @@ MANY, LEAST = 10.0, 1e-4
 LITTLE = f"below {100 * LEAST:g} % of the limit"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Bars:
     """Values beside their limits; `drawn`: a terminal draws a bar a line, without the reasons."""
 
@@ -208,7 +207,7 @@ class Bars:
         return Table.of(self.title, self.rows, columns, self.note)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Range:
     """The spread of a quantity; places are fractions of the width, from 0 to 1."""
 
@@ -221,7 +220,7 @@ class Range:
     texts: tuple[str, ...]  # the least, the typical and the largest value, and the limits
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Ranges:
     """Spreads of several quantities."""
 
@@ -241,7 +240,7 @@ class Ranges:
         return Table.of(self.title, self.rows, columns, self.note)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Shares:
     """Numbers by outcome, as one bar."""
 
@@ -250,7 +249,7 @@ class Shares:
     rows: tuple[tuple[Outcome, int], ...]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Drawing:
     """A drawing of lines, circles and texts."""
 
@@ -260,7 +259,7 @@ class Drawing:
     summary: str
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Facts:
     """Names and values."""
 
@@ -269,7 +268,7 @@ class Facts:
     rows: tuple[tuple[str, str], ...]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Code:
     """A text to copy."""
 
@@ -279,7 +278,7 @@ class Code:
     note: str = ""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Notes:
     """Sentences; with an outcome, they are shown in its colour."""
 
@@ -294,7 +293,7 @@ TERMINAL, PAGE, NOTEBOOK = "terminal", "page", "notebook"
 BOTH, EVERYWHERE = (TERMINAL, PAGE), (TERMINAL, PAGE, NOTEBOOK)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Section:
     """A part of a page with a heading; sections without blocks are left out.
 
@@ -337,7 +336,7 @@ class Section:
         return tuple(self.blocks() if callable(self.blocks) else self.blocks)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Sheet:
     """What a picture shows: blocks below each other, in columns.
 
@@ -394,7 +393,7 @@ def _names_width(block: Block) -> float:
     return LETTER * max((len(name) for name in names if len(name) > SHORT), default=0)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Page:
     """A whole result.
 

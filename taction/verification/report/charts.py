@@ -10,6 +10,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import cycle
 from typing import Any, ClassVar, Literal
 
@@ -17,14 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 
 BLUE, ORANGE, GREY, PURPLE = "#0072b2", "#d55e00", "#7f7f7f", "#cc79a7"
 """Colours that stay apart for every kind of colour vision (Okabe and Ito)."""
 Outcome = str  # "pass", "fail", "inconclusive", "error", or "" for none
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Look:
     """How an outcome is shown.
 
@@ -134,7 +134,7 @@ Line = Literal["solid", "dash", "dot", "dashdot", ""]
 """How a line is drawn; empty: not at all."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Axis:
     """An axis of a chart.
 
@@ -181,7 +181,7 @@ class Axis:
         return f"{self.title} (% of the step)".lstrip() if self.unit == "step" else self.title
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Curve:
     """Points (P,), joined by a line, with marks, or both; NaN is a gap.
 
@@ -235,7 +235,7 @@ class Curve:
     shade: Axis | None = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Limit:
     """A straight line through the whole chart at a value of the axis `across`."""
 
@@ -247,7 +247,7 @@ class Limit:
     width: float = 1.0
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Band:
     """The part of the chart between two values of the axis `across`."""
 
@@ -259,7 +259,7 @@ class Band:
     hatched: bool = False
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Columns:
     """Bars (n,): columns from below, or rows from the left where `across` is ``"y"``.
 
@@ -288,7 +288,7 @@ class Columns:
     hover: tuple[str, ...] = ()
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Grid:
     """Values over the two axes as colours; NaN is a cell without a value.
 
@@ -331,7 +331,7 @@ class Grid:
     bar: bool = True
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Cells:
     """Results over the two axes: cells with the look of each result.
 
@@ -351,7 +351,7 @@ class Cells:
     looks: dict[str, Look]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Text:
     """A text at a place; None: at the edge that `align` says.
 
@@ -377,7 +377,7 @@ class Text:
 Mark = Curve | Limit | Band | Columns | Grid | Cells | Text
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class View:
     """A part of a chart that a button shows; None leaves an axis as it is."""
 
@@ -386,7 +386,7 @@ class View:
     y: Limits | None = None
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Chart:
     """One pair of axes with marks.
 

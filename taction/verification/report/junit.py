@@ -7,13 +7,12 @@ failed check is a failure, an undecided one an error, and what was not run is sk
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
 from taction.system.foreign_text import escaped, visible, visible_lines
-from taction.system.frozen import frozen
 from taction.verification.evidence.stress.case_names import FOLDER
 from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.texts import value_text
@@ -37,7 +36,7 @@ WITHOUT_VERDICT: dict[Status, End] = {
 }
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class JUnitTest:
     """One test: its end (empty for a success), a message, a longer text, its time in s."""
 
@@ -48,7 +47,7 @@ class JUnitTest:
     seconds: float = 0.0
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class JUnitSuite:
     """The tests of one file; `properties` are shown with it."""
 

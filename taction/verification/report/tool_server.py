@@ -17,6 +17,7 @@ import tempfile
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -25,7 +26,6 @@ from typing import TYPE_CHECKING, Any, cast
 from taction.system.errors import Complaint, InputError, NoVerdictError
 from taction.system.foreign_files import FOLDERS, MEGABYTE
 from taction.system.foreign_text import shortened
-from taction.system.frozen import frozen
 from taction.system.processes import guard
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ ASKING = "expected a program that asks over stdin"
 TYPES = {"integer": "integer", "number": "number", "boolean": "boolean"}  # others are strings
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Tool:
     """A command as a tool: its words, and the options that a program may give."""
 
@@ -76,7 +76,7 @@ def commands() -> dict[str, dict[str, Any]]:
     return {name: known[tool.command] for name, tool in TOOLS.items()}
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Tools:
     """The tools of a folder.
 

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain, pairwise
 
 from taction.system.errors import TactionError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.exact_count import (
     characteristic,
     count_right,
@@ -31,7 +30,7 @@ Count = tuple[float, float]  # least and largest number
 UNKNOWN: Count = (0, math.inf)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ExactCount:
     """Number of unstable poles over a value, of which ``det(s M - K)`` is a linear function.
 
@@ -62,7 +61,7 @@ class ExactCount:
         return count_right([a + more * b for a, b in zip(self.first, self.change, strict=True)])
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class EdgeClaim:
     """Edges over a value above zero, the board at a value, and values that count besides.
 

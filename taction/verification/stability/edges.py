@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.frozen import frozen
 
 Range = tuple[float, float]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Edge:
     """A value of a knob with a pole, or a complex pair, on the imaginary axis.
 
@@ -59,7 +58,7 @@ class Edge:
         return min(self.below, self.above) == 0
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Edges:
     """Every edge between two values of a knob.
 
@@ -134,7 +133,7 @@ class Edges:
         return tuple(ranges)
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Sample:
     """Poles at one value."""
 
@@ -182,7 +181,7 @@ class Sample:
         return float(self.poles.real[k]) if k < self.known else -math.inf
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Scan(Edges):
     """Edges between samples, which are in increasing order of the value."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -21,7 +21,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError, TactionError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.exact_count import characteristic
 from taction.verification.engines.statespace.linearised.board import LinearBoard, stamp_boards
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
@@ -50,7 +49,7 @@ BESIDE = 1e-6  # relative distance of the samples beside an edge of the loci
 APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their values, and tolerance
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Family:
     """Boards over one number.
 
@@ -297,7 +296,7 @@ def _moved(circuit: Circuit, name: str, point: Equilibrium | None, value: float)
     return LinearBoard(circuit.turned(name, value), point=point)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class EdgeSearch:
     """A search for every edge of a family from `low` to `high`; `found`: poles at `own`.
 

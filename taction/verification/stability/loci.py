@@ -18,13 +18,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.port_response import PortResponse, eliminate_together
 
@@ -47,7 +47,7 @@ Crossing = tuple[
 ]  # share, frequency (Hz), change of the unstable count as it grows
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _States:
     """What K loci do over P steps, (P, K) each; all other loci avoid the interval."""
 
@@ -56,7 +56,7 @@ class _States:
     undecided: Bools  # need shorter steps
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class LociSearch:
     """A search for every share from `low` (above 0) to `high` with a pole on the imaginary axis.
 

@@ -7,11 +7,11 @@ sides confirm it, and a winding number that needs no poles.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError, TactionError
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edges
@@ -30,7 +30,7 @@ ALIKE = 1e-9  # relative distance of values at which the same poles confirm an e
 AROUND = 30.0  # stable values: from the board's own value / 30 to its value * 30
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Margin:
     """A stability margin in one knob.
 
@@ -154,7 +154,7 @@ def find_margin(
     return margin
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class MarginSearch:
     """What `find_margin` gets."""
 
@@ -198,7 +198,7 @@ def _begun(search: MarginSearch, families: Families | None) -> Margin | tuple[_W
     return Margin(0.0, 0.0, text, text)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Way:
     """The way of a knob from the value of a stable board to where the board becomes unstable."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -13,7 +14,6 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import TactionError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.descriptor import LARGE
 from taction.verification.engines.statespace.linearised.board import (
     LinearBoard,
@@ -32,7 +32,7 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 STACK = 16  # boards of a stack: their matrices fit into the memory of a processor
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Poles:
     """Natural frequencies of a board.
 

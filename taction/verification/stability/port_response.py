@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +20,6 @@ from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
 from taction.verification.engines.statespace.equations.stamps import stamp_together
@@ -35,7 +35,7 @@ from taction.verification.engines.statespace.linearised.state_space import (
 WELL_CONDITIONED = 1e-8  # largest defect of the modes that are used for the response
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class PortResponse:
     """Admittance of K parts times the impedance at their terminals.
 

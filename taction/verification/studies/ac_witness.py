@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.board.branches import Source
 from taction.system.array_types import Complexes, Floats
-from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -28,7 +28,7 @@ PROBE = "taction_probe"
 SHARP = 0.2  # damping below which frequencies about a pole are added
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class AcWitness:
     """Compares the circuit of a deck with ngspice's ``.ac``."""
 

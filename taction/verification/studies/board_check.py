@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps, Volts
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.engines.ngspice.process import Run
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -38,7 +38,7 @@ from taction.verification.verdict.record import finite
 Progress = Callable[[str], None]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PoleRow:
     """A pole with its bound."""
 
@@ -48,7 +48,7 @@ class PoleRow:
     bound: Rate
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class OutputRow:
     """An output: rest before and after the step, readings with bounds, and noise."""
 
@@ -67,7 +67,7 @@ class OutputRow:
     state: str
 
 
-@frozen(eq=False, repr=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BoardCheck(Result):
     """All that `taction check` says of a board; `outcome` is that of its checks."""
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from taction.netlist_gen.scene.problem_tables import problem_tables
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import parse
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 from taction.verification.studies.wanted_checks import Expected, share_of
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BoardReference:
     """The problem that a deck is to solve, as files and texts.
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.documents import Hertz, Number, Rate, Seconds, Steps
 from taction.system.errors import EngineError, InputError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.readings.readings import Reading
 from taction.verification.stability.edges import Edge, Edges, Range
@@ -24,7 +23,7 @@ Build = Callable[[Sequence[Mapping[str, float]]], Sequence[Circuit | InputError]
 """Returns the circuit at some values of ``.param`` cards, or why there is none."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PointRow:
     """A value of a sweep: the rightmost pole, the bound on its real part, and readings."""
 
@@ -40,7 +39,7 @@ class PointRow:
     bound: Rate = None
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
     """A board over one value: every crossing of the imaginary axis, and readings at the values."""
 

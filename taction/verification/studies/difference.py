@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +17,6 @@ from taction.system.array_types import Floats
 from taction.system.documents import Inline, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.system.results import Result
 from taction.verification.verdict.checks import Check
@@ -34,7 +33,7 @@ FIGURES = ("growth_rate", "frequency", "step_amplitude")
 CHANNEL_FIGURES = ("equilibrium", *READINGS)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class KeyDifference:
     """A key of the scenes that differs; None where a scene does not have the key."""
 
@@ -45,7 +44,7 @@ class KeyDifference:
     content: bool = False  # the same name of a file, with another content
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VerdictDifference(Result):
     """The differences of two boards.
 
@@ -106,7 +105,7 @@ def compare_verdicts(
     return VerdictDifference(*names, keys, readings, curves=curves)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class StoredKey:
     """A key of a scene, or a value of a deck."""
 
@@ -115,13 +114,13 @@ class StoredKey:
     sha256: str | None = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _StoredStability:
     rightmost_pole: tuple[float, float]
     rightmost_pole_uncertainty: float | None = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _StoredChannel:
     index: int
     state: str
@@ -129,7 +128,7 @@ class _StoredChannel:
     uncertainties: dict[str, float | None] = field(default_factory=dict)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _StoredVerdict:
     """What is compared of the document of a verdict, of version 1 or 2."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from taction.netlist_gen.deck.elements import Element, SortedCards
 from taction.netlist_gen.deck.flat_cards import CardError, shown
 from taction.spice_models.foreign_expressions import number
 from taction.system.array_types import Complexes, Floats
-from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator
 
@@ -29,7 +28,7 @@ LEAST_OHMS = 1e-6
 NAMED = 4  # elements in a message
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class MeasuredElement:
     """An element with its small signal between its ports.
 
@@ -61,7 +60,7 @@ class MeasuredElement:
     outer: float = 0.0
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Copy:
     """A copy on the bench: vectors that are read, with their signs."""
 

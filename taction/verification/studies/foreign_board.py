@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -45,7 +46,6 @@ from taction.netlist_gen.deck.stimuli import FIXED
 from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
-from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.listing import expand, expand_and_wait
 from taction.verification.engines.ngspice.process import Run
@@ -65,7 +65,7 @@ _CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 Start = Literal["zero", "rest"]
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class ForeignBoard:
     """A deck that has been read.
 

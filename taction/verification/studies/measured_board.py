@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -18,7 +18,6 @@ from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import show_rate
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
@@ -67,7 +66,7 @@ LATCH = "positive feedback makes it latch, as exchanged inputs of an op-amp do"
 Start = Literal["zero", "rest"]
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class MeasuredBoard:
     """A linear board, its poles, and the step of its outputs against their own equilibrium.
 

@@ -6,10 +6,10 @@ ngspice expands the deck and finds a first point as it does by itself, then a ti
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from taction.netlist_gen.deck.elements import SortedCards, sorted_cards
 from taction.netlist_gen.deck.flat_cards import CardError
-from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.commands import RESULT, TEXT, Answers, run_commands
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.listing import listed_cards
@@ -21,7 +21,7 @@ MODES = ("psa", "")  # PSpice's ways first; what they break is read in ngspice's
 _STEPPED = ("gmin stepping", "source stepping", "Transient op")
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class DeckPoint:
     """Where a deck rests.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
 from taction.system.errors import EngineError, TactionError
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import linear_matrices
@@ -29,7 +28,7 @@ MORE = 1.001  # of the largest factor: an edge at it is found with certainty
 MOVED = 1e-5  # relative change of a value for a sensitivity
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PartRow:
     """A part: what it does to the rightmost pole, and where the board becomes unstable.
 
@@ -157,7 +156,7 @@ def _is_passive(circuit: Circuit) -> bool:
     return positive and not gains and not circuit.opamps
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Nearest:
     """The nearest edges over a value's factor; a doubt, and the factor up to which is none."""
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -30,7 +30,6 @@ from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
 from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
@@ -39,7 +38,7 @@ from taction.verification.verdict.error_budget import outputs_at_rest
 LAST = 200  # cycles: a board that has not arrived then does not
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class AnalogSolver:
     """The answer ``B r + offset`` of a board at rest to a strain r, and what it should solve.
 
@@ -96,7 +95,7 @@ def in_full_scale(values: Floats, bits: int) -> Floats:
     return largest * converted(values / largest, bits) if largest else values
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Refined:
     """Boards with matrices of one condition number.
 
@@ -126,7 +125,7 @@ class Refined:
     errors: tuple[float, ...]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Refinement(Result):
     """A refinement loop around the boards of a scene.
 

@@ -14,9 +14,9 @@ import sqlite3
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
-from taction.system.frozen import frozen
 from taction.verification.studies.running.versions import digest
 from taction.verification.studies.store_file import (
     ACCEPTED,
@@ -51,7 +51,7 @@ create table waveforms (
 """
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class StoredResult:
     """The result of one point or sample."""
 

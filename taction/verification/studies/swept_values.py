@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import UNITS
 
 AROUND = 30.0  # range of a value without one
@@ -14,7 +14,7 @@ POINTS = 61  # of a range without a number of them
 LISTED = 40  # names in a message
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SweptValue:
     """A value to sweep.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -19,7 +19,6 @@ from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.board_sweep import Build
@@ -59,7 +58,7 @@ def _nominal(deck: Parametric | None, name: str) -> float:
     return value
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Samples:
     """How many boards of a yield are drawn, and from which seed."""
 
@@ -67,7 +66,7 @@ class Samples:
     seed: int = 1
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class VariedDeck(Varied):
     """The nominal board of a deck, its varied parts, and what is asked of its samples."""
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from taction.system.documents import plain
 from taction.system.error_document import error_document
 from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError
-from taction.system.frozen import frozen
 from taction.system.output_files import printable
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
@@ -22,7 +22,7 @@ WORST_FIRST = (("bad input", 2), ("fail", 1), ("inconclusive", 3), ("pass", 0))
 Describe = Callable[[Verdict], dict[str, Any]]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VerifiedFiles(Result):
     """The documents of several files, each with its `file` and its `outcome`."""
 

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import fraction, parse
 
 if TYPE_CHECKING:
@@ -38,7 +37,7 @@ class Expected(NamedTuple):
     tolerance: float  # accepted deviation, V
 
 
-@frozen(slots=False)
+@dataclass(frozen=True)
 class Wanted:
     """What is to be checked.
 

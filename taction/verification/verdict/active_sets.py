@@ -6,12 +6,12 @@ way may be less stable than the one at rest, so it has a rightmost pole and a ma
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
 from taction.verification.engines.statespace.transients.stepped import SteppedCurve, simulate
@@ -22,7 +22,7 @@ from taction.verification.verdict.recording import Recording
 MOST = 12  # active sets, those of the longest stay
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VisitedSet:
     """An active set that a transient visits.
 

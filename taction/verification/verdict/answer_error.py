@@ -13,13 +13,12 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import SolverError
-from taction.system.frozen import frozen
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.problem import Solution
 from taction.verification.verdict.checks import Check, Evidence, Outcome
@@ -44,7 +43,7 @@ def worst_channel(errors: Floats) -> int:
     return int(np.argmax(sizes >= (1.0 - ALIKE) * sizes.max(initial=0.0)))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BuiltBoards:
     """Where boards of real parts rest, to first order in their deviations.
 
@@ -84,7 +83,7 @@ class BuiltBoards:
         return cls(distance, error + doubt, least, most, limit, design.varies)
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class AnswerError:
     """The errors of an answer, in one unit.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,12 +10,11 @@ from taction.netlist_gen.board.bill_of_materials import BillOfMaterials, bill_of
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BoardPower:
     """Power in W and current in A; ideal antilog stages take part in neither.
 
@@ -46,7 +45,7 @@ class BoardPower:
         return self.quiescent + self.outputs + self.resistors
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PartsList(Result):
     """The parts of a board to buy, and its power at rest."""
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.verdict.verify import Verdict
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BuiltBoard(Result):
     """The files for building a board, with its verdict.
 

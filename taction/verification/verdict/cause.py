@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from decimal import Decimal
 
-from taction.system.frozen import frozen
 from taction.system.quantities import show, spaced
 from taction.verification.verdict.checks import Check, Outcome
 
@@ -31,7 +31,7 @@ BAND = re.compile(r"to ±\S+ %")  # the begin of the reason of a settling time
 VALUELESS = ("headroom",)  # the reason has the value and the limit of the op-amp
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Cause:
     """Why a verdict is no pass.
 

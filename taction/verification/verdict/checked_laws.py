@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.topologies.frame.laws import Law
 from taction.system.errors import TactionError
-from taction.system.frozen import frozen
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.families import Family
@@ -39,7 +38,7 @@ NAMES = tuple(each.name for each in fields(Law))
 NEVER: dict[str, Any] = {"large_signal": False, "limits_current": False, "input_errors": False}
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CheckedLaw(Law):
     """A closed formula, and what the state-space engine has in its place.
 

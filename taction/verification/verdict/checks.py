@@ -8,6 +8,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +16,6 @@ from numpy.typing import ArrayLike
 
 from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.fields import Model
-from taction.system.frozen import frozen
 from taction.system.quantities import percent, show, show_rate
 from taction.verification.readings.measurements import Measurements, describe_states
 from taction.verification.readings.settling import ChannelState
@@ -39,7 +39,7 @@ class Outcome(enum.Enum):
     INCONCLUSIVE = "inconclusive"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Check:
     """One check.
 
@@ -63,7 +63,7 @@ class Check:
     reason: str = ""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CheckKind:
     """One kind of check: an entry of `run_checks.CHECKS`, whose name is that of the check.
 
@@ -80,7 +80,7 @@ class CheckKind:
     keys: type[Model] | None = None
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Evidence:
     """The input of the checks.
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -24,7 +24,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
 from taction.system.documents import Inline
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -48,7 +47,7 @@ MAX_INSTANTS = 20_000
 COARSER = 2.0  # times the step: the step of a second run of ngspice
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Companion:
     """A second solution for a record: from the state-space engine, or at larger steps.
 
@@ -177,7 +176,7 @@ def state_space_companion(
     return Companion(instants, u, other, error.record, error, how)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
     """Differences of the outputs of two engines.
 
@@ -244,7 +243,7 @@ def compare_engines(
     )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class StepError:
     """Bounds on the errors of the readings of a simulation.
 

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from taction.system.frozen import frozen
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import CHANNEL_FIGURES, FIGURES, Figure, Record, finite
 
@@ -21,7 +20,7 @@ Group = str
 GROUPS: tuple[Group, ...] = ("outcome", "checks", "values", "states", "figures", "channels")
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Difference:
     """One quantity of two records.
 

@@ -8,13 +8,12 @@ gain, and that of the stage with this capacitance, which may ring.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Output, Role
 from taction.netlist_gen.board.parts import CurrentSource, Resistor
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.crossings import first_above
 
@@ -22,7 +21,7 @@ POINTS = 4000
 SPAN = 12.0  # record length in slowest time constants
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ConstraintPlane:
     """10-90 % rise times of the constraint stage with the largest resistive load, s.
 

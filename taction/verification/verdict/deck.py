@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,6 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.atomic_files import write_together
 from taction.system.errors import Complaint, InputError, SolverError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.stability.poles import poles_behind
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
 EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class DeckChoice:
     """What a deck is to be beside the board itself.
 
@@ -62,7 +61,7 @@ class DeckChoice:
         return self.measures or self.dialect != NATIVE
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Netlist(Deck):
     """The deck of a scene, with its board.
 
@@ -98,7 +97,7 @@ def deck_of(
     scene: Scene,
     *,
     output: str | Path | None = None,
-    choice: DeckChoice = DeckChoice(),  # noqa: B008 - frozen
+    choice: DeckChoice = DeckChoice(),
 ) -> tuple[Circuit, Deck]:
     """Return the board of `scene` and the deck of its transient.
 

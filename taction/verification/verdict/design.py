@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
-from taction.system.frozen import frozen
 from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
@@ -48,7 +47,7 @@ def design_board(
     return design
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class UnplannedBoard:
     """The board of a scene, with a number for lambda, before anything is computed from it."""
 

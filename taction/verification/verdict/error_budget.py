@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterator
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
 
@@ -30,7 +30,6 @@ from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
@@ -66,7 +65,7 @@ def stage_deviation(board: LinearBoard) -> str:
 IDEAL_GAIN = 1e15  # the gain error of a whole board is then at the rounding of its equilibrium
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class OpAmpLink:
     """Figures of an op-amp that make one part of the error budget.
 
@@ -217,7 +216,7 @@ def resistances(circuit: Circuit) -> dict[Hashable, Floats]:
 Predict = Callable[[], Floats | None]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ErrorPart:
     """One part: how far it moves the outputs, and the comparison that gives it.
 
@@ -241,7 +240,7 @@ class ErrorPart:
     predicted: tuple[float, ...] = ()
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ErrorBudget:
     """The parts, and the whole difference that they add up to.
 

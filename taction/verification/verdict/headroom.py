@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
 import numpy as np
@@ -14,7 +14,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import OpAmpCell
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
 from taction.verification.engines.statespace.transients.exact import Exact, combinations, is_exact
@@ -35,7 +34,7 @@ DRIVE: Quantity = "drive"
 UNITS: dict[Quantity, str] = {"voltage": "V", "slope": "V/s", "current": "A", "drive": "V"}
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Load:
     """What one op-amp has to do.
 
@@ -125,7 +124,7 @@ def _sorted(loads: Iterable[Load]) -> tuple[Load, ...]:
     return tuple(sorted(loads, key=lambda load: (-load.share, load.part, load.quantity)))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Row:
     """One quantity as weights of node voltages (or of their slopes), in parts of its limit."""
 
@@ -165,7 +164,7 @@ def _behind_the_output(circuit: Circuit, cell: OpAmpCell) -> tuple[tuple[str, ..
     return (cell.noninverting, cell.inverting), [model.dc_gain, -model.dc_gain]
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Loads:
     """Rows (K,) of a board as weights of node voltages and of their slopes, one for each place."""
 
@@ -335,7 +334,7 @@ def _sampled(loads: _Loads, time: Floats, values: Floats) -> Iterator[Load]:
     yield from (load for load in found if load.share >= min(worst[load.quantity], FULL))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PartLoads:
     """The loads of the op-amps of a board.
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,7 +33,6 @@ from taction.netlist_gen.scene.checks import Tolerances
 from taction.spice_models.input_errors import CHANGES, MOST
 from taction.spice_models.opamp import OpAmp, Spread
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.system.quantities import percent, show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
@@ -50,7 +49,7 @@ NOTHING = Tolerances(
 """Of a board whose parts have their nominal values."""
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class InputSpread:
     """The outputs at rest of boards whose op-amps, or parts, differ.
 
@@ -186,7 +185,7 @@ class InputSpread:
             single = (self.ends**2 > 3.0 * SINGLE * self.sigma**2).any(axis=1)
             normal = np.concatenate([normal, self.ends[~single] / math.sqrt(3.0)])
             uniform = self.ends[single]
-        return uniform, np.linalg.qr(normal, mode="r")
+        return uniform, np.asarray(np.linalg.qr(normal, mode="r"))
 
     @functools.cached_property
     def _sums(self) -> Floats:
@@ -220,7 +219,7 @@ def _standard(count: int, distribution: str) -> Floats:
     return np.asarray(np.linalg.solve(lower, drawn.T).T)  # their covariance is 1
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class _Deviations:
     """What varies on a board at the small-signal level."""
 

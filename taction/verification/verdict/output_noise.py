@@ -6,6 +6,7 @@ It is integrated in bands of frequencies, in which the analysis follows every re
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, SimulationError
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.verdict.planned_board import PlannedBoard
@@ -71,7 +71,7 @@ UNSTABLE = "an unstable board has no noise at rest"
 MAYBE_UNSTABLE = "the board may be unstable, and an unstable board has no noise at rest"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class OutputNoise:
     """Noise of every channel, from the state-space engine.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.input_errors import MOST
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import FOUND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
@@ -24,7 +24,7 @@ from taction.verification.verdict.input_spread import InputSpread, covered
 from taction.verification.verdict.transient_plan import TransientPlan
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PlannedBoard:
     """A board, its problem, and the plan of its simulation.
 
@@ -117,7 +117,7 @@ class PlannedBoard:
         return self.board.circuit
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SteadyState:
     """The equilibrium of a board at its outputs.
 

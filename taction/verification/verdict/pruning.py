@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.reference.changed_matrix import change_bound
 from taction.verification.reference.dynamics import IdealNetwork
@@ -22,7 +21,7 @@ from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.problem import Solution
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PruningEffect:
     """The steady state without the small entries of T.
 
@@ -73,7 +72,7 @@ def pruning_effect(
     return PruningEffect(entries, after.u * network.U0, change * network.U0, bound * network.U0)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Pruning:
     """The pruned board beside the board of the whole T.
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
 from taction.system.documents import Inline, plain, read
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.readings.readings import Reading
@@ -31,7 +30,7 @@ MAX_REASON = 4000  # characters
 STATES = tuple(ChannelState)  # the best first; of several channels the worst state counts
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class FigureRule(Generic[T]):
     """How a figure is read from a verdict or from a channel."""
 
@@ -56,7 +55,7 @@ class FigureRule(Generic[T]):
         return finite(self.read(source))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Figure:
     """A number that a verdict states.
 
@@ -159,7 +158,7 @@ Bounds = dict[str, float | None]
 """By the name of a figure."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Channel:
     """Figures of one output; `index` counts from 1, as the node names do."""
 
@@ -190,7 +189,7 @@ class Channel:
         return _figure(self, name, CHANNEL_UNITS)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Record:
     """A verdict as flat data, or why there is none.
 

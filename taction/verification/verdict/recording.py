@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated
 
@@ -15,7 +15,6 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
-from taction.system.frozen import frozen
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import quantity
 from taction.system.results import Result
@@ -56,7 +55,7 @@ LONGER = 2.0  # times the length of a record that was too short: least length of
 FEWER = 1.05  # times as many steps: a finer plan has at least so many
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Accuracy:
     """The error of a transient, largest over all outputs and times.
 
@@ -179,7 +178,7 @@ def _finer(recording: Recording) -> TransientPlan | None:
 REPEATS = 3  # largest number of repeated runs
 
 
-@frozen(eq=False, repr=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class MeasuredTransient(Result):
     """Waveforms of one transient, their measurements, and their file, if there is one."""
 
@@ -215,7 +214,7 @@ class MeasuredTransient(Result):
         return f"{type(self).__name__}({self.circuit.name!r}, {self.waveforms!r}, {state})"
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """A measured transient with its error.
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -33,7 +33,6 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
-from taction.system.frozen import frozen
 from taction.system.plugins import OpenTable
 from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -48,7 +47,7 @@ HALVED = 1.25  # of the difference to twice the steps by other roundings of the 
 HALVINGS = 3  # most, where the error of a record is above what is wanted
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class StateSpaceError:
     """The error of a record of the state-space engine.
 
@@ -133,7 +132,7 @@ SLOWER = 5.0  # times the timeout: a run with a longer estimated time does not s
 GROWING = 20_000  # least number of points in the record of an unstable board
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Pending:
     """A simulation whose process may still run; `result` waits for the end.
 
@@ -169,7 +168,7 @@ class Pending:
             return replace(waveforms, flags=(note, *waveforms.flags))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Engine:
     """One engine.
 

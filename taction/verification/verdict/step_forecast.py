@@ -19,7 +19,7 @@ Functions of modes over time, none of which overflows: steps, integrals, exponen
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -27,7 +27,6 @@ import numpy as np
 
 from taction.spice_models.subcircuits import STAGE_CAPACITANCE
 from taction.system.array_types import EPS, Complexes, Floats
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import (
     Initial,
     LinearBoard,
@@ -99,7 +98,7 @@ TRIES = 12
 LEAST, MOST = 1e-15, 0.5  # truncation errors
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class StepForecast:
     """A step control and the forecast of its steps and error.
 
@@ -129,7 +128,7 @@ class StepForecast:
         return max(self.error, error), self.steps
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class StepModel:
     """The step control of one board over one record.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.engines.statespace.linearised.board import Initial, LinearBoard
@@ -49,7 +48,7 @@ TOO_SLOW = (
 )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class TransientPlan:
     """A transient and the forecast of its error and cost.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,6 @@ from taction.netlist_gen.scene.scene import Scene, opamp_words
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
@@ -75,7 +74,7 @@ if TYPE_CHECKING:
     from taction.verification.verdict.active_sets import VisitedSet
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Effort:
     """Results that a verification computes in addition to the checks.
 
@@ -96,7 +95,7 @@ class Effort:
 FULL = Effort()
 
 
-@frozen(eq=False, repr=False, slots=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Verdict(Result):
     """All results of `verify`; ``print`` shows one screen, `outcome` is the overall result."""
 

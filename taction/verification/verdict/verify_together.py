@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
-from taction.system.frozen import frozen
 from taction.system.own_folders import remove_own_folder
 from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.board import (
@@ -50,7 +49,7 @@ from taction.verification.verdict.verify import (
 )
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Request:
     """What `verify` gets."""
 
@@ -107,7 +106,7 @@ def _gains(unplanned: UnplannedBoard) -> bool:
     return together is not None or unplanned.board.circuit.is_linear
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Planned:
     """A request whose board is planned."""
 

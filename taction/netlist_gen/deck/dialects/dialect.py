@@ -10,18 +10,18 @@ import re
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from taction.netlist_gen.analysis import Analysis, SimulatorTolerances, Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.errors import Complaint
-from taction.system.frozen import frozen
 
 NATIVE = "ngspice"
 LONGEST = 500  # characters of a line: HSPICE cuts off a line of more than 1024
 _EXPRESSION = re.compile(r"\{([^{}]*)\}")
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class DialectRequest:
     """The part of a deck that follows the board.
 

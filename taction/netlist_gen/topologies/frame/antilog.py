@@ -10,7 +10,7 @@ voltage by ``R_t = U0 / I_ref``. `docs/exponential-stage.md` derives it.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,12 +28,11 @@ from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import Transistor, load_pairs, thermal_voltage
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 
 REFERENCE, REFERENCE_VOLTS = "reference", 5.0
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class AntilogStage:
     """The values of the parts of every stage, ohm and F; a capacitor of 0 is left out."""
 

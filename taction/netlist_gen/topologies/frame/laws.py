@@ -10,6 +10,7 @@ its own equations, of all parts; `verify` compares the two.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,14 +18,13 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.wired_arrays import joined_resistors
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Complexes, Floats
-from taction.system.frozen import frozen
 
 MOST = 400  # op-amps, up to which the modes of S cost less than a second
 ROUNDINGS = 8.0  # units in the last place of every element of K, at most
 WITHOUT = 1e-9  # times gf: what is left of it where the proof is to hold for every gf
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Law:
     """A number that a closed formula gives.
 
@@ -56,7 +56,7 @@ def op_amp_of(circuit: Circuit) -> OpAmp | None:
     return models[0] if alike and len(circuit.opamps) <= MOST else None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Loops:
     """The inputs of all op-amps of a board as resistors join them to the outputs.
 

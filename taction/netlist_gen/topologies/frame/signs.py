@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -28,10 +29,9 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import matrix_resistors
 from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.system.array_types import Bools, Floats
-from taction.system.frozen import frozen
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Array:
     """An array of conductances with the signs of T.
 

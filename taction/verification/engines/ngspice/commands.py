@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from taction.netlist_gen.analysis import Analysis, OperatingPoint
 from taction.system.array_types import Complexes
 from taction.system.errors import BadEvidence, OutOfDisk, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
-from taction.system.frozen import frozen
 from taction.system.raw_file import read_tables
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end, longest
@@ -39,7 +38,7 @@ _COMPLAINT = re.compile(
 SHOWN = 5  # lines of a complaint
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CommandDeck:
     """Cards with commands, and start-up files."""
 
@@ -49,7 +48,7 @@ class CommandDeck:
     analysis: Analysis = field(default_factory=OperatingPoint)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Answers:
     """What ngspice wrote with ``write``, plot by plot, what it listed, and what it said."""
 

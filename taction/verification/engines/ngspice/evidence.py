@@ -29,6 +29,7 @@ import math
 import re
 import signal
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -54,7 +55,6 @@ from taction.system.errors import (
     TimedOut,
 )
 from taction.system.foreign_files import MEGABYTE
-from taction.system.frozen import frozen
 from taction.system.raw_file import Plot, read_complex, read_plots, read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
@@ -67,7 +67,7 @@ LONGEST_RESULT = 8000 * MEGABYTE  # of the raw file, likewise
 LONGEST_LINE = 300  # characters of a line of the error stream in a message
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Ending:
     """How a process ended: exit status (negative: a signal), wall time in s, and error stream."""
 

@@ -11,10 +11,10 @@ import shutil
 import signal
 import subprocess
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from taction.system.errors import SimulatorNotFound, SimulatorTooOld
-from taction.system.frozen import frozen
 
 OLDEST = 39
 """Oldest supported version (Debian 12)."""
@@ -46,7 +46,7 @@ def environment(home: Path, scripts: str = ".") -> dict[str, str]:
     }
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Simulator:
     """An ngspice executable: absolute path, major version, and whether it has the KLU solver."""
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from taction.netlist_gen.analysis import Analysis, OperatingPoint
 from taction.system.errors import DidNotLoad
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
-from taction.system.frozen import frozen
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end, longest
 from taction.verification.engines.ngspice.executable import Simulator
@@ -40,7 +39,7 @@ _PLACE = re.compile(r"Error in netlist line no\.")
 SHOWN = 5  # lines of an error
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Listing:
     """A text that is only listed."""
 

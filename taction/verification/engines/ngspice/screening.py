@@ -19,7 +19,6 @@ from typing import Protocol
 
 from taction.netlist_gen.analysis import Analysis
 from taction.system.errors import DidNotLoad, SingularCircuit
-from taction.system.frozen import frozen
 
 
 class ScreenedDeck(Protocol):
@@ -64,7 +63,7 @@ _COMMAND = re.compile(r"\n[^\S\n]*(\*(?:#|ng_script).*)")
 _PIECE = re.compile(r"\n[^\S\n]*(\S)[^\n]*(?:\n[^\S\n]*\1[^\n]*)*")
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Device:
     """Least number of fields; terminals whose voltage the device sets (`held`) and does not set."""
 

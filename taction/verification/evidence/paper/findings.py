@@ -6,14 +6,13 @@ import enum
 import math
 import string
 import tomllib
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.frozen import frozen
 from taction.system.quantities import UNITS, show
 from taction.verification.evidence.paper.pictures import Picture
 from taction.verification.readings.readings import Reading
@@ -32,7 +31,7 @@ class ClaimOutcome(enum.Enum):
     NOT_RUN = "could not be run"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Claim:
     """One entry of ``claims.toml``.
 
@@ -53,7 +52,7 @@ class Claim:
     quick: bool = True
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Finding:
     """The result for the claim `id`: `run` and `ours` as sentences, `values` in SI base units."""
 
@@ -64,7 +63,7 @@ class Finding:
     values: dict[str, float] = field(default_factory=dict)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Chapter:
     """The findings of one chapter, and its pictures."""
 

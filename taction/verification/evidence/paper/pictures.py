@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PaperCurve:
     """One line of a picture; `style` is a format string of matplotlib."""
 
@@ -19,7 +20,7 @@ class PaperCurve:
     style: str = "-"
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Panel:
     """One set of axes; `marks` are labelled horizontal lines, `logs` names axes (``"xy"``)."""
 
@@ -32,7 +33,7 @@ class Panel:
     marks: tuple[tuple[float, str], ...] = ()
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Picture:
     """A picture: `name` is the stem of its file, `caption` says what the picture shows."""
 

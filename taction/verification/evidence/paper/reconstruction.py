@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from taction.system.array_types import Bools, Floats
-from taction.system.frozen import frozen
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.tactile import (
@@ -29,7 +30,7 @@ ACCURATE = 0.1  # of the squared error of the answer 0: the limit of "accurately
 MOST = 0.9  # share of the seeds for which a claim that holds must be true
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Trials:
     """Squared errors (eq 20) over S seeds on one geometry.
 

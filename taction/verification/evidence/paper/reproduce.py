@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from taction.system.errors import NoVerdictError
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.evidence.paper.breadboard import breadboard
 from taction.verification.evidence.paper.closed_loops import closed_loops
@@ -30,7 +30,7 @@ from taction.verification.evidence.paper.speed import speed
 from taction.verification.studies.running.versions import describe_machine
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class PaperTask:
     """One chapter: what runs, and its processor time on one core of 2.5 GHz, s."""
 
@@ -59,7 +59,7 @@ CHAPTERS: dict[str, PaperTask] = {
 }
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Judged:
     """A claim with its finding."""
 
@@ -79,7 +79,7 @@ class Judged:
         return self.finding.outcome is self.claim.expected
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PaperSection:
     """One chapter of the report; `seconds` is its wall time."""
 
@@ -91,7 +91,7 @@ class PaperSection:
     seconds: float
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Reproduction(Result):
     """The result of all chapters; `left_out` are the claims that only a full run judges."""
 

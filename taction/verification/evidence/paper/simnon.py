@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
@@ -34,7 +34,7 @@ TOLERANCES: tuple[float, ...] = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 QUICK = 2  # of `SHARES` in a quick run: the least that shows how the error falls
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Run:
     """One integration: error over the largest output, wall time in s, evaluations of the slope."""
 

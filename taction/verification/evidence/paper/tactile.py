@@ -6,12 +6,13 @@ both, so the chapters use two geometries.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from taction.netlist_gen.scene.inverse_problem import cylinder_stress, grid, kernel
 from taction.netlist_gen.scene.problem import CylinderLoad
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.regularisers import REGULARISERS
@@ -20,7 +21,7 @@ from taction.verification.reference.solve import solve
 VARIANCE = 0.1
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Geometry:
     """A grid of `channels` points over `span` depths, at depth 1."""
 

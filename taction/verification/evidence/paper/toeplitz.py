@@ -10,13 +10,13 @@ if the condition number allows.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Floats
-from taction.system.frozen import frozen
 from taction.verification.reference.newton import (
     Iterate,
     NewtonResult,
@@ -172,7 +172,7 @@ LEVINSON_SIZE = 8192
 """Largest size at which Levinson's recursion solves symmetric linear problems."""
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _ToeplitzSystem(System):
     """A scaled Toeplitz problem."""
 

@@ -12,6 +12,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,6 @@ from typing import Any
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system import errors
 from taction.system.errors import Complaint, InputError, TactionError
-from taction.system.frozen import frozen
 from taction.verification.evidence.stress.case_names import FOLDER, refuse_unknown
 from taction.verification.evidence.stress.matrices import make_array
 from taction.verification.evidence.stress.true_values import TrueValues
@@ -35,7 +35,7 @@ REFUSALS = frozenset(
 OUTCOMES = frozenset(outcome.value for outcome in Outcome) | REFUSALS
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Case:
     """One scene with its right outcome.
 

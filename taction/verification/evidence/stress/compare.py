@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import READINGS
 from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.verdict.checks import Check, Outcome
@@ -20,7 +20,7 @@ NETWORK = ("steady_state", *READINGS)
 RESTING = ("steady_state", "settling_time")  # also judged by where drawn boards rest
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class TruthComparison:
     """One stated number.
 
@@ -156,7 +156,7 @@ def _of_the_network(name: str, verdict: Verdict, truth: TrueValues) -> float:
     return math.nan if largest is None else largest
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Numbers:
     """The numbers that a verdict states, with their true values."""
 

@@ -6,9 +6,9 @@ import enum
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 from taction.system.errors import INTERRUPTED
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.compare import (
@@ -40,7 +40,7 @@ class CaseJudgement(enum.Enum):
     NOT_RUN = "not run"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CaseRun:
     """One case on one engine.
 
@@ -94,7 +94,7 @@ class CaseRun:
         return sum(comparison.outside for comparison in self.comparisons)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class StressReport(Result):
     """The runs of all cases; `versions` are those of the programs that were used."""
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from taction.system.frozen import frozen
 
-
-@frozen
+@dataclass(frozen=True, slots=True)
 class TrueValues:
     """The true readings of a case's board.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata
 from typing import Annotated, Any
@@ -11,14 +12,13 @@ from typing import Annotated, Any
 from taction.system import document_schema, documents
 from taction.system.documents import DocumentKey, Note
 from taction.system.errors import SimulationError
-from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.executable import find_simulator
 
 VERSION = 2  # of all schemas; a field that changes its name or its meaning increases it
 ERROR = "error"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Head:
     """What made a document: `units` has the unit of every field of the document that has one."""
 

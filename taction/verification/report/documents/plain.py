@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from taction.netlist_gen.scene.imported_opamps import StoredOpAmp
@@ -17,7 +18,6 @@ from taction.system.documents import (
     Volts,
     taken,
 )
-from taction.system.frozen import frozen
 from taction.verification.characterise.characterise import (
     OpAmpFigures,
     supply_of,
@@ -26,7 +26,7 @@ from taction.verification.characterise.vendor_model import ImportedModel
 from taction.verification.report.views.opamp import TITLES, stated_figures
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ExploreDocument:
     """``taction explore``: where the page is, with its secret."""
 
@@ -37,7 +37,7 @@ ModelsDocument = dict[str, OpAmp]
 """``taction parts``: the figures of each preset, by its name; null or 0: the part has none."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class StatedFigure:
     """A figure of a data sheet."""
 
@@ -49,7 +49,7 @@ class StatedFigure:
     guaranteed_source: str
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class MeasuredFigure:
     """A figure as stated and as measured on the test benches of each engine."""
 
@@ -59,7 +59,7 @@ class MeasuredFigure:
     ngspice: Annotated[Number, OPTIONAL] = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ShowDocument:
     """``taction parts show``: one op-amp."""
 
@@ -91,7 +91,7 @@ class ShowDocument:
         return taken(cls, opamp, figures=figures, supply=supply_of(opamp), measured=values)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ImportDocument:
     """``taction parts import``: `file` is the file that was written.
 
@@ -118,7 +118,7 @@ class ImportDocument:
         return {"file": found.file, **{k: v for k, v in found.model.items() if k != "netlist"}}
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ParameterHelp:
     """An argument or an option of a command."""
 
@@ -137,7 +137,7 @@ class ParameterHelp:
     help: Annotated[str | None, OPTIONAL] = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CommandHelp:
     """A command."""
 
@@ -149,7 +149,7 @@ class CommandHelp:
     schemas: list[str]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SceneFileEntry:
     """How a scene is written; `symbols` are short names of keys for ``--over``."""
 
@@ -159,7 +159,7 @@ class SceneFileEntry:
     example: str
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Example:
     """A call with the files that it needs; `read` leads to the answer in its document."""
 
@@ -170,7 +170,7 @@ class Example:
     read: list[str | int]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class FieldUse:
     """A field of documents; null: it has no unit, or the field `unit` beside it has it."""
 
@@ -178,7 +178,7 @@ class FieldUse:
     schemas: list[str]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class HelpDocument:
     """``taction --json --help``."""
 

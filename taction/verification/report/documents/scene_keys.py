@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Annotated, Any
 
@@ -14,12 +15,11 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import OPTIONAL
 from taction.system.errors import TactionError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
-from taction.system.frozen import frozen
 from taction.system.output_files import printable
 from taction.verification.verdict.record import finite
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class KeyValue:
     """A key of the scene in base units; a file has the SHA-256 of its content."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import numpy as np
@@ -13,7 +13,6 @@ from taction.system.documents import (
     plain,
 )
 from taction.system.error_document import Failure
-from taction.system.frozen import frozen
 from taction.verification.stability.margin import Margin
 from taction.verification.verdict.active_sets import VisitedSet
 from taction.verification.verdict.checked_laws import CheckedLaw
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from taction.verification.studies.verify_files import VerifiedFiles
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BudgetPart:
     """One part of the error budget, V; the total has `sum` and `solves`, too.
 
@@ -47,7 +46,7 @@ class BudgetPart:
     solves: int = 0
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VerdictBody:
     """A verdict."""
 
@@ -178,7 +177,7 @@ def budget_parts(budget: ErrorBudget) -> dict[str, BudgetPart]:
     return found
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class WithoutVerdict:
     """A file without a verdict."""
 
@@ -187,7 +186,7 @@ class WithoutVerdict:
     error: Annotated[Failure | None, OPTIONAL] = None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VerifyFilesDocument:
     """``taction verify`` with several scenes or a folder."""
 
@@ -204,7 +203,7 @@ class VerifyFilesDocument:
         return cast(tuple[VerdictBody | WithoutVerdict, ...], self.files.documents)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class NewMatrixDocument:
     """``taction new FILE --matrix``: the scene, its scalings and its verdict."""
 
@@ -221,7 +220,7 @@ class NewMatrixDocument:
         return cls(found.file, found.fresh.rule, tuple(found.fresh.notes), found.scaled)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class NewDocument:
     """``taction new FILE``."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,6 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.design.exploration import (
     ExplorerCurves,
     Judgement,
@@ -298,7 +297,7 @@ def stress_chart(view: RestView) -> Chart:
     return Chart("Recovered stress", along, Axis("stress"), tuple(marks), summary=note)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SliderLook:
     """Everything that is known so far of one set of values.
 

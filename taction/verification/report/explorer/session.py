@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 
 from taction.system.documents import read
 from taction.system.errors import EngineError, InputError, TactionError
-from taction.system.frozen import frozen
 from taction.system.quantities import readable
 from taction.verification.design.exploration import Judgement, judge, view_boundary, view_limits
 from taction.verification.design.explorer_settings import STEPS, Settings, Start, read_value
@@ -44,7 +43,7 @@ SLOW = 2.0  # s of a verdict, above which the sliders show no checks
 PATIENCE = 3.0  # s that a verdict on values that have moved on may still take
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Move:
     """What a page asks for: places of sliders from 0 to `STEPS`, typed texts, an op-amp."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -12,7 +13,6 @@ from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
 from taction.system.array_types import Floats
 from taction.system.foreign_text import visible
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.characterise.characterise import (
     STEP,
@@ -82,7 +82,7 @@ AT_LEAST = (
 )  # figures with a guaranteed minimum
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Curves:
     """What one witness measured: the open loop, and steps as pairs of instants and voltages."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +26,6 @@ from taction.system.errors import (
     SimulatorNotFound,
     SimulatorTooOld,
 )
-from taction.system.frozen import frozen
 from taction.system.progress import StageShares, shares_to
 from taction.system.quantities import quantity
 from taction.system.results import Result
@@ -47,7 +47,7 @@ MOST = 4  # crossings and ranges in a `repr`
 Progress = Callable[[str], None]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class UnstablePoles:
     """Poles right of the imaginary axis on both sides of a crossing."""
 
@@ -55,7 +55,7 @@ class UnstablePoles:
     above: int
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class CheckedEdge:
     """A crossing of the imaginary axis, and the result of the transients on both sides."""
 
@@ -82,7 +82,7 @@ class CheckedEdge:
         return UnstablePoles(edge.below, edge.above) if self.complete else None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Count:
     """Number of unstable poles at one value between two crossings, by two methods."""
 
@@ -92,7 +92,7 @@ class Count:
     reason: str = ""  # why the winding number could not be computed
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Scanned:
     """The values whose poles were computed."""
 
@@ -103,7 +103,7 @@ class Scanned:
     default: bool
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class WithoutPoles:
     """A value whose poles could not be computed."""
 
@@ -111,7 +111,7 @@ class WithoutPoles:
     reason: str
 
 
-@frozen(eq=False, repr=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Onset(Result):
     """Every crossing of a scene over one axis; `plot` draws the pole map and the root locus."""
 

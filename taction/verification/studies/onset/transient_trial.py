@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from taction.netlist_gen.board.parts import CurrentSource
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Complexes
 from taction.system.errors import EngineError, InputError, SimulationError
-from taction.system.frozen import frozen
 from taction.system.quantities import show, show_rate
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import Simulator
@@ -49,7 +48,7 @@ RELTOL = 1e-8  # ngspice's reltol
 Boards = Callable[[float], LinearBoard]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Side:
     """The pole and the fitted transient on one side of a crossing."""
 
@@ -78,7 +77,7 @@ class Side:
         return abs(self.predicted.imag) / (2.0 * math.pi)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class TransientTest:
     """Both sides of a crossing; `confirmed` is None if the transients are inconclusive."""
 
@@ -88,7 +87,7 @@ class TransientTest:
     above: Side | None = None
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Side:
     """A board on one side, its pole, and the transient along the mode, before it runs."""
 

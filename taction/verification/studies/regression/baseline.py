@@ -11,7 +11,7 @@ import json
 import shutil
 import subprocess
 from collections.abc import Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,7 +26,6 @@ from taction.system.document_schema import unknown_keys
 from taction.system.documents import INLINE, plain, read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, read_bounded
-from taction.system.frozen import frozen
 from taction.system.quantities import written
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.regression.baseline_file import (
@@ -49,7 +48,7 @@ CHANNEL_ALWAYS = ("reference",)
 CHANNEL_STABLE = ("final", *READINGS)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Entry:
     """The stored results of one scene.
 
@@ -112,7 +111,7 @@ Baseline = Mapping[str, Entry]
 """Entries by the name of the scene's file."""
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """A scene's entry, with the full record from which its samples were taken."""
 

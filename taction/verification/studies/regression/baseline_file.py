@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from taction.system.documents import read
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
-from taction.system.frozen import frozen
 
 FORMAT = 2
 MARK = "taction_baseline"
@@ -17,7 +17,7 @@ MOVE_AWAY = "rename it, and `--update` writes a new baseline"
 UNKNOWN = "unknown"
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Commit:
     """A git commit and its date, as ``2026-11-27``; without git the revision is ``"unknown"``.
 

@@ -6,7 +6,7 @@ import enum
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,6 @@ from taction.netlist_gen.scene.checks import Regression, WaveformTolerance
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import INTERRUPTED, InputError, NoVerdictError
-from taction.system.frozen import frozen
 from taction.system.output_files import printable
 from taction.system.quantities import NONE
 from taction.system.results import Result
@@ -165,7 +164,7 @@ FAILURES = (Status.CHANGED, Status.BROKEN, Status.FAILING, Status.MISSING)
 KEPT = (Status.NO_VERDICT, Status.BAD_INPUT, Status.NOT_RUN)  # an update keeps their entries
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BaselineOrigin:
     """Where an entry of a baseline comes from."""
 
@@ -176,7 +175,7 @@ class BaselineOrigin:
     fingerprint: str
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SceneResult:
     """Comparison of one scene with its baseline."""
 
@@ -243,7 +242,7 @@ class SceneResult:
         return self.failed or self.status in FAILURES
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class RegressionReport(Result):
     """Comparison of a folder with its baseline.
 

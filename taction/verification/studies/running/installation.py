@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib import metadata, util
 from pathlib import Path
 from typing import Annotated
 
 from taction.system.documents import HIDDEN
 from taction.system.errors import SimulationError
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 
@@ -31,7 +31,7 @@ EXTRAS = (
 """Optional packages, what each is needed for, and how to install it."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class InstalledPart:
     """A part of the installation."""
 
@@ -41,7 +41,7 @@ class InstalledPart:
     means: str
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Installation(Result):
     """The results of `taction.doctor`: what is installed, and what it is needed for."""
 

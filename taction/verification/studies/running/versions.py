@@ -16,7 +16,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,6 @@ from pydantic import BaseModel
 from taction import netlist_gen, spice_models, system, verification
 from taction.system import plugins
 from taction.system.errors import SimulationError, SimulatorNotFound, SimulatorTooOld
-from taction.system.frozen import frozen
 from taction.system.processes import THREADS
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 
@@ -116,7 +115,7 @@ class OtherVersionsError(Exception):
     """A worker has other versions than the study; its results would not be comparable."""
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Versions:
     """Versions of taction, of its source, of ngspice and of plug-ins."""
 

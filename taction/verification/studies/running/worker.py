@@ -18,13 +18,13 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing import util
 from multiprocessing.connection import Connection
 from types import ModuleType
 from typing import Any, TypeVar
 
 from taction.system.errors import NoVerdictError
-from taction.system.frozen import frozen
 from taction.system.own_folders import MEMORY, make_own_folder, remove_own_folder, temporary_place
 from taction.system.processes import is_stopped
 from taction.verification.studies.running.worker_process import GRACE, serve
@@ -261,7 +261,7 @@ def _kill_fork_server() -> None:
             os.kill(pid, signal.SIGKILL)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Workers:
     """An executor with its capacity and its exceptions."""
 

@@ -6,6 +6,7 @@ import itertools
 import math
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.system.array_types import Floats
 from taction.system.errors import TactionError
-from taction.system.frozen import frozen
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import EdgeSearch, Family, edges_together
 from taction.verification.stability.poles import Poles, or_error, poles_together
@@ -34,7 +34,7 @@ Place = tuple[int, int]  # of a point of the grid
 Changes = tuple[tuple[str, Value], ...]  # of the scene, at a point
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Boundary:
     """Where a board becomes unstable: its rightmost pole crosses the imaginary axis.
 

@@ -6,13 +6,13 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.scene.axes import ENGINE, with_values
 from taction.system.array_types import Bools, Floats, Indices
 from taction.system.errors import TactionError
-from taction.system.frozen import frozen
 from taction.system.progress import Clock, duration
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.sweep.hybrid import has_order, next_to_the_boundary, sample
@@ -35,7 +35,7 @@ TINY = 1e-9  # s, 1/s: in the place of 0 in a logarithm or a quotient
 NO_PLAN = (TactionError, ArithmeticError, ValueError)  # errors of one point
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class CostForecast:
     """Estimated processor time of the points, in the order of the grid.
 

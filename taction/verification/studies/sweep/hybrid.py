@@ -17,13 +17,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from taction.netlist_gen.scene.axes import SweepAxis
 from taction.system.array_types import Bools
-from taction.system.frozen import frozen
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.verdict.checks import Outcome
@@ -37,7 +37,7 @@ at least 99 % of readings; the factor keeps the others from being disagreements.
 BOTH = "engines_agree"  # the check of ngspice's verdict that compares the waveforms
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Comparison:
     """Whether two engines agree at a point.
 

@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Ints
 from taction.system.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
-from taction.system.frozen import frozen
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.versions import digest, own_code, simulator_name
@@ -33,7 +33,7 @@ from taction.verification.verdict.simulation import choose_engine
 MAX_POINTS = 1_000_000
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Plan:
     """Everything that defines a sweep.
 
@@ -120,7 +120,7 @@ def _require_ngspice() -> None:
         raise type(error)(f"{text}. {error}") from None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class GridPoint:
     """One point of the grid for one engine; `request` is the digest of the scene at the point."""
 

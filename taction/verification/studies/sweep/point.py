@@ -6,12 +6,12 @@ A failed verification is a result like any other: no exception crosses the borde
 from __future__ import annotations
 
 import io
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.frozen import frozen
 from taction.verification.studies.running.collecting import attempted
 from taction.verification.studies.running.versions import Versions
 from taction.verification.studies.store import StoredResult
@@ -22,7 +22,7 @@ from taction.verification.verdict.verify_together import Request, verify_togethe
 POINT_EFFORT = Effort(details=False)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PointJob:
     """A point to compute."""
 

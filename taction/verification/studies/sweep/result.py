@@ -8,7 +8,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -19,7 +19,6 @@ from taction.netlist_gen.scene.keys import Value
 from taction.system.atomic_files import replacing
 from taction.system.documents import INLINE, Note, Number
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.export_file import check_sweep_export
@@ -94,7 +93,7 @@ def _pole(record: dict[str, Any]) -> list[float] | None:
     return [record["growth_rate"], 2.0 * math.pi * record["frequency"]]
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SweepPoint:
     """A point of a sweep on one engine; `values` by the names of the axes."""
 
@@ -107,7 +106,7 @@ class SweepPoint:
     disagreement: str | None
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class AgreementSummary:
     """How many points have results of both engines, and how far these agree.
 
@@ -176,7 +175,7 @@ def summarise(plan: Plan, store: Store) -> AgreementSummary:
     )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class GridAxis:
     """An axis of a grid; axes of one `group` change together."""
 
@@ -189,7 +188,7 @@ class GridAxis:
     group: int
 
 
-@frozen(eq=False, repr=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class SweepResult(Result):
     """Every point of a sweep.
 

@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.system.results import Result
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.worker import Workers
@@ -44,7 +43,7 @@ STEADY_CORNERS = 8  # corners of the steady state that are tried
 NOMINAL = -1  # number of the probe without deviation
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Corner:
     """One corner and its verification."""
 
@@ -55,7 +54,7 @@ class Corner:
     deviations: dict[str, float]  # in tolerances, without the components at their nominal values
 
 
-@frozen(repr=False)
+@dataclass(frozen=True, slots=True, repr=False)
 class CornerStudy(Result):
     """Verified corners of a scene, and the worst-case direction of every channel at rest."""
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,6 @@ import numpy as np
 from taction.netlist_gen.board.variation import Parameter, draw, parameters
 from taction.system.array_types import Bools, Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.system.progress import Notice, Progress
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.worker import Workers
@@ -51,7 +50,7 @@ EXPLAINED = {
 PREDICTED = (*READINGS, "growth_rate", "noise")
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class YieldForecast:
     """Samples as margins of their limits.
 

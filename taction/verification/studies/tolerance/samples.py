@@ -9,7 +9,7 @@ from __future__ import annotations
 import pickle
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache, partial
 from typing import Annotated, Any, ClassVar
 
@@ -18,7 +18,6 @@ from taction.netlist_gen.board.variation import Parameter, vary
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.documents import INLINE
-from taction.system.frozen import frozen
 from taction.system.quantities import banded
 from taction.verification.studies.running.collecting import (
     attempted,
@@ -31,7 +30,7 @@ from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class BoardSample:
     """One board with deviating components, and the record of its verdict.
 
@@ -78,7 +77,7 @@ class BoardSample:
         return self.record.value("steady_state_error" if name == "steady_state" else name)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Quantity:
     """A reported quantity, its unit, the direction that is worse, and what its check accepts."""
 

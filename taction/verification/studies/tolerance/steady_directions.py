@@ -8,6 +8,7 @@ says: ``e_n + sum_p |S_pn|``. That corner is solved, too, and both numbers stand
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -15,7 +16,6 @@ import numpy as np
 from taction.netlist_gen.board.variation import DEVICE, DYNAMIC, INPUT_ERROR, Parameter
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.studies.tolerance.samples import Varied
@@ -70,7 +70,7 @@ def largest_parts(
 NAMED = 5  # components listed with each direction
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Direction:
     """One channel, one sign of its error, and the corner that makes it largest.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_probl
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.frozen import frozen
 from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import Result
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
@@ -34,7 +33,7 @@ from taction.verification.verdict.verify_together import Request, verify_togethe
 SAMPLE_EFFORT = Effort(details=False, full_margin=False)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class VerifiedSample(Result):
     """One sample of a Monte Carlo study in full: the verdict, and the sample as the study has it.
 
@@ -84,7 +83,7 @@ def _limited(scene: Scene, quantity: Quantity) -> Quantity:
     return replace(quantity, at_least=least, at_most=most)
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class VariedBoard(Varied):
     """The nominal board of a scene, its varied parameters, and what all its samples share."""
 

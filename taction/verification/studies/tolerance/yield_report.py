@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from taction.netlist_gen.board.variation import draw
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.frozen import frozen
 from taction.system.quantities import banded, percent
 from taction.system.results import Result
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
@@ -29,7 +28,7 @@ QUANTILES = (0.05, 0.5, 0.95)
 CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity of another name
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Remedy:
     """Smaller tolerances, and the yield that they give.
 
@@ -78,7 +77,7 @@ def _together(names: list[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class QuantitySpread:
     """Distribution of a quantity over the samples.
 
@@ -102,7 +101,7 @@ class QuantitySpread:
         return banded(self.name, self.band)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Sensitivity:
     """Correlation of a quantity with the deviation of a component over the samples.
 
@@ -121,7 +120,7 @@ class Sensitivity:
     lost: float = 0.0
 
 
-@frozen(repr=False)
+@dataclass(frozen=True, slots=True, repr=False)
 class YieldReport(Result):
     """Yield of a Monte Carlo study, its interval, and what is behind it.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -13,7 +13,6 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
@@ -45,7 +44,7 @@ OTHER_MODE = 0.2  # relative distance of a fitted pole that belongs to another m
 Errors = dict[str, float | None]
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ErrorScale:
     """Properties of the reference on which the norms depend."""
 
@@ -132,7 +131,7 @@ ABSOLUTE = 1e-3  # absolute over relative tolerance, so that small states are ac
 NEEDED = 2  # references of each problem
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class ReferenceMethod:
     """A way to compute a reference solution.
 
@@ -220,7 +219,7 @@ SHARE = 0.6  # of the remaining time that one reference may take
 COMPARED = 500  # instants of the second reference where no run needs it
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ReferenceRun:
     """A reference solution."""
 
@@ -234,7 +233,7 @@ class ReferenceRun:
         return self.u[np.searchsorted(self.time, time)]
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ProblemErrors:
     """Errors of all runs of one problem."""
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import time as clock
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -22,7 +22,6 @@ from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, TimedOut
 from taction.system.foreign_files import read_ends
-from taction.system.frozen import frozen
 from taction.system.own_folders import own_folder
 from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
 from taction.verification.engines.ngspice import process
@@ -49,7 +48,7 @@ _COUNT = {
 }
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class MethodTask:
     """The input of every method."""
 
@@ -64,7 +63,7 @@ class MethodTask:
         return IDEAL_STOP * self.network.RC
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class MethodRun:
     """One run of one method."""
 
@@ -210,7 +209,7 @@ TOLERANCES = tuple(10.0**-k for k in range(2, 12))
 POINTS = (16.0, 32.0, 64.0, 125.0, 250.0, 500.0, 1000.0)
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Method:
     """One integration method of one engine."""
 

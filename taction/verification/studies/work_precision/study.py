@@ -12,6 +12,7 @@ import math
 import statistics
 import time as clock
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SimulationError
-from taction.system.frozen import frozen
 from taction.system.progress import Progress
 from taction.system.quantities import show
 from taction.system.results import Result
@@ -60,7 +60,7 @@ SCATTER = 0.12  # rms deviation of ln(error) from a straight line, over its slop
 MIN_RUNS = 3
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Order:
     """A fitted order of convergence, ``error = constant * step^value``; None without an order."""
 
@@ -138,7 +138,7 @@ MAX_PERIODS = 100.0  # of ringing; more periods show nothing new of a method
 UNTIMED_PERIODS = 30.0  # without ngspice, whose time per point sets the number
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Extent:
     """The part of the transient that is studied."""
 
@@ -229,7 +229,7 @@ NEVER_RUN = (
 ERRORS = tuple(10.0**-k for k in range(2, 11))
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class SettingResult:
     """The results of one setting of one method."""
 
@@ -260,7 +260,7 @@ class SettingResult:
         return self.setting if self.method.setting else None
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Ladder:
     """A method with the results of its settings, and its order of convergence."""
 
@@ -282,7 +282,7 @@ class Ladder:
         return tuple(self.points[place].setting for place in self.order.points)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class CheapestSetting:
     """The setting with the least run time below an error."""
 
@@ -294,7 +294,7 @@ class CheapestSetting:
     point: SettingResult
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Cheapest:
     """The cheapest setting below an error: of any engine, and of ngspice."""
 
@@ -303,7 +303,7 @@ class Cheapest:
     ngspice: CheapestSetting | None
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class WorkPrecisionStudy(Result):
     """A work-precision study of one scene."""
 

@@ -11,13 +11,13 @@ becomes too short.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.spice_models.opamp import KNEE
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.system.plugins import OpenTable, cached
 
 OPAMP_KINDS = INPUT_STAGE, CLAMP, LIMITER = ("stage", "clamp", "limiter")
@@ -26,7 +26,7 @@ NEWTON_STEPS = 200  # enough for bisection alone
 LARGEST_EXPONENT = 690.0  # exp(690) is near 1e300: a gain still fits without overflow
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Gain:
     """An increasing function g of the dimensionless input ``y = v / v_scale``.
 

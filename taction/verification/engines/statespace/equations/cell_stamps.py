@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,7 +38,6 @@ from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from taction.spice_models.transistor import thermal_voltage
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.amplifier_gains import (
     CLAMP,
@@ -64,7 +64,7 @@ FIGURES = operator.attrgetter(
 )
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class _Signal:
     """Signals ``plus_gain z[plus] - minus_gain z[minus] + offset`` of P op-amps.
 

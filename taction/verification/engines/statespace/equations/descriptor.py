@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
 from taction.verification.engines.statespace.equations.mirror_symmetry import DenseMatrix, Halves
@@ -30,7 +29,7 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import De
 LARGE = 600  # unknowns above which structured solves replace dense ones
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Triplets:
     """A sparse matrix as ``(row, column, value)``; values at one place add up."""
 
@@ -49,7 +48,7 @@ class Triplets:
         return sums.astype(np.float64, copy=False).reshape(size, size)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Coupling:
     """Conductances between driving nodes and summing nodes, off the diagonal.
 
@@ -65,7 +64,7 @@ class Coupling:
     loaded: Bools
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Devices:
     """Behavioural amplifiers ``z[output] = -u_scale g(z[input] / v_scale)``, m each.
 
@@ -98,7 +97,7 @@ class Devices:
         return Devices(kinds, *places, *scales)
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Descriptor:
     """The equations of one board, ``M z' = K z + b + f(z)``.
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import functools
 import re
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
-from taction.system.frozen import frozen
 
 _NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
 ROUNDING = 64 * EPS  # relative error of Newton's method in a slope
@@ -65,7 +65,7 @@ def evened(values: Floats, places: Ints, mirror: Halves | None) -> Floats:
     return mean if np.all(np.abs(values - mean) <= ROUNDING * np.abs(mean)) else values
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Halves:
     """The even and the odd part of vectors and matrices under an exchange.
 
@@ -171,7 +171,7 @@ class Halves:
         return whole
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class DenseMatrix:
     """M and K of a board, read-only, and their halves if the board is its own mirror image."""
 

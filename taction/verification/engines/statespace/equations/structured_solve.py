@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -22,14 +23,13 @@ import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.descriptor import Coupling, Descriptor
 
 KEPT, COMPLEX = 3e8, 16  # bytes of all solvers that are kept, and of a number in them
 SMALL = 400  # unknowns of a board whose Schur complement alone is quicker with full matrices
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Group:
     """Cells of one size: places (cells, m) among the inner unknowns, and their blocks."""
 
@@ -38,7 +38,7 @@ class _Group:
     stiffness: Floats
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Factor:
     """One factorised shift: the Schur complement on the summing nodes, and ``r -> x``."""
 

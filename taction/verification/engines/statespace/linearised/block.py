@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.real_modes import (
     Joined,
     both,
@@ -25,7 +25,7 @@ UNITS = 32.0  # times rounding: error of an element, which several operations co
 LINKED = 0.25  # of the distance of two modes: with a larger coupling, rounding may join them
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Block:
     """Modes of ``A = right (diag(centres) + inner) left``, as real columns and rows.
 
@@ -317,7 +317,7 @@ def compute_together(blocks: Sequence[Block], names: Sequence[str]) -> None:
                 )
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class BlockShares:
     """The shares of a block's modes in rows of ``C x``: ``seen * dual``.
 

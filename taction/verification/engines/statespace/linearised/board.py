@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,7 +13,6 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
 from taction.verification.engines.statespace.equations.coarse_board import coarsen
 from taction.verification.engines.statespace.equations.descriptor import LARGE, Descriptor
@@ -40,7 +39,7 @@ from taction.verification.engines.statespace.linearised.state_space import (
 )
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class LinearBoard:
     """One board, linearised at its equilibrium with the strain applied.
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.block import (
     Block,
     complex_form,
@@ -206,7 +205,7 @@ def is_narrow(centre: complex, inner: Complexes) -> bool:
     return float(np.abs(np.linalg.eigvals(inner)).max(initial=0.0)) < NARROW * abs(centre.real)
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class MatrixPart:
     """Some modes with their columns and rows; of pairs, the first ones, then the second ones."""
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.alike import agreed, alone
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
@@ -127,7 +127,7 @@ def taken(A: Floats, rows: Ints, columns: Ints) -> Floats:
     return A.take(rows, axis=1).take(columns, axis=2)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ReducedEquations:
     """``x' = A x + B u``, ``z = C x + D u`` and ``x = charge z + offset``.
 
@@ -281,7 +281,7 @@ def _with_impulses(
     return own - pull @ inner_factor.solve(jumps, names, "a step has no bounded current through")
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Terms:
     """Sizes of the terms that add up to M and K, (B, size, size) each."""
 
@@ -349,7 +349,7 @@ def _terms(M: Floats, K: Floats, f: Ints, o: Ints, inverse: ScaledInverse, P: Fl
     return Terms(*(taken(each, f, f) + taken(each, f, o) @ size for each in (M, K)))
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Split:
     """The unknowns that carry charge, and the equations in the basis that shows them.
 

@@ -9,11 +9,12 @@ from any start.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.structured_solve import Response, Structure
@@ -33,7 +34,7 @@ ALIKE = 1e-9  # of the largest unknown: a correction that ends a step
 PROBES, SPREAD = 4, 4.0  # draws of the rounding, and how much more than the largest counts
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Equilibrium:
     """The DC equilibrium of a board.
 

@@ -10,11 +10,11 @@ bound that its mode would have.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import EPS, Complexes, Floats
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.linearised.block import UNITS
 from taction.verification.engines.statespace.linearised.elimination import inverses
@@ -27,7 +27,7 @@ ITERATIONS = 4
 DIVERGING = 0.25  # ratio of two terms of the series in the rounding, from which it may not end
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class LeadPole:
     """All poles of a board, 1/s, and bounds on their errors; (n,) each, the rightmost first."""
 
@@ -35,7 +35,7 @@ class LeadPole:
     errors: Floats
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Lead:
     """The matrix, (n, n), and the sizes of its rounding, (2, n, n), that have the rightmost pole.
 

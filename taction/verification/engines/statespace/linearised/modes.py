@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
 from taction.verification.engines.statespace.linearised.block import (
@@ -24,7 +23,7 @@ from taction.verification.engines.statespace.linearised.decomposition import dec
 from taction.verification.engines.statespace.linearised.real_modes import Joined, both
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Modes:
     """``A = right (diag(poles) + couplings within blocks) left`` with ``left right = 1``.
 
@@ -118,7 +117,7 @@ class Modes:
         return ModeShares(found, self.order, size)
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class ModeShares:
     """The shares of the modes in the rows (K,) of ``C x``, the rightmost mode first.
 

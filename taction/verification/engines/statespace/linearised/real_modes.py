@@ -16,13 +16,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
-from taction.system.frozen import frozen
 
 
 def both(kept: NDArray[Any], real: int, axis: int = -1) -> NDArray[Any]:
@@ -86,7 +86,7 @@ SWEEPS = 60  # largest number of sweeps over the couplings within blocks
 FINER = 1e-3  # of the largest turn: a smaller change ends the sweeps
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class Joined:
     """Modes of one block: ``exp(A t)`` acts in their space as ``exp(centre t) exp(inner t)``.
 

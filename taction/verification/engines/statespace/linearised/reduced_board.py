@@ -12,12 +12,12 @@ smooth kernel, or 40 of a random matrix, it holds the strain step to 1e-6.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Floats, Ints
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.coarse_board import units
 from taction.verification.engines.statespace.equations.descriptor import (
     Descriptor,
@@ -28,7 +28,7 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import nu
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ReducedBoard:
     """A board of patterns, and the way back.
 

@@ -10,6 +10,8 @@ amplifiers J is taken at the equilibrium: the linearised condition of the optimu
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit
@@ -18,14 +20,13 @@ from taction.netlist_gen.board.wired_arrays import entry_voltages
 from taction.spice_models.input_errors import CHANGES
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.cell_stamps import gain_stage
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import balance, scaled_jacobian
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class RestSensitivity:
     """First-order changes of the outputs at rest.
 

@@ -14,13 +14,13 @@ verdict costs. So it is left to `count_unstable`.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 
@@ -39,7 +39,7 @@ ROUNDED = 1e-10  # of a pole: least error
 SAME = 1e-8  # of a pole: two poles that are nearer than this are one
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Found:
     """Poles, 1/s, rightmost first, and bounds on their errors, 1/s; (k,) each."""
 

@@ -10,13 +10,12 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.equations.alike import in_groups
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
@@ -44,7 +43,7 @@ UNBOUNDED = 1e30  # factor on the rounding of a matrix of whose poles nothing is
 LOST = "rounding leaves nothing of the circuit's poles: parts cancel to the last digit"
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class StateSpace:
     """A board as ``x' = A x + B [on, 1]``, ``z = C x + D [on, 1]``.
 
@@ -248,7 +247,7 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
     return _single(*_state_spaces([LinearEquations(descriptor, descriptor.dense, b)]))
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class LinearEquations:
     """Linear equations of a board, with the inputs b (size, k) of their state space."""
 

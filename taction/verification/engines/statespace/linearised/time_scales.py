@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 
 GROWN = 10.0  # step amplitudes: an instability of this height counts as shown
@@ -21,7 +20,7 @@ SLOWER = 0.5  # times the slowest rate of a coarse board: the board has a mode t
 RINGS = 1.0 / math.sqrt(2.0)  # a mode rings if its damping ratio is below this
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class Ringing:
     """One oscillating mode that the strain step excites.
 
@@ -41,7 +40,7 @@ class Ringing:
     amplitude: float
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class TimeScales:
     """Record length and time step of a board, from the modes that its strain step excites.
 

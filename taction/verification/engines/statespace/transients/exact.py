@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -11,7 +12,6 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.board import (
     Initial,
     LinearBoard,
@@ -25,7 +25,7 @@ def is_exact(board: LinearBoard) -> bool:
     return board.circuit.is_linear and not board.descriptor.is_large
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Exact:
     """Node voltages of a linear board as functions of time, t >= 0.
 

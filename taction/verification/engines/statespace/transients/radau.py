@@ -7,15 +7,15 @@ stages the solution is a polynomial of degree s through the start and the stages
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats
-from taction.system.frozen import frozen
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Tableau:
     """One method, in the basis that decouples its stages.
 

@@ -13,14 +13,13 @@ import functools
 import math
 import time as clock
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import Floats, Indices, Ints
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import (
     Initial,
@@ -43,7 +42,7 @@ COMPARED = 300  # instants
 STATES = 900
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Patterns:
     """The deviation from the equilibrium as ``lift x(t)``, x the states of a board of patterns."""
 
@@ -158,7 +157,7 @@ def _fastest(board: LinearBoard, deviation: Floats) -> tuple[float, float]:
     return float(sizes.max()), float(sizes[shown].max(initial=sizes.min()))
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class PatternCurve:
     """Voltages of nodes (Q,) at instants (Q,), by a model; `finer` is the next one, if there is."""
 

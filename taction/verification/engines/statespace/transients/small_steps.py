@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.system.errors import EngineError
-from taction.system.frozen import frozen
 from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
@@ -39,7 +39,7 @@ def is_basis(modes: Modes) -> bool:
     return modes.defect < DEFECT
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
     """Matrices of R boards and k systems, diagonal but for some joined rows and columns.
 

@@ -10,7 +10,7 @@ import math
 import time as clock
 from collections.abc import Hashable, Iterable, Sequence
 from copy import copy
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -20,7 +20,6 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import EPS, Floats, Indices, Ints
 from taction.system.errors import DivergesError, EngineError
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.equations.alike import of_one_kind
@@ -131,7 +130,7 @@ class ReportedOutputs:
         return np.asarray(away.max(axis=1, initial=0.0))
 
 
-@frozen(eq=False, slots=False)
+@dataclass(frozen=True, eq=False)
 class SteppedRun:
     """One integration of a board, with what another one of it needs."""
 
@@ -255,7 +254,7 @@ def _integrator(runs: Sequence[SteppedRun], share: float) -> RadauIntegrator:
     return RadauIntegrator(boards, ReportedOutputs.joined([run.reported for run in runs]), present)
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class SteppedCurve:
     """Voltages of nodes (Q,) at instants (Q,), from the polynomials of the steps."""
 
@@ -339,7 +338,7 @@ def simulate(
     return found
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Task:
     """What `simulate` gets."""
 

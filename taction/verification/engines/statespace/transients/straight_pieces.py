@@ -14,6 +14,7 @@ Schmitt trigger's are; `JUMPS` refuses that in words.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from math import comb
 
@@ -21,7 +22,6 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from taction.system.array_types import EPS, Complexes, Floats, Ints
-from taction.system.frozen import frozen
 from taction.system.quantities import show
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, Gain
 from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
@@ -146,7 +146,7 @@ def _lines(gain: Gain) -> tuple[Floats, Floats]:
     return rise, gain.value(inside) - rise * inside
 
 
-@frozen(eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Switch:
     """The start of a stretch on straight pieces `segments` (m,), at `time`, s, in a `state`."""
 
@@ -155,7 +155,7 @@ class Switch:
     state: Complexes
 
 
-@frozen
+@dataclass(frozen=True, slots=True)
 class LimitCycle:
     """A transient that repeats itself: from `begin`, s, with a `period`, s, of some `switches`."""
 
