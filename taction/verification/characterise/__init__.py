@@ -1,1 +1,1 @@
-"""What an op-amp's macromodel does, measured on test benches by both engines."""
+"""What is measured on benches: op-amps, by both engines, and whatever is not linear in a deck."""

@@ -14,10 +14,10 @@ import numpy as np
 
 from taction.netlist_gen.board.branches import Source
 from taction.system.array_types import Complexes, Floats
+from taction.verification.characterise.operating_point import DeckPoint
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.studies.operating_point import DeckPoint
 from taction.verification.verdict.checks import Check, Outcome, at_most
 
 TIGHT_LIMIT, LOOSE_LIMIT = 1e-6, 1e-4

@@ -46,13 +46,13 @@ from taction.netlist_gen.deck.stimuli import FIXED
 from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
+from taction.verification.characterise.element_bench import MISFIT, measured
+from taction.verification.characterise.element_parts import add_measured
+from taction.verification.characterise.operating_point import DeckPoint, find_point
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.listing import expand, expand_and_wait
 from taction.verification.engines.ngspice.process import Run
 from taction.verification.studies.ac_witness import AcWitness, stepping
-from taction.verification.studies.element_bench import MISFIT, measured
-from taction.verification.studies.element_parts import add_measured
-from taction.verification.studies.operating_point import DeckPoint, find_point
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
 RELATIVE = 1e-6  # reltol of the witness

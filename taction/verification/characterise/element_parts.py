@@ -24,7 +24,7 @@ from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
 from taction.netlist_gen.deck.flat_cards import Flat
 from taction.netlist_gen.deck.stimuli import FIXED, Stimulus
-from taction.verification.studies.element_bench import MeasuredElement
+from taction.verification.characterise.element_bench import MeasuredElement
 
 SMALL = 1e-9  # of the largest capacitance of an element: a difference below is rounding
 SAME = 1e-12  # of two gains with opposite signs: they are one of a difference

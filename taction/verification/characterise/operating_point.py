@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 from taction.netlist_gen.deck.elements import SortedCards, sorted_cards
 from taction.netlist_gen.deck.flat_cards import CardError
+from taction.verification.characterise.element_bench import TIGHT
 from taction.verification.engines.ngspice.commands import RESULT, TEXT, Answers, run_commands
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.listing import listed_cards
-from taction.verification.studies.element_bench import TIGHT
 
 TRIED = (TIGHT, "reltol=1e-6 abstol=1e-13 vntol=1e-10")
 TIGHT_SECONDS = 4.0
