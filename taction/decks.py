@@ -31,6 +31,7 @@ def check(
     samples: int = 300,
     seed: int = 1,
     ngspice: bool = True,
+    transient: bool = False,
     output: str | Path | None = None,
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
@@ -77,7 +78,10 @@ def check(
     seed : int
         Seed of these boards.
     ngspice : bool
-        Compare with ngspice's own transient.
+        Compare with ngspice: with its small signal (.ac), or with its transient where the deck has
+        a .tran and is linear.
+    transient : bool
+        Compare with ngspice's transient of a linear deck without a .tran, too.
     output : path, optional
         Write the flat deck of ngspice's transient into this file.
     progress : callable, optional
@@ -117,6 +121,10 @@ def check(
 
     progress("deck")
     board = read_board(deck, _listed(outputs), wait=ngspice)
+    moving = ngspice and board.point is None
+    moving &= transient or board.has_transient or "engines_agree" in asked.names
+    if board.run is not None and not moving:
+        board.run.cancel()
     notes = board.notes
     asked.refuse_unknown(board.flat.nodes)
     swept = [
@@ -139,9 +147,9 @@ def check(
         board.circuit,
         asked,
         initial=board.initial,
-        witness=board.witness if ngspice and board.point is None else None,
-        ac=board.ac if ngspice else None,
-        waiting=board.run,
+        witness=board.witness if moving else None,
+        ac=board.ac if ngspice and not moving else None,
+        waiting=board.run if moving else None,
         over=swept,
         deck=board,
         tolerances=spread,

@@ -26,6 +26,7 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, Knob, Outpu
 from taction.netlist_gen.board.parts import Branch, Capacitor, Part, Resistor
 from taction.netlist_gen.deck.linear_expressions import affine
 from taction.netlist_gen.deck.stimuli import FIXED, Stimulus, stimulus_of
+from taction.netlist_gen.deck.transfer_functions import OWN
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, InputError
 
@@ -182,7 +183,8 @@ def _capacitor(flat: Flat, name: str, text: str) -> None:
         flat.absent.append(shown(name))
         return
     flat.capacitors.append(Capacitor(name[1:], a, b, value))
-    flat.knobs[shown(name)] = (flat.capacitors[-1].card, value)
+    if OWN not in name:
+        flat.knobs[shown(name)] = (flat.capacitors[-1].card, value)
     if number(keyed.get("ic", "0")):
         flat.charged.append(shown(name))
 
@@ -236,7 +238,7 @@ def _by_current(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]
 
 def _gain(flat: Flat, name: str, part: Branch) -> None:
     flat.branches.append(part)
-    if part.value:
+    if part.value and OWN not in name:
         flat.knobs[shown(name)] = (part.card, part.value)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from taction.netlist_gen.deck.ltspice import DROPPED, LIBRARY, plain_cards, spelt
+from taction.netlist_gen.deck.transfer_functions import OWN, source_cards
 from taction.spice_models.foreign_functions import check_functions
 from taction.spice_models.foreign_lines import (
     DEEPEST_FILES,
@@ -53,7 +54,6 @@ _SPACED = re.compile(
     r"\.(?:include|inc|lib)\s+(?=\S)()()([^\"';]*[\\/][^\"';\\/]*)()", re.I
 )  # with blanks
 _UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspice
-OWN = "_taction_"  # in names of cards that are made
 _STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
 _BRACES = re.compile(r"\{[^{}]*\}")
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*")
@@ -266,9 +266,6 @@ class _DeckReading:
             raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
         elif word[0] not in f".{LETTERS}":
             raise card.refused(f"a device {word[0].upper()!r} is not accepted; {LINEAR}")
-        elif re.search(r"\blaplace\b", card.text):
-            text = "a transfer function (Laplace) is not read; expected its circuit of R, C, E"
-            raise card.refused(text)
         else:
             text = card.text
             for beginning, pattern, name in DROPPED:
@@ -276,7 +273,11 @@ class _DeckReading:
                     text = pattern.sub("", text)
                     named = text.split(maxsplit=2)[: 2 if word == ".model" else 1]
                     self.remarks.append(f"{' '.join(named)}: {name} does not count")
-            self.cards += [card.with_text(each) for each in plain_cards(text)]
+            try:
+                written = [made for each in plain_cards(text) for made in source_cards(each)]
+            except ValueError as error:
+                raise card.refused(str(error)) from None
+            self.cards += [card.with_text(each) for each in written]
 
 
 LINEAR = (

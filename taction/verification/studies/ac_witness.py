@@ -40,7 +40,7 @@ class AcWitness:
         """Return the check ``ac_agrees``."""
         limit = TIGHT_LIMIT if self.point.is_tight else LOOSE_LIMIT
         nodes = [n for n in board.descriptor.names[: board.descriptor.node_count]
-                 if n in self.point.volts]  # fmt: skip
+                 if n in self.point.volts or not self.point.volts]  # fmt: skip
         weights = _weights(len(nodes))
         names, hertz, theirs, said = self._asked(nodes, weights, poles)
         if not len(hertz):

@@ -19,7 +19,7 @@ from taction.netlist_gen.board.branches import Source
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import Branch
 from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.deck.elements import ACCEPTED
+from taction.netlist_gen.deck.elements import ACCEPTED, SortedCards
 from taction.netlist_gen.deck.flat_cards import (
     CardError,
     Flat,
@@ -46,7 +46,7 @@ from taction.netlist_gen.deck.stimuli import FIXED
 from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
-from taction.verification.characterise.element_bench import MISFIT, measured
+from taction.verification.characterise.element_bench import MISFIT, TIGHT, measured
 from taction.verification.characterise.element_parts import add_measured
 from taction.verification.characterise.operating_point import DeckPoint, find_point
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -97,11 +97,19 @@ class ForeignBoard:
     run: Run | None = None
 
     @property
-    def ac(self) -> AcWitness | None:
-        """What compares the circuit with ngspice's ``.ac``, where elements are measured."""
-        if self.point is None:
-            return None
-        return AcWitness(self.point, stepping(self.circuit.branches), find_simulator())
+    def ac(self) -> AcWitness:
+        """What compares the circuit with ngspice's ``.ac``."""
+        point = self.point
+        if point is None:  # a linear deck is the same at every point
+            nothing = SortedCards((), (), {})
+            options = _options(self.deck)
+            point = DeckPoint(self._ready, self.lines, nothing, {}, TIGHT, options, "")
+        return AcWitness(point, stepping(self.circuit.branches), find_simulator())
+
+    @property
+    def has_transient(self) -> bool:
+        """Whether the deck has a ``.tran``."""
+        return any(card.word == ".tran" for card in self.deck.left)
 
     def witness(self, transient: Transient, solver: str) -> Deck:
         """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""

@@ -169,7 +169,7 @@ def test_cards_become_plain(card: str, plain: list[str]) -> None:
     ("card", "says"),
     [
         ("XU1 in out vp vm out LT1001", "no subcircuit 'lt1001'; put the file"),
-        ("E1 out 0 in 0 Laplace=1/(1+s*1u)", "its circuit of R, C, E"),
+        ("E1 out 0 in 0 Laplace=exp(-s*1u)", "quotient of polynomials"),
         ("S1 in out c 0 SW", "no operating point|does not expand"),
         ("R1 in – 1k", "the character '–' is not accepted"),
         (".include a\0b", "without control characters"),

@@ -340,7 +340,12 @@ def _response(found: BoardCheck) -> Chart | None:
 
 def _witness(found: BoardCheck) -> str:
     if found.record is None or found.agreement is None:
-        return "one witness: the state-space engine"
+        small = [
+            each for each in found.checks if each.name == "ac_agrees" and each.value is not None
+        ]
+        if not small:
+            return "one witness: the state-space engine"
+        return f"ngspice's small signal (.ac) differs by at most {small[0].value:.1e} at any node"
     return (
         "ngspice's own transient differs by at most"
         f" {figure(found.agreement, 'step')} of the step from the state-space engine"
