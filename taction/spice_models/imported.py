@@ -15,32 +15,30 @@ COMPENSATION = "comp"
 
 
 @dataclass(frozen=True, slots=True)
-class Rational:
-    """``constant + sum residues / (s - poles)``, each with its complex conjugates; poles in 1/s."""
+class LinearPart:
+    """A linear part: the letter of its card, its name, both nodes and its value.
 
-    constant: float
-    poles: tuple[complex, ...]
-    residues: tuple[complex, ...]
+    `control` has two nodes (E, G, and Y, a charge by a voltage), or the card of a source (F, H).
+    """
+
+    letter: str
+    name: str
+    a: str
+    b: str
+    value: float  # ohm, F, H, V, A, or a gain
+    control: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class LinearModel:
-    """The small-signal model of an op-amp at its operating point, all from its simulation.
+    """The circuit of an op-amp at its operating point: its cards, each linear or measured alone.
 
-    ``v_out = rest + gain (v_p - v_n - offset) + impedance i`` with the current i into the output,
-    gain and impedance with the same poles, since they share the states of the op-amp;
-    each input has `conductance` and `capacitance` to ground, and the inverting one takes
-    `bias_current` at rest. Voltages are those from the middle of its supplies. `error` is the
-    largest relative error of gain and impedance over the `band` (lowest and highest frequency, Hz).
+    The ports are the nodes ``inp``, ``inn`` and ``out``; the supplies are among the `parts`.
+    `error` is the largest relative difference from ngspice's own small signal over the `band`
+    (lowest and highest frequency, Hz).
     """
 
-    gain: Rational
-    impedance: Rational
-    conductance: Annotated[float, "S"]
-    capacitance: Annotated[float, "F"]
-    offset: Annotated[float, "V"]  # of v_p - v_n at rest
-    rest: Annotated[float, "V"]  # of the output
-    bias_current: Annotated[float, "A"]
+    parts: tuple[LinearPart, ...]
     error: float
     band: Annotated[tuple[float, float], "Hz"]
 
@@ -63,6 +61,10 @@ class Figures:
     common_mode_rejection: float | None = None  # at DC
     slew_rate: Annotated[float | None, "V/s"] = None  # the smaller one of rise and fall
     swing: Annotated[float | None, "V"] = None  # of the output, the smaller one of both signs
+    differential_resistance: Annotated[float | None, "ohm"] = None  # between the inputs
+    common_resistance: Annotated[float | None, "ohm"] = None  # of each input to ground
+    differential_capacitance: Annotated[float | None, "F"] = None
+    common_capacitance: Annotated[float | None, "F"] = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,14 +84,13 @@ def imported_opamp(scene: Scene, file: str) -> OpAmp:
 
 def as_opamp(name: str, imported: ImportedOpAmp) -> OpAmp:
     """Return the op-amp with the measured figures; a second pole where the phase margin has one."""
-    figures, linear = imported.figures, imported.linear
+    figures = imported.figures
     try:
         gbw, second_pole = poles_from_phase_margin(
             figures.dc_gain, figures.unity_gain_bandwidth, figures.phase_margin
         )
     except ValueError:
         gbw, second_pole = figures.unity_gain_bandwidth, float("inf")
-    conductance = 0.0 if linear is None else linear.conductance
     measured: dict[str, Any] = {
         name: getattr(figures, name)
         for name in ("slew_rate", *INPUT_ERRORS)
@@ -104,8 +103,9 @@ def as_opamp(name: str, imported: ImportedOpAmp) -> OpAmp:
         dc_gain=figures.dc_gain,
         gbw=gbw,
         second_pole=second_pole,
-        input_resistance=1.0 / conductance if conductance > 0.0 else float("inf"),
-        input_capacitance=0.0 if linear is None else linear.capacitance,
+        input_resistance=figures.differential_resistance or float("inf"),
+        differential_capacitance=figures.differential_capacitance or 0.0,
+        input_capacitance=figures.common_capacitance or 0.0,
         output_resistance=figures.output_resistance,
         supply_current=figures.supply_current,
         source=f"imported from a netlist, measured at {imported.supplies}",

@@ -56,8 +56,10 @@ class DeckPoint:
         return _starts(self.volts)
 
 
-def find_point(lines: Sequence[str], options: str, simulator: Simulator) -> DeckPoint:
-    """Return where a deck rests.
+def find_point(
+    lines: Sequence[str], options: str, simulator: Simulator, modes: Sequence[str] = MODES
+) -> DeckPoint:
+    """Return where a deck rests; it is read in the first of the `modes` that expands it.
 
     Raises
     ------
@@ -67,7 +69,7 @@ def find_point(lines: Sequence[str], options: str, simulator: Simulator) -> Deck
     first, mode, said = Answers((), "", ""), "", ""
     cards: tuple[str, ...] = ()
     commands = [f"listing expand > {TEXT}", "save all", "op", f"write {RESULT}"]
-    for mode in MODES:
+    for mode in modes:
         first = run_commands([*lines, *_given(options)], commands, simulator, mode=mode)
         said = said or first.complaint
         if cards := listed_cards(first.listed):

@@ -18,25 +18,17 @@ from taction.spice_models.imported import (
     COMPENSATION,
     Figures,
     ImportedOpAmp,
-    LinearModel,
-    Rational,
     check_pins,
 )
-from taction.system.array_types import Complexes, Floats
 from taction.system.errors import Complaint, InputError, SimulationError, one_line
 from taction.system.foreign_files import UnusableFileError, read_bounded
 from taction.system.results import Result
 from taction.verification.characterise.bench import VendorBench
 from taction.verification.characterise.characterise import RAMP, UNITS, Bode, slope
-from taction.verification.characterise.rational_fit import fit_rational, fit_together, has_aaa
+from taction.verification.characterise.vendor_linear import linear_model
 from taction.verification.characterise.witnesses import Responses, Simulation
 from taction.verification.engines.ngspice.executable import find_simulator
 
-GOOD = 1e-3  # largest relative error of a linear model that serves as a witness
-REACH = 30.0  # the highest fitted frequency, in unity-gain bandwidths
-LEAST_OHMS = 1e-3  # of an output: less is taken for this
-# What a pin and its trace add anyway: an input admittance is compared with itself and these.
-PIN_FARADS, PIN_SIEMENS = 1e-12, 1e-9
 JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
 CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
 AT_REST = 0.1  # V: output of a follower at 0 V
@@ -47,6 +39,8 @@ MIDDLE = 0.4  # of the smaller end: between these levels of both signs the slope
 BEYOND = 1.01  # of the supply: an output above it has no limit
 ENDED = 0.01  # of the supply: an output that changes by less in a tenth of the record has ended
 SLEWS = 0.8  # of `DRIVE`: with a larger range of its input stage an op-amp does not slew
+INPUT_HERTZ = 1e3  # where the capacitances of the inputs are read
+LEAST_SIEMENS, LEAST_FARADS = 1e-16, 1e-16  # of an input: less is rounding
 USUAL = {
     "dc_gain": (1e3, 1e10),
     "unity_gain_bandwidth": (1e3, 1e10),
@@ -118,7 +112,7 @@ def import_opamp(
     if reason := _no_opamp(measured):
         raise InputError(file, Complaint("--pins", "", reason))
     figures, doubts = _figures(measured, simulation)
-    linear, missing = _linear_model(measured, figures)
+    linear, missing = linear_model(measured, figures.unity_gain_bandwidth, simulation.simulator)
     return ImportedOpAmp(
         checked,
         pins,
@@ -171,6 +165,7 @@ def _figures(measured: Responses, simulation: Simulation) -> tuple[Figures, list
     size, opened = np.abs(measured.gain), Bode(measured.frequencies, measured.gain)
     unity, margin = opened.crossing()
     common = abs(measured.other_gain[0] / measured.gain[0] - 1.0)
+    inputs = _inputs(measured)
     doubts: list[str] = []
     try:
         slew_rate, swing = _ends(measured, simulation, unity)
@@ -189,7 +184,25 @@ def _figures(measured: Responses, simulation: Simulation) -> tuple[Figures, list
         common_mode_rejection=-20.0 * math.log10(common) if common > COMMON_MODE else None,
         slew_rate=slew_rate,
         swing=swing,
+        **inputs,
     ), doubts
+
+
+def _inputs(measured: Responses) -> dict[str, float | None]:
+    """Return resistances and capacitances between the inputs, and of the smaller one to ground.
+
+    Both inputs are driven by sources, so the current into the one that is held goes between them.
+    """
+    mutual = -measured.mutual_admittance
+    common = measured.admittance - mutual
+    k = int(np.argmin(np.abs(measured.frequencies - INPUT_HERTZ)))
+    found: dict[str, float | None] = {}
+    for name, admittance in (("differential", mutual), ("common", common)):
+        siemens = float(admittance[0].real)
+        farads = float(admittance[k].imag) / (2.0 * math.pi * float(measured.frequencies[k]))
+        found[f"{name}_resistance"] = 1.0 / siemens if siemens > LEAST_SIEMENS else None
+        found[f"{name}_capacitance"] = farads if farads > LEAST_FARADS else None
+    return found
 
 
 def _ends(
@@ -234,59 +247,3 @@ def _doubts(figures: Figures) -> list[str]:
             between = f"{low:g} to {high:g} {unit}".rstrip()
             found.append(f"the {title} is {value:.4g} {unit}".rstrip() + f", usual is {between}")
     return found
-
-
-def _linear_model(measured: Responses, figures: Figures) -> tuple[LinearModel | None, str]:
-    """Return the linear model, or None and the reason."""
-    if not has_aaa():
-        return None, "no linear model: this SciPy has no AAA; 1.15 or newer has it"
-    f = measured.frequencies
-    used = f <= REACH * figures.unity_gain_bandwidth
-    responses = measured.gain[used], measured.impedance[used]
-    try:
-        if np.abs(responses[1]).max() < LEAST_OHMS:
-            gain, gain_error = fit_rational(f[used], responses[0])
-            impedance, impedance_error = (
-                Rational(LEAST_OHMS, gain.poles, (0j,) * len(gain.poles)),
-                0.0,
-            )
-        else:
-            (gain, impedance), (gain_error, impedance_error) = fit_together(f[used], responses)
-    except np.linalg.LinAlgError:
-        return None, "no linear model: its fit failed"
-    loop = np.minimum(np.abs(responses[0]), 1.0)  # above unity gain no loop is left
-    conductance, capacitance, input_error = _input(f[used], measured.admittance[used], loop)
-    errors = {"gain": gain_error, "output impedance": impedance_error, "input": input_error}
-    worst = max(errors, key=errors.__getitem__)
-    if errors[worst] > GOOD:
-        return None, (
-            f"no stable linear model: its {worst} is {100.0 * errors[worst]:.2g} % from the"
-            f" simulated one, more than {100.0 * GOOD:g} %"
-        )
-    if not impedance.constant > 0.0:
-        return None, "no linear model: the output has no resistance at high frequencies"
-    return LinearModel(
-        gain=gain,
-        impedance=impedance,
-        conductance=conductance,
-        capacitance=capacitance,
-        offset=-measured.inverting,
-        rest=measured.output,
-        bias_current=measured.into_inverting,
-        error=errors[worst],
-        band=(float(f[0]), float(f[used][-1])),
-    ), ""
-
-
-def _input(f: Floats, admittance: Complexes, weight: Floats) -> tuple[float, float, float]:
-    """Return conductance, capacitance and the weighted relative error of the two."""
-    s = 2j * np.pi * f
-    size = (np.abs(admittance) + PIN_SIEMENS + np.abs(s) * PIN_FARADS) / weight
-    matrix = np.stack([np.ones_like(s), s], axis=1) / size[:, None]
-    wanted = admittance / size
-    scale = np.abs(matrix).max(axis=0)
-    stacked = np.concatenate([(matrix / scale).real, (matrix / scale).imag])
-    found = np.linalg.lstsq(stacked, np.concatenate([wanted.real, wanted.imag]), rcond=None)[0]
-    conductance, capacitance = np.maximum(found / scale, 0.0).tolist()
-    model = conductance + s * capacitance
-    return conductance, capacitance, float(np.max(np.abs(model - admittance) / size))

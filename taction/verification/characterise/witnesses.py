@@ -56,6 +56,7 @@ class Responses:
 
     `frequencies` (P,), Hz; `gain`, `impedance` and `admittance` (P,): open-loop gain from the
     inverting input, output impedance, ohm, and the admittance of the inverting input, S;
+    `mutual_admittance` is the current into the other input for a voltage at the inverting one;
     `other_gain` and `other_admittance` are those of the non-inverting input. At the operating
     point: `output` and `inverting`, V from the middle of the supplies; the
     currents into both inputs, and the `supply_current`, A.
@@ -66,6 +67,7 @@ class Responses:
     gain: Complexes
     impedance: Complexes
     admittance: Complexes
+    mutual_admittance: Complexes
     other_gain: Complexes
     other_admittance: Complexes
     output: float
@@ -185,6 +187,7 @@ class Simulation:
             gain=-one[:, 0] / one[:, 1],
             impedance=loaded[:, 0],
             admittance=one[:, 2] / one[:, 1],
+            mutual_admittance=one[:, 3] / one[:, 1],
             other_gain=other[:, 0],
             other_admittance=other[:, 3],
             output=output,

@@ -97,8 +97,8 @@ def missing_witness(circuit: Circuit, engine: str) -> str:
 def notes(circuit: Circuit) -> tuple[str, ...]:
     """Return one remark about the linear model of each imported op-amp."""
     return tuple(
-        f"op-amp {name} is imported: the state-space engine has its linear model, within"
-        f" {100.0 * imported.linear.error:.2g} % of its simulated response up to"
+        f"op-amp {name} is imported: the state-space engine has its cards, linear about"
+        f" their rest, within {100.0 * imported.linear.error:.2g} % of ngspice's small signal up to"
         f" {show(imported.linear.band[1], 'Hz', 3)}"
         for name, imported in _imported(circuit)
         if imported.linear is not None

@@ -12,6 +12,8 @@ import pytest
 
 from taction import spice_models
 from taction.netlist_gen.analysis import NoiseBand
+from taction.netlist_gen.board.opamp_choice import as_opamp
+from taction.netlist_gen.board.parts import Capacitor, OpAmpCell, Resistor
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
@@ -26,6 +28,7 @@ from taction.verification.characterise.characterise import (
 from taction.verification.characterise.vendor_model import import_opamp
 from taction.verification.characterise.witnesses import Equations, Simulation
 from taction.verification.engines.ngspice.process import find_simulator
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from tests.support.vendor_bench import gain_bandwidth_margin
 
 PRESETS = OPAMPS
@@ -133,6 +136,70 @@ def imported(
     return import_opamp(str(file), name, pins, 15.0, farads)
 
 
+def board_of(opamp: ImportedOpAmp, inverting: str, *parts: Resistor | Capacitor) -> LinearBoard:
+    """An imported op-amp with parts about it, and 1 V at the node ``in``."""
+    model = as_opamp("m", opamp)
+    circuit = replace(
+        Bench(model).circuit,
+        opamps=(OpAmpCell("one", "m", "p" if parts else "in", inverting, "out"),),
+        resistors=tuple(part for part in parts if isinstance(part, Resistor)),
+        capacitors=tuple(part for part in parts if isinstance(part, Capacitor)),
+    )
+    return LinearBoard(circuit)
+
+
+def poles_of(opamp: ImportedOpAmp, inverting: str, *parts: Resistor | Capacitor) -> list[complex]:
+    """The poles of that board by the state-space engine, the rightmost first."""
+    found = np.linalg.eigvals(board_of(opamp, inverting, *parts).state_space.A)
+    return sorted(found.tolist(), key=lambda pole: -pole.real)
+
+
+OAMP5 = (Path(__file__).parents[2] / "data/cases/oamp5.lib").read_text()
+
+
+def test_a_resistance_between_the_inputs_stays_between_them(ngspice: str, tmp_path: Path) -> None:
+    """A buffer behind 1 Mohm, a Wien bridge of 1 Mohm: poles from the cards, by mpmath."""
+    opamp = imported(tmp_path, OAMP5, name="oamp")
+    assert opamp.figures.differential_resistance == pytest.approx(2e6, rel=1e-6)
+    buffer = Resistor("s", "in", "p", 1e6), Capacitor("s", "p", "0", 10e-12)
+    load = Resistor("l", "out", "0", 10e3)
+    board = board_of(opamp, "out", *buffer, load)
+    assert board.equilibrium["out"] == pytest.approx(0.99998, abs=1e-5)
+    assert poles_of(opamp, "out", *buffer, load)[0] == pytest.approx(-99.19e3, rel=1e-3)
+    bridge = (
+        Resistor("1", "out", "x", 1e6), Capacitor("1", "x", "p", 160e-9),
+        Resistor("2", "p", "0", 1e6), Capacitor("2", "p", "0", 160e-9),
+        Resistor("3", "m", "0", 10e3), Resistor("4", "out", "m", 20.3e3),
+    )  # fmt: skip
+    pair = poles_of(opamp, "m", *bridge)[0]
+    assert pair.real == pytest.approx(0.0934, abs=2e-4)
+    assert abs(pair.imag) / (2.0 * np.pi) == pytest.approx(0.9946, abs=1e-4)
+
+
+CLAMPED = """
+.subckt opbip inp inn vcc vee out
+Rid inp inn 1MEG
+G1 0 a inp inn 1m
+R1 a 0 1e8
+C1 a 0 159.155p
+E1 b 0 a 0 1
+Ro b out 75
+D1 a vcc DX
+D2 vee a DX
+.model DX D(IS=1e-18)
+.ends
+"""
+
+
+def test_one_pole_with_clamps_stays_one_pole(ngspice: str, tmp_path: Path) -> None:
+    """A gain of two: -2.9909 M/s by mpmath from the cards, and no pole of a fit."""
+    opamp = imported(tmp_path, CLAMPED, name="opbip")
+    halves = Resistor("1", "m", "0", 100e3), Resistor("2", "out", "m", 100e3)
+    found = poles_of(opamp, "m", *halves, Resistor("s", "in", "p", 1.0))
+    assert len(found) == 1
+    assert found[0] == pytest.approx(-2.9909e6, rel=1e-3)
+
+
 def test_the_figures_are_those_of_the_circuit(ngspice: str, tmp_path: Path) -> None:
     opamp = imported(tmp_path, TWO_POLES)
     figures, linear = opamp.figures, opamp.linear
@@ -144,17 +211,20 @@ def test_the_figures_are_those_of_the_circuit(ngspice: str, tmp_path: Path) -> N
     assert figures.output_resistance == pytest.approx(75.0, rel=1e-6)
     assert figures.supply_current == pytest.approx(3e-3, rel=1e-3)
     assert linear.error < 1e-6
-    assert sorted(pole.real for pole in linear.gain.poles) == pytest.approx([-P2, -P1], rel=1e-5)
-    assert linear.conductance == pytest.approx(1 / 2e6, rel=1e-3)
-    assert linear.capacitance == pytest.approx(3e-12, rel=1e-3)
-    assert -linear.offset == pytest.approx(-1e-3, rel=1e-3)  # the output settles at -1 mV
+    assert figures.differential_resistance == pytest.approx(2e6, rel=1e-6)
+    assert (figures.common_resistance, figures.differential_capacitance) == (None, None)
+    assert figures.common_capacitance == pytest.approx(3e-12, rel=1e-6)
+    assert figures.offset_voltage == pytest.approx(-1e-3, rel=1e-3)
+    values = {part.letter + part.name.rpartition(".")[2]: part.value for part in linear.parts}
+    assert values["Rro"] == 75.0
+    assert values["Cca"] == 100e-12
 
 
-def test_a_response_without_a_stable_fit_has_a_reason(ngspice: str, tmp_path: Path) -> None:
+def test_a_netlist_unstable_by_itself_has_no_linear_model(ngspice: str, tmp_path: Path) -> None:
     unstable = TWO_POLES.replace("rb b 0 1k", "rb b 0 -1k")  # a pole in the right half plane
     opamp = imported(tmp_path, unstable.replace("g2 0 b a 0 1m", "g2 b 0 a 0 1m"))
     assert opamp.linear is None
-    assert "no stable linear model: its gain is" in opamp.missing
+    assert "the netlist itself has a pole at +20 M/s" in opamp.missing
 
 
 @pytest.mark.parametrize(
@@ -262,8 +332,11 @@ def test_one_pole_and_an_ideal_output_have_a_linear_model(ngspice: str, tmp_path
         1e5 / (2e3 * np.pi * 16e-6), rel=1e-6
     )
     assert (opamp.figures.slew_rate, opamp.figures.swing) == (None, None)
-    assert opamp.linear.gain.poles == pytest.approx((-62.5,), rel=1e-6)
-    assert opamp.linear.impedance.constant == 1e-3
+    assert opamp.linear.error < 1e-9
+    assert opamp.figures.output_resistance == 0.0
+    # A follower by the state-space engine: its pole is that of 1 kohm and 16 uF, (1 + 1e5) times.
+    (pole,) = poles_of(opamp, inverting="out")
+    assert pole == pytest.approx(-62.5 * (1.0 + 1e5), rel=1e-9)
 
 
 CURRENT_FEEDBACK = """

@@ -141,7 +141,7 @@ def test_tolerances_leave_the_netlist_as_it_is(write: Callable[..., Scene]) -> N
         ({}, {"design": {"opamp": {"file": "gone.json"}}}, "gone.json.*No such file"),
         ({"netlist": [".subckt m_fet100 a b\n.control\nshell ls\n.endc"]}, {}, "card '.control'"),
         ({"pins": ["inp", "inn"]}, {}, "one role for each of the 5 ports"),
-        ({"taction_opamp": 3}, {}, "taction_opamp = 3: expected one of 1, 2"),
+        ({"taction_opamp": 4}, {}, "taction_opamp = 4: expected one of 1, 2, 3"),
         ({"figures": {}}, {}, "figures.dc_gain: missing; expected a finite number"),
         ({"supply": "15"}, {}, "supply = '15': expected a finite number"),
         ({"supply": 10**400}, {}, "supply = an integer of over 300 digits: expected"),
@@ -176,6 +176,8 @@ def test_a_document_of_the_first_format_is_read(document: dict[str, Any]) -> Non
     }
     opamp = from_document(old)[1]
     assert (opamp.figures.slew_rate, opamp.compensation, opamp.doubts) == (None, 0.0, ())
+    assert opamp.linear is None  # the older ones were fitted
+    assert "import the netlist again" in opamp.missing
 
 
 def test_a_board_knows_the_measured_limits_and_errors(write: Callable[..., Scene]) -> None:
@@ -188,11 +190,22 @@ def test_a_board_knows_the_measured_limits_and_errors(write: Callable[..., Scene
     assert not model.input_errors  # they are in the netlist
 
 
-@pytest.mark.parametrize("poles", [[[1.0, 0.0]], [[-1.0, 0.0], [-2.0, 0.0]]])
-def test_unstable_or_unequal_poles_are_refused(
-    poles: list[list[float]], document: dict[str, Any]
+@pytest.mark.parametrize(
+    ("changed", "text"),
+    [
+        ({"letter": "X"}, "expected one of R C"),
+        ({"letter": "R", "value": 0.0}, "a value other than 0"),
+        ({"letter": "E", "control": ["a"]}, "expected 2 controls"),
+        ({"letter": "F", "control": ["Vnone"]}, "there is no part 'Vnone'"),
+        ({"value": 1e40}, "expected a number from"),
+        ({"value": "1"}, "expected a finite number"),
+    ],
+)
+def test_a_linear_part_that_cannot_be_is_refused(
+    changed: dict[str, Any], text: str, document: dict[str, Any]
 ) -> None:
+    part = {"letter": "R", "name": "own", "a": "out", "b": "0", "value": 1.0, "control": []}
     linear = document["linear"]
-    gain = linear["gain"] | {"poles": poles, "residues": [[1.0, 0.0]] * len(poles)}
-    with pytest.raises(ValueError, match="poles"):
-        from_document(document | {"linear": linear | {"gain": gain}})
+    parts = [*linear["parts"], part | changed]
+    with pytest.raises(ValueError, match=text):
+        from_document(document | {"linear": linear | {"parts": parts}})

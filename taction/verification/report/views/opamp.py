@@ -362,10 +362,9 @@ def imported_view(result: ImportedModel) -> Page:
     lines += [f"warning: {doubt}" for doubt in model["doubts"]]
     linear = model["linear"]
     if linear is not None:
-        poles = len(linear["gain"]["poles"])
         lines.append(
-            f"linear model: {poles} poles, within {100.0 * linear['error']:.2g} % of the simulated"
-            f" response up to {show(linear['band'][1], 'Hz', 3)}"
+            f"linear at rest: {len(linear['parts'])} parts, within {100.0 * linear['error']:.2g} %"
+            f" of ngspice's small signal up to {show(linear['band'][1], 'Hz', 3)}"
         )
     else:
         lines.append(f"{model['missing']}: boards with it stay inconclusive")
@@ -381,6 +380,7 @@ IMPORTED = (
     ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
     ("output_resistance", "ohm"), ("slew_rate", "V/s"), ("swing", "V"), ("supply_current", "A"),
     ("offset_voltage", "V"), ("bias_current", "A"), ("offset_current", "A"),
-    ("common_mode_rejection", "dB"),
+    ("common_mode_rejection", "dB"), ("differential_resistance", "ohm"),
+    ("common_resistance", "ohm"), ("differential_capacitance", "F"), ("common_capacitance", "F"),
 )  # fmt: skip
 """Figures of an imported op-amp, and their units."""

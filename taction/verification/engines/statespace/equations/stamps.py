@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.linear_models import with_linear_models
 from taction.netlist_gen.board.parts import Branch, ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import port_matrices
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import in_groups
 from taction.verification.engines.statespace.equations.cell_stamps import (
-    stamp_imported,
     stamp_opamps,
     stamp_transistors,
 )
@@ -131,14 +131,9 @@ def _alike(one: ResistorMatrix, other: ResistorMatrix) -> bool:
 
 def _stamp(circuits: Sequence[Circuit]) -> list[Descriptor]:
     """Return the equations of circuits that differ in values alone."""
-    imported = tuple(c for c in circuits[0].opamps if circuits[0].linear_model(c) is not None)
-    if imported:
-        own = tuple(cell for cell in circuits[0].opamps if cell not in imported)
-        circuits = [replace(circuit, opamps=own) for circuit in circuits]
+    if circuits[0].has_imported:
+        circuits = [with_linear_models(circuit) for circuit in circuits]
     circuit, stamper = circuits[0], Stamper(circuits)
-    foreign = stamper.nodes(
-        n for cell in imported for n in (cell.noninverting, cell.inverting, cell.output)
-    ).reshape(-1, 3)
     pins = (n for cell in circuit.opamps for n in (cell.noninverting, cell.inverting, cell.output))
     wired = stamper.nodes(pins).reshape(-1, 3)
     devices = _devices(stamper)
@@ -152,7 +147,6 @@ def _stamp(circuits: Sequence[Circuit]) -> list[Descriptor]:
     for matrices in zip(*map(port_matrices, circuits), strict=True):
         stamper.matrix(matrices)
     node_count = len(stamper.places)
-    stamp_imported(stamper, imported, foreign)
     transistors = stamp_transistors(stamper, legs.reshape(-1, 3))
     devices = devices.joined(transistors, *stamp_opamps(stamper, wired))
     ohms = stamper.values(lambda c: [part.ohms for part in c.resistors])
