@@ -28,9 +28,8 @@ from taction.netlist_gen.board.branches import (
     VoltageByVoltage,
 )
 from taction.netlist_gen.board.parts import Branch
-from taction.system.array_types import Floats, Ints
+from taction.system.array_types import Floats
 from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.descriptor import GROUND, Stamper
 
 VOLTAGES = (VoltageBetween, VoltageByVoltage, VoltageByCurrent)
@@ -134,8 +133,8 @@ class _Branches:
         if part.card in self.sensed:
             current = self.rows[child] = self._current(part.card)
             out = -1.0 if child == self._ends(part)[0] else 1.0  # of the node `child`
-            self._add(current, current, out)
-            self._add(other, current, -out)
+            self._add(current, current, out, other)
+            self._add(other, current, -out, current)
         else:
             self.rows[child] = GROUND if other == GROUND else self.rows[other]
             if other in self.stamper.fixed and self.rows[other] == other:
@@ -176,15 +175,15 @@ class _Branches:
     def _state(self, row: int, column: int, value: float | Floats) -> None:
         self.stamper.laws.add_one(row, column, value)
 
-    def _add(self, row: int, column: int, value: float | Floats) -> None:
-        """Add a current into the node `row`, or to the balance of a current `row`."""
-        self.stamper.currents.add_one(row, column, value)
+    def _add(self, row: int, column: int, value: float | Floats, back: int) -> None:
+        """Add a current out of the node `back` into `row`, or to the balance of a current."""
+        self.stamper.currents.add_one(row, column, value, back)
 
     def _through(self, part: Branch, column: int, value: float | Floats) -> None:
         """Add a current from `part.a` through the part to `part.b`."""
         a, b = self._ends(part)
-        self._add(a, column, -value)
-        self._add(b, column, value)
+        self._add(a, column, -value, b)
+        self._add(b, column, value, a)
 
     def _coil(self, part: Branch) -> None:
         current, (a, b) = self._current(part.card), self._ends(part)
@@ -215,8 +214,8 @@ class _Branches:
         """Add what flows out of `part.a`, on the left of ``M z' = K z``."""
         a, b = self._ends(part)
         for place, value in self._controls(part):
-            self.stamper.mass.add_one(a, place, value)
-            self.stamper.mass.add_one(b, place, -value)
+            self.stamper.mass.add_one(a, place, value, b)
+            self.stamper.mass.add_one(b, place, -value, a)
 
     def _by_current(self, part: CurrentByCurrent) -> None:
         self._through(part, self._current(part.control), self._value(part.card))
@@ -227,33 +226,13 @@ class _Branches:
         rows = np.array([*self.rows, GROUND], dtype=np.int64)
         for entries in (stamper.currents, stamper.mass):
             row, column, values = entries.joined(len(stamper.circuits))
-            row = rows[row]
-            live = np.flatnonzero((row != GROUND) & (column != GROUND))
-            entries.replace(*_kept(row[live], column[live], values.take(live, axis=1)))
+            row, back = rows[row], rows[entries.backs]
+            # A part between two nodes that have one row adds exactly nothing to it.
+            live = np.flatnonzero((row != GROUND) & (column != GROUND) & (row != back))
+            entries.replace(row[live], column[live], values.take(live, axis=1))
         stamper.constant_currents[:] = [
             (rows[i], values) for i, values in stamper.constant_currents
         ]
-
-
-def _kept(rows: Ints, columns: Ints, values: Floats) -> tuple[Ints, Ints, Floats]:
-    """Return entries (n,), with values (B, n), without those that cancel.
-
-    A part between two nodes that have one row adds exactly nothing to it. The others stay as they
-    are, so that their exact sums are known (`pole_count`).
-    """
-    places: dict[tuple[int, int], list[int]] = {}
-    for k, place in enumerate(zip(rows.tolist(), columns.tolist(), strict=True)):
-        places.setdefault(place, []).append(k)
-    kept = np.ones(values.shape, dtype=np.bool_)
-    for same in places.values():
-        if len(same) > 1:
-            each = values[:, same]
-            if (each > 0.0).any() and (each < 0.0).any():
-                equal = each[:, :, None] == each[:, None, :]
-                opposite = (each[:, :, None] == -each[:, None, :]).sum(axis=2)
-                kept[:, same] = np.tril(equal, -1).sum(axis=2) >= opposite
-    left = np.flatnonzero(agreed(kept))
-    return rows[left], columns[left], values.take(left, axis=1)
 
 
 _OTHERS: dict[type[Branch], Callable[..., None]] = {

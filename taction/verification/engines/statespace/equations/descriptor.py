@@ -281,39 +281,50 @@ def in_a_row(parts: Sequence[Floats]) -> Floats:
 class Entries:
     """A growing matrix: arrays of (row, column, value), ground included.
 
-    Values are those of all boards, (n,), or have a row for each board, (B, n).
+    Values are those of all boards, (n,), or have a row for each board, (B, n). A part between two
+    nodes adds the opposite value in the same column to another row, of which its entry knows:
+    `back` is that row, or ground.
     """
 
     def __init__(self) -> None:
-        self.parts: list[tuple[Ints, Ints, Floats]] = []
-        self.single: list[tuple[int, int, float | Floats]] = []
+        self.parts: list[tuple[Ints, Ints, Floats, Ints | None]] = []
+        self.single: list[tuple[int, int, float | Floats, int]] = []
 
-    def add_one(self, row: int, column: int, value: float | Floats) -> None:
+    def add_one(self, row: int, column: int, value: float | Floats, back: int = GROUND) -> None:
         """Stamp one entry, of all boards or (B,) of each."""
-        self.single.append((row, column, value))
+        self.single.append((row, column, value, back))
 
-    def add(self, rows: Ints, columns: Ints, values: Floats) -> None:
+    def add(self, rows: Ints, columns: Ints, values: Floats, back: Ints | None = None) -> None:
         """Stamp one entry in each row."""
-        self.parts.append((rows, columns, values))
+        self.parts.append((rows, columns, values, back))
 
     def branch(self, a: Ints, b: Ints, values: Floats) -> None:
         """Stamp two-terminal elements between places a and b."""
         for p, q in ((a, b), (b, a)):
-            self.add(p, p, values)
-            self.add(p, q, -values)
+            self.add(p, p, values, q)
+            self.add(p, q, -values, q)
 
     def joined(self, boards: int) -> tuple[Ints, Ints, Floats]:
         """Return all rows and columns, (n,) each, and values, (B, n)."""
         values = np.empty((boards, len(self.single)))
-        for k, (_, _, value) in enumerate(self.single):
+        for k, (_, _, value, _) in enumerate(self.single):
             values[:, k] = value
         ones = [np.array([each[k] for each in self.single], dtype=np.int64) for k in (0, 1)]
-        rows, columns, stack = zip(*self.parts, (*ones, values), strict=True)
+        rows, columns, stack = zip(*(part[:3] for part in self.parts), (*ones, values), strict=True)
         return np.concatenate(rows), np.concatenate(columns), in_a_row(stack)
+
+    @property
+    def backs(self) -> Ints:
+        """The other row of each entry, (n,)."""
+        ones = np.array([back for *_, back in self.single], dtype=np.int64)
+        parts = [
+            np.full(len(rows), GROUND) if back is None else back for rows, _, _, back in self.parts
+        ]
+        return np.concatenate([*parts, ones])
 
     def replace(self, rows: Ints, columns: Ints, values: Floats) -> None:
         """Put entries in the place of all others."""
-        self.parts, self.single = [(rows, columns, values)], []
+        self.parts, self.single = [(rows, columns, values, None)], []
 
     def triplets(self, rows: Bools, boards: int) -> list[Triplets]:
         """Return each board's entries of the chosen `rows` (size + 1, the last for ground)."""

@@ -335,7 +335,7 @@ def joined_basis(A: Floats, block: Block, scale: Floats) -> Block:
     eig: Any = scipy.linalg.eig
     balanced = A * scale / scale[:, None]
     poles, lefts, rights = eig(balanced, left=True, right=True)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         kappa = 1.0 / np.abs((lefts.conj() * rights).sum(axis=0))
     rights *= scale[:, None]
     form: Any = scipy.linalg.schur(balanced, output="real")

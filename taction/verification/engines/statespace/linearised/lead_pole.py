@@ -145,7 +145,8 @@ def _quotients(A: Floats, size: Floats, near: Complexes, aside: Floats) -> tuple
 
     With the vectors w and v, and S for the inverse beside this pole, a change E of the matrix moves
     the pole by ``w E v + w E S E v + ...`` over ``w v``. E is at most ``G = UNITS eps size``.
-    Infinite where this series may diverge.
+    Infinite where this series may diverge. The quotient itself is rounded relative to the distance
+    of the shift, which is all there is of a pole at zero.
     """
     every, n = np.arange(len(A)), A.shape[-1]
     shifted, shift = A.astype(np.complex128), (near + aside)[:, None, None]
@@ -175,7 +176,8 @@ def _quotients(A: Floats, size: Floats, near: Complexes, aside: Floats) -> tuple
         ratio = (second / first).max(axis=1)[:, 0]
         missing = np.abs(w @ shifted - off * w)
         terms = (seen @ second + missing @ spread)[:, 0, 0] / (1.0 - ratio)
-        bound = ((seen @ change)[:, 0, 0] + terms) / np.abs(product[:, 0, 0])
+        shifting = UNITS * EPS * (np.abs(moved) + aside[:, None, None] * np.abs(v))
+        bound = ((seen @ (change + shifting))[:, 0, 0] + terms) / np.abs(product[:, 0, 0])
     poles = pole[:, 0, 0]
     bound += 2.0 * EPS * np.abs(poles)
     return poles, np.where(ratio < DIVERGING, bound, np.inf)
