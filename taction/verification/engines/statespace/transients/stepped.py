@@ -283,7 +283,9 @@ class SteppedCurve:
         flat = at_nodes.transpose(0, 2, 1).reshape(-1, at_nodes.shape[1])
         values = reported.voltages(flat)[:, : len(reported.nodes)]
         pieces = np.abs(TABLE.legendre @ values.reshape(len(at_nodes), NODES.size, -1))
-        unit = self.run.unit
+        away = np.abs(values - reported.resting[:, : len(reported.nodes)])
+        # As in the steps, growing voltages count by their size.
+        unit = np.maximum(self.run.unit, away.reshape(len(at_nodes), -1).max(axis=1))
         bend = (pieces * BENDS[:, None]).sum(axis=1).max(axis=1)
         parts = (3.0 / 128.0 * bend / (BETWEEN * unit)) ** 0.25
         parts = np.maximum(parts, 2.0 * pieces[:, 1:].sum(axis=1).max(axis=1) / (MOVE * unit))

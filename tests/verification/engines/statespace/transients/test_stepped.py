@@ -24,8 +24,14 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import integrator
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.small_steps import StateBoard
-from taction.verification.engines.statespace.transients.stepped import SteppedRun, Task
+from taction.verification.engines.statespace.transients.stepped import (
+    SteppedCurve,
+    SteppedRun,
+    Task,
+    halved,
+)
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
+from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.verdict.opamp_level import large_signal
 from tests.support.boards import board, kernel, lone_amplifier, strain, two_pole
 
@@ -202,6 +208,28 @@ def test_inputs_without_charge_jump_on_a_large_board_too(
     found, wanted = beside_ngspice(circuit, Transient(4e-4, 2e-8), times)
     assert np.abs(wanted).max() > 0.3
     assert found == pytest.approx(wanted, abs=2e-4)
+
+
+def test_points_of_a_board_that_diverges_follow_its_size_not_the_number_of_steps() -> None:
+    """They were 111,183, then 194,939, and doubled with each halving: a run did not end."""
+    case = next(case for case in load_catalogue() if case.name == "avx512-equilibrium")
+    circuit = synthesise(case.scene("statespace"))
+    first = simulate(circuit, Transient(3.26693e-4, 3e-7, initial="zero"), resolved=True)
+    better = halved(first, resolved=True)
+    assert isinstance(first.curve, SteppedCurve)
+    assert isinstance(better.curve, SteppedCurve)
+    assert np.abs(first.values).max() > 1e8
+    assert better.curve.dense.steps == 2 * first.curve.dense.steps
+    assert 10_000 < len(better.time) < 1.2 * len(first.time)
+    # Between points the curve still moves by less than 2 % of the step amplitude or of its size.
+    middle = 0.5 * (better.time[1:] + better.time[:-1])
+    away = better.curve.at(middle) - 0.5 * (better.values[1:] + better.values[:-1])
+    ends = np.array(better.curve.dense.ends)
+    size = np.full(len(ends), first.curve.run.unit)
+    step = np.searchsorted(ends, better.time)
+    np.maximum.at(size, step, np.abs(better.values).max(axis=1))
+    bend = np.abs(away).max(axis=1) / size[np.searchsorted(ends, middle)]
+    assert 0.0 < bend.max() < 0.02
 
 
 def beside_ngspice(circuit: Circuit, analysis: Transient, times: Floats) -> tuple[Floats, Floats]:
