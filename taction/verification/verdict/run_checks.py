@@ -213,20 +213,20 @@ def headroom(evidence: Evidence) -> Check | None:
     if parts.simulated:
         return _limited(parts)
     worst, outcome = parts.loads[0], Outcome.PASS
-    reason = describe(worst)
-    if parts.impossible:
-        outcome, load = Outcome.FAIL, parts.impossible[0]
-        rest = amount(load, load.rest)
+    share, reason = worst.share, describe(worst)
+    if parts.impossible:  # value and reason are of the same load
+        outcome, worst = Outcome.FAIL, parts.impossible[0]
+        share = worst.rest / worst.limit
         reason = (
-            f"at rest the output {load.quantity} of op-amp {load.part} would be {rest}, the limit"
-            f" is {amount(load, load.limit)}{parts.remedy}"
+            f"at rest the output {worst.quantity} of op-amp {worst.part} would be"
+            f" {amount(worst, worst.rest)}, the limit is {amount(worst, worst.limit)}{parts.remedy}"
         )
     elif worst.is_above:
         outcome = Outcome.INCONCLUSIVE
         reason += f", and above {FULL:.0%} of a limit the small-signal board is not true"
         reason += parts.remedy
     error = worst.error / worst.limit
-    return Check("headroom", outcome, worst.share, error, FULL, None, "ratio", reason)
+    return Check("headroom", outcome, share, error, FULL, None, "ratio", reason)
 
 
 def _limited(parts: PartLoads) -> Check:
@@ -239,13 +239,12 @@ def _limited(parts: PartLoads) -> Check:
     reason += "; the simulated op-amps have slew rate and swing"
     if any(load.quantity == "current" for load in parts.simulated):
         reason += " and largest output current"
-    if not parts.loads:
+    if not (parts.loads and parts.loads[0].is_above):
+        reason = "; ".join((reason, *map(describe, parts.loads[:1])))
         return Check("headroom", Outcome.PASS, None, None, FULL, None, "ratio", reason)
     other = parts.loads[0]
-    reason += f"; {describe(other)}"
-    if not other.is_above:
-        return Check("headroom", Outcome.PASS, None, None, FULL, None, "ratio", reason)
     share, error = other.share, other.error / other.limit
+    reason = f"{describe(other)}; {reason}"  # the value is that of the other load
     return Check("headroom", Outcome.INCONCLUSIVE, share, error, FULL, None, "ratio", reason)
 
 

@@ -33,6 +33,7 @@ from taction.verification.report.texts import (
     titled,
 )
 from taction.verification.report.views.origin import origin_section
+from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.studies.tolerance.yield_report import (
     CHECK_OF,
     QuantitySpread,
@@ -60,7 +61,7 @@ def view(result: YieldReport) -> Page:
     return Page(
         title=result.name,
         command="taction yield montecarlo",
-        summary=_summary(result),
+        summary=_summary(result, *remedy),
         sections=(
             Section("Yield", (_interval(result),)),
             Section("Samples", (_shares(result),), media=(NOTEBOOK,)),
@@ -73,7 +74,6 @@ def view(result: YieldReport) -> Page:
             Section("Causes", (causes(result),), media=EVERYWHERE),
             origin_section(result.scene, rows),
         ),
-        foot=remedy,
         sheet=lambda: sheet(result),
     )
 
@@ -88,15 +88,27 @@ def sheet(result: YieldReport) -> Sheet:
     return Sheet.of(f"{result.name}: {_summary(result)}", blocks, ACROSS, PANEL, (0.0, 0.5), foot)
 
 
-def _summary(result: YieldReport) -> str:
-    text = f"{titled(result.sentence)}."
+def _summary(result: YieldReport, *remedy: str) -> str:
+    """Return the yield, what to buy better, and what costs most of it."""
+    texts = (f"{text[:1].upper()}{text[1:]}." for text in (result.sentence, *remedy))
+    return " ".join(filter(None, (*texts, _worst(result))))
+
+
+def _worst(result: YieldReport) -> str:
+    """Return which check costs most yield, and which part moves it most; empty without losses."""
     worst = next(iter(result.failures), "")
     if not (worst and result.samples):
-        return text
+        return ""
     share = percent(result.failures[worst] / result.samples, 4)
-    text += f" {share} of the boards do not pass the check of the {spaced(worst)}"
+    text = f"{share} of the boards do not pass the check of the {spaced(worst)}"
     first = next((each for each in result.sensitivities if _check(each) == worst), None)
-    return f"{text}; {first.parameter} is behind most of it." if first else f"{text}."
+    if first is None:
+        return f"{text}."
+    place = "" if first.channel is None else f" in channel {first.channel}"
+    return (
+        f"{text}; {first.parameter} moves it most: it is behind {100 * first.correlation**2:.0f} %"
+        f" of the variance of the {spaced(first.quantity)}{place}."
+    )
 
 
 def _interval(result: YieldReport) -> Ranges | None:
@@ -209,10 +221,28 @@ def spreads(result: YieldReport) -> Table:
         "5 %": number("low"),
         "median": number("median"),
         "95 %": number("high"),
-        "missing": lambda each: each.missing,
+        "no value": lambda each: _gaps(result, each)[0],
     }
     shown = result.quantities if result.samples else ()
-    return Table.of("Quantities", shown, columns, "5 % and 95 %: percentiles of the samples.")
+    notes = (f"{titled(each.title)}: {text}." for each in shown if (text := _gaps(result, each)[1]))
+    note = " ".join(("5 % and 95 %: percentiles of the samples.", *notes))
+    return Table.of("Quantities", shown, columns, note)
+
+
+def _gaps(result: YieldReport, spread: QuantitySpread) -> tuple[int, str]:
+    """Return how many samples have no value of a quantity, and in words whether they pass."""
+    without = [each for each in result.boards if _number(each, spread) is None]
+    count, lost = len(without), sum(each.outcome != "pass" for each in without)
+    text = f"{counted(count, 'sample')} without a value" if count else ""
+    if lost:
+        text += f", {'' if lost == count else f'{lost} of them '}counted as failing"
+    return count, text
+
+
+def _number(sample: BoardSample, spread: QuantitySpread) -> float | None:
+    """Return the finite value of a quantity; None without one, or without a verdict."""
+    value = None if sample.lost else sample.value(spread.name)
+    return value if value is not None and math.isfinite(value) else None
 
 
 def histograms(result: YieldReport) -> Iterator[Block]:
@@ -223,17 +253,22 @@ def histograms(result: YieldReport) -> Iterator[Block]:
         return unlimited, -result.failures.get(CHECK_OF.get(spread.name, spread.name), 0)
 
     for spread in sorted(result.quantities, key=place):
-        found = [sample.value(spread.name) for sample in result.boards if not sample.lost]
+        found = (_number(sample, spread) for sample in result.boards)
         values = np.array([value for value in found if value is not None], dtype=np.float64)
-        values = values[np.isfinite(values)]
-        if len(values) and np.ptp(values) <= SAME * np.abs(values).max():
-            text = f"every sample has {figure(float(values[0]), spread.unit)}"
+        count, text = _gaps(result, spread)
+        if len(values) and np.ptp(values) > SAME * np.abs(values).max():
+            yield _histogram(spread, values, count, text)
+            continue
+        if len(values):
+            same = figure(float(values[0]), spread.unit)
+            every = "every sample has" if not count else f"{len(values)} samples have"
+            text = "; ".join(filter(None, (f"{every} {same}", text)))
+        if text:
             yield Notes(titled(spread.title), (f"{titled(spread.title)}: {text}.",))
-        elif len(values):
-            yield _histogram(spread, values)
 
 
-def _histogram(spread: QuantitySpread, values: Floats) -> Chart:
+def _histogram(spread: QuantitySpread, values: Floats, missing: int, text: str) -> Chart:
+    """Return the histogram; a bar right of it has the samples without a value, `text` in words."""
     limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
     least, most = _ends((spread.at_least, spread.at_most))
     beyond, edges = (values < least) | (values > most), _edges(values, limits)
@@ -254,13 +289,16 @@ def _histogram(spread: QuantitySpread, values: Floats) -> Chart:
         marks.append(Text("limit →", None, None, ("left", "below")))
     if any(limit < low - reach for limit in limits):
         marks.append(Text("← limit", None, None, ("right", "below")))
+    if missing:
+        views, more = _missing(view, missing, text)
+        marks += more
     message = "no limit"
     if limits:
         share = percent(float(beyond.mean()))
         texts = " and ".join(figure(limit, spread.unit) for limit in limits)
         message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
-    if spread.missing:
-        message += f", {counted(spread.missing, 'sample')} without a value"
+    if text:
+        message += f", {text}"
     summary = (
         f"{len(values)} samples from {figure(float(values.min()), spread.unit)} to"
         f" {figure(float(values.max()), spread.unit)}; {message}."
@@ -276,6 +314,26 @@ def _histogram(spread: QuantitySpread, values: Floats) -> Chart:
         "inside" if limits else "",
         280,
     )
+
+
+def _missing(view: View, count: int, text: str) -> tuple[tuple[View], tuple[Mark, ...]]:
+    """Return the view and the marks with a bar of the samples without a value.
+
+    The bar stands right of all values; a view that goes farther would show it as one of them.
+    """
+    low, high = view.x or (0.0, 1.0)
+    width = 0.08 * (high - low)
+    bar = Columns(
+        np.array([high + width]),
+        np.array([float(count)]),
+        widths=np.array([width]),
+        looks=("fail" if text.endswith("failing") else "inconclusive",),
+        name="no value",
+        written=(f"{count} no value",),
+        hover=(text,),
+    )
+    wall = Limit(high, colour="muted", line="dot")
+    return (View(view.name, (low, high + 2.0 * width)),), (wall, bar)
 
 
 def _bars(values: Floats, beyond: np.ndarray, edges: Floats) -> Iterator[Columns]:
@@ -308,11 +366,7 @@ def _edges(values: Floats, limits: list[float]) -> Floats:
 def _culprits(result: YieldReport) -> Block:
     shown = result.sensitivities[:CULPRITS]
     if not shown:
-        text = (
-            "No part has an influence on a quantity with a limit that stands out of the scatter of"
-            " these samples."
-        )
-        return Notes("Parts behind the lost yield", (text,))
+        return _no_causes(result)
     shares = np.array([100.0 * each.correlation**2 for each in shown])
     rising = [each.correlation > 0.0 for each in shown]
     bars = Columns(
@@ -343,8 +397,22 @@ def _culprits(result: YieldReport) -> Block:
     )
 
 
-def causes(result: YieldReport) -> Table:
-    """Return the parts behind the spread."""
+def _no_causes(result: YieldReport) -> Notes:
+    text = "No sample fails a check: no part costs yield."
+    if result.failures:
+        text = (
+            "No part's influence on a quantity whose check costs yield stands out of the scatter of"
+            f" these {counted(result.samples, 'sample')}."
+        )
+    elif result.passed < result.samples:
+        text = "The lost samples have no verdict: no part is known to cost yield."
+    return Notes("Parts behind the lost yield", (text,) if result.samples else ())
+
+
+def causes(result: YieldReport) -> Block:
+    """Return the parts behind the spread of what costs yield, or why none is listed."""
+    if not result.sensitivities:
+        return _no_causes(result)
     columns = {
         "quantity": lambda each: spaced(each.quantity),
         "channel": lambda each: "" if each.channel is None else each.channel,

@@ -266,7 +266,7 @@ def _spread(quantity: Quantity, samples: list[BoardSample]) -> QuantitySpread:
 def _sensitivities(
     board: Varied, reported: tuple[Quantity, ...], samples: list[BoardSample], seed: int
 ) -> list[Sensitivity]:
-    """Return the correlations beyond `SIGNIFICANT` standard errors, of quantities with a limit.
+    """Return the correlations beyond `SIGNIFICANT` standard errors, where the check costs yield.
 
     Those of the check that costs most yield come first, and of one check the strongest.
     """
@@ -275,9 +275,8 @@ def _sensitivities(
     for quantity in reported:
         check = CHECK_OF.get(quantity.name, quantity.name)
         lost = sum(check in sample.failed for sample in samples) / max(len(samples), 1)
-        limited = any(limit is not None for limit in quantity.limits)
         # A margin is computed only up to the limit of the check.
-        if quantity.name == "margin" or not (limited or lost):
+        if quantity.name == "margin" or not lost:
             continue
         channel = _furthest(samples) if quantity.name == "steady_state" else None
         pairs = [(sample.number, _value(sample, quantity.name, channel)) for sample in samples]

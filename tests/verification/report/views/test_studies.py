@@ -224,6 +224,47 @@ def test_bars_beyond_the_limit_are_failures_and_all_samples_are_shown() -> None:
     assert chart.message == "9 of 40 samples (22.5 %) beyond 17.6 µs"
 
 
+def test_samples_without_a_value_have_a_bar_of_their_own() -> None:
+    lost = (
+        *(make_sample(k, "fail", ("settling_time",), settling_time=None) for k in (40, 41)),
+        make_sample(42, "error", failure="Killed", reason="lost"),
+    )
+    report = replace(REPORT, boards=(*REPORT.boards, *lost), samples=43, quantities=(TIME,))
+    (chart, *_) = charts(report)
+    *_, bar = marks(chart, Columns)
+    assert (bar.looks, bar.sizes.tolist(), bar.written) == (("fail",), [3.0], ("3 no value",))
+    (view,) = chart.views  # no other view shows the bar's place as a value
+    assert TIME.at_most < bar.places[0] < view.x[1]
+    assert chart.message.endswith(", 3 samples without a value, counted as failing")
+    note = "Settling time: 3 samples without a value, counted as failing."
+    assert note in montecarlo.spreads(report).note
+    (note,) = montecarlo.histograms(replace(report, boards=lost))  # nothing to draw
+    assert note.lines == ("Settling time: 3 samples without a value, counted as failing.",)
+    passing = make_sample(40, settling_time=None)  # nothing asks for its settling time
+    report = replace(REPORT, boards=(*REPORT.boards, passing), quantities=(TIME,))
+    assert charts(report)[0].message.endswith(", 1 sample without a value")
+
+
+def test_better_parts_are_the_second_sentence_of_a_yield() -> None:
+    words = montecarlo.view(REPORT).summary
+    assert words.index("Cc_1 to 1 %: yield 100 %") < words.index("do not pass the check")
+
+
+@pytest.mark.parametrize(
+    ("passed", "failures", "text"),
+    [
+        (40, {}, "No sample fails a check: no part costs yield."),
+        (39, {}, "The lost samples have no verdict"),
+        (31, {"settling_time": 9}, "No part's influence on a quantity whose check costs yield"),
+    ],
+)
+def test_an_empty_list_of_causes_says_why(passed: int, failures: dict[str, int], text: str) -> None:
+    report = replace(REPORT, sensitivities=(), passed=passed, failures=failures)
+    causes = montecarlo.causes(report)
+    assert isinstance(causes, Notes)
+    assert causes.lines[0].startswith(text)
+
+
 def test_a_limit_far_away_is_an_arrow() -> None:
     chart = histogram(replace(TIME, at_most=1.0))
     first, second = chart.views

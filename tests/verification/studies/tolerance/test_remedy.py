@@ -14,7 +14,6 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.montecarlo import view
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.remedy import (
@@ -148,13 +147,13 @@ def test_no_remedy_without_need_or_without_samples() -> None:
         (Remedy({}, {}, 0.99, 0.5), "no resistor or capacitor that is sold better"),
     ],
 )  # fmt: skip
-def test_the_report_ends_with_it(remedy: Remedy, text: str) -> None:
+def test_the_report_says_it_behind_the_yield(remedy: Remedy, text: str) -> None:
     from dataclasses import replace
 
     board = study(FINE, 0.1)
     report = summarise_samples(board, [make_sample(0)], SEED)
-    shown = page_text(view(replace(report, remedy=remedy)))
-    assert text in shown.splitlines()[-1]
+    words = view(replace(report, remedy=remedy)).summary
+    assert f"1 of 1 boards pass. {text[0].upper()}{text[1:]}" in words
 
 
 def test_single_parts_have_tolerances_of_their_own() -> None:
