@@ -77,7 +77,7 @@ def find_point(
     if not cards:
         raise CardError(f"ngspice does not expand the deck: {said}")
     found = sorted_cards(cards)
-    volts = _volts(first)
+    volts = read_volts(first)
     if not found.elements:
         return DeckPoint(tuple(lines), cards, found, {}, TIGHT, options, mode)
     if not volts:
@@ -91,7 +91,7 @@ def find_point(
     for tighter in TRIED:
         text = [*lines, f".options {tighter} {options}", *_starts(volts)]
         answers = run_commands(text, commands, simulator, mode=mode, seconds=TIGHT_SECONDS)
-        if tight := _volts(answers):
+        if tight := read_volts(answers):
             volts, limits = tight, tighter
             break
     return DeckPoint(tuple(lines), cards, found, volts, limits, options, mode)
@@ -109,7 +109,7 @@ def _starts(volts: Mapping[str, float]) -> list[str]:
     ]
 
 
-def _volts(answers: Answers) -> dict[str, float]:
+def read_volts(answers: Answers) -> dict[str, float]:
     """Return the last operating point that ngspice wrote; nothing where it failed."""
     found = [
         (names, values) for names, values in answers.plots if any(n.startswith("v(") for n in names)

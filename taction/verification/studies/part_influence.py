@@ -70,7 +70,7 @@ def sensitivities(
     if not len(found.poles) or board.descriptor.is_large:
         return {}
     p, point = found.rightmost, board.operating_point
-    right, left = _vectors(board, p)
+    right, left = pole_vectors(board, p)
     known = board.descriptor
     dense = linear_matrices(known, point)
     scale = left @ dense.mass @ right
@@ -92,7 +92,7 @@ def sensitivities(
     return rates
 
 
-def _vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
+def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
     """Return the right and the left null vector of ``p M - K``, by inverse iteration."""
     dense = linear_matrices(board.descriptor, board.operating_point)
     for beside in BESIDE:

@@ -1,0 +1,111 @@
+"""What the operating point of a deck that is not linear leaves open: other points, a large step.
+
+Latches, Schmitt triggers and current references have several operating points, and ngspice may
+find the one that no board keeps. A large step leaves the range in which the circuit is linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from taction.system.array_types import Floats
+from taction.system.errors import EngineError
+from taction.system.quantities import show
+from taction.verification.characterise.operating_point import DeckPoint, read_volts
+from taction.verification.engines.ngspice.commands import RESULT, run_commands
+from taction.verification.engines.ngspice.executable import Simulator
+from taction.verification.studies.ac_witness import stepping
+from taction.verification.studies.measured_board import MeasuredBoard
+from taction.verification.studies.part_influence import pole_vectors
+
+STARTS = 12
+REACHES = (0.05, 0.15, 0.4, 1.0, 10.0)  # of the range of all voltages, along the growing mode
+WIDER = 2.0  # times this range on either side: drawn voltages
+SAME = 1e-3  # of this range: a smaller distance is the same point
+SECONDS = 4.0  # of one start
+LARGE = 0.01  # of the step: what ngspice's rest after it may differ from the linear one
+
+
+def points_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) -> str:
+    """Return how many operating points a deck with a growing real pole has; empty without one.
+
+    ngspice starts along the growing mode, both ways, and from voltages that are drawn.
+    """
+    poles = found.poles
+    growing = (poles.poles.imag == 0.0) & (poles.poles.real > poles.errors)
+    if not np.any(growing):
+        return ""
+    nodes = [name for name in found.board.descriptor.names if name in point.volts]
+    here = np.array([point.volts[name] for name in nodes])
+    span = float(np.ptp(here, axis=0)) or 1.0
+    known = [here]
+    for start in _starts(found, complex(poles.poles[growing][0]), nodes, here, span):
+        cards = [f".nodeset v({n})={v!r}" for n, v in zip(nodes, start.tolist(), strict=True)]
+        limits = f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"
+        commands = ["optran 1 1 1 0 0 0", "save all", "op", f"write {RESULT}"]
+        text = [*point.lines, limits, *cards]
+        volts = read_volts(
+            run_commands(text, commands, simulator, mode=point.mode, seconds=SECONDS)
+        )
+        if not volts:
+            continue
+        there = np.array([volts.get(name, np.nan) for name in nodes])
+        if all(np.abs(there - each).max() > SAME * span for each in known):
+            known.append(there)
+    if len(known) == 1:
+        return f"from {STARTS} other starts ngspice finds no operating point but this unstable one"
+    out = found.board.circuit.outputs[0].node
+    shown = out if out in nodes else nodes[int(np.abs(known[1] - here).argmax())]
+    volts_there = ", ".join(show(float(each[nodes.index(shown)]), "V", 4) for each in known[1:])
+    return (
+        f"at least {len(known)} operating points: all that follows is of this one, which is unstable, with"
+        f" v({shown}) = {show(float(here[nodes.index(shown)]), 'V', 4)}; the others have"
+        f" {volts_there}"
+    )
+
+
+def _starts(
+    found: MeasuredBoard, pole: complex, nodes: list[str], here: Floats, span: float
+) -> Iterator[Floats]:
+    drawn, count = np.random.default_rng(5), 0
+    try:
+        right, _ = pole_vectors(found.board, pole)
+        places = [found.board.descriptor.place(name) for name in nodes]
+        mode = right[places].real / np.abs(right[places]).max()
+        for reach in REACHES:
+            yield here + reach * span * mode
+            yield here - reach * span * mode
+            count += 2
+    except EngineError:
+        pass
+    for _ in range(STARTS - count):
+        yield drawn.uniform(here.min() - WIDER * span, here.max() + WIDER * span, len(here))
+
+
+def step_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) -> str:
+    """Return that a step leaves the range in which a deck is linear; empty where it does not."""
+    if not found.poles.known_stable:
+        return ""
+    sources = stepping(found.board.circuit.branches)
+    commands = [f"alter {s.card[0].lower()}{s.card[1:]} dc={s.value!r}" for s in sources]
+    commands = ["save all", *commands, "op", f"write {RESULT}"]
+    limits = f".options reltol=1e-6 {point.options}"
+    text = [*point.lines, limits, *point.starts]
+    volts = read_volts(run_commands(text, commands, simulator, mode=point.mode, seconds=SECONDS))
+    if not volts:
+        return "ngspice finds no operating point after the step: readings hold for small steps only"
+    pairs = zip(found.board.circuit.outputs, found.rest.tolist(), strict=True)
+    off, name, linear, true = max(
+        (abs(o.sign * rest - volts[o.node]), o.node, o.sign * rest, volts[o.node])
+        for o, rest in pairs
+        if o.node in volts
+    )
+    if off <= LARGE * found.measurements.amplitude:
+        return ""
+    return (
+        f"the step is too large for small signals: after it ngspice's operating point has v({name})"
+        f" = {show(true, 'V', 4)}, the linear circuit {show(linear, 'V', 4)}; readings of the step"
+        " hold for small steps only"
+    )
