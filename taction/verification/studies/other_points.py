@@ -60,8 +60,8 @@ def points_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) ->
     shown = out if out in nodes else nodes[int(np.abs(known[1] - here).argmax())]
     volts_there = ", ".join(show(float(each[nodes.index(shown)]), "V", 4) for each in known[1:])
     return (
-        f"at least {len(known)} operating points: all that follows is of this one, which is unstable, with"
-        f" v({shown}) = {show(float(here[nodes.index(shown)]), 'V', 4)}; the others have"
+        f"at least {len(known)} operating points: all that follows is of this one, which is"
+        f" unstable, with v({shown}) = {show(float(here[nodes.index(shown)]), 'V', 4)}; the others have"
         f" {volts_there}"
     )
 
