@@ -58,11 +58,11 @@ def points_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) ->
         return f"from {STARTS} other starts ngspice finds no operating point but this unstable one"
     out = found.board.circuit.outputs[0].node
     shown = out if out in nodes else nodes[int(np.abs(known[1] - here).argmax())]
-    volts_there = ", ".join(show(float(each[nodes.index(shown)]), "V", 4) for each in known[1:])
+    at = nodes.index(shown)
+    own, *others = (show(float(each[at]), "V", 4) for each in known)
     return (
         f"at least {len(known)} operating points: all that follows is of this one, which is"
-        f" unstable, with v({shown}) = {show(float(here[nodes.index(shown)]), 'V', 4)}; the others have"
-        f" {volts_there}"
+        f" unstable, with v({shown}) = {own}; the others have {', '.join(others)}"
     )
 
 
