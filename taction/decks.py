@@ -158,28 +158,14 @@ def check(
         progress=progress,
     )
     if ngspice and board.point is not None:
-        found = replace(found, notes=(*found.notes, *_of_the_point(found, board)))
+        from taction.verification.studies.other_points import point_notes
+
+        found = replace(found, notes=(*found.notes, *point_notes(found.measured, board)))
     if output is not None:
         from taction.system.atomic_files import write_atomically
 
         write_atomically(output, board.flat_text)
     return found
-
-
-def _of_the_point(found: BoardCheck, board: ForeignBoard) -> Iterable[str]:
-    """Yield what is to be said of a deck's operating point and of its step."""
-    from taction.verification.engines.ngspice.executable import find_simulator
-    from taction.verification.studies.other_points import points_note, step_note
-
-    point = board.point
-    if point is None:
-        return
-    simulator = find_simulator()
-    if note := points_note(found.measured, point, simulator):
-        yield note
-    moves = any(each.moves for each in board.flat.stimuli.values())
-    if moves and (note := step_note(found.measured, point, simulator)):
-        yield note
 
 
 def _with_reference(

@@ -15,8 +15,9 @@ from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.characterise.operating_point import DeckPoint, read_volts
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
-from taction.verification.engines.ngspice.executable import Simulator
+from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 from taction.verification.studies.ac_witness import stepping
+from taction.verification.studies.foreign_board import ForeignBoard
 from taction.verification.studies.measured_board import MeasuredBoard
 from taction.verification.studies.part_influence import pole_vectors
 
@@ -26,6 +27,18 @@ WIDER = 2.0  # times this range on either side: drawn voltages
 SAME = 1e-3  # of this range: a smaller distance is the same point
 SECONDS = 4.0  # of one start
 LARGE = 0.01  # of the step: what ngspice's rest after it may differ from the linear one
+
+
+def point_notes(found: MeasuredBoard, board: ForeignBoard) -> Iterator[str]:
+    """Yield what is to be said of a deck's operating point and of its step."""
+    if (point := board.point) is None:
+        return
+    simulator = find_simulator()
+    if note := points_note(found, point, simulator):
+        yield note
+    moves = any(each.moves for each in board.flat.stimuli.values())
+    if moves and (note := step_note(found, point, simulator)):
+        yield note
 
 
 def points_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) -> str:
