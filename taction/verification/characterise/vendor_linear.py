@@ -54,11 +54,12 @@ def linear_model(
         flat = _linear_bench(bench, simulator)
         parts = _parts(flat)
         found = _responses(flat, measured_by_ngspice.frequencies)
+        pole = _unstable(flat)
     except (CardError, EngineError, SimulationError, np.linalg.LinAlgError) as error:
         return None, f"no linear model: {one_line(error)}"
     f = measured_by_ngspice.frequencies
     used = f <= REACH * unity
-    if pole := _unstable(flat):
+    if pole:
         return None, f"no linear model: the netlist itself has a pole at {show_rate(pole.real)}"
     errors = _errors(measured_by_ngspice, found, used)
     worst = max(errors, key=errors.__getitem__)
