@@ -79,6 +79,9 @@ def _several(options: Mapping[str, Any]) -> Job | None:
     if options["solution"]:
         if not alone:
             raise click.UsageError("--solve is for one scene")
+        source = click.get_current_context().get_parameter_source("engine")
+        if source is not ParameterSource.DEFAULT:
+            raise click.UsageError("--solve simulates no board: leave out --engine")
         return SOLUTION
     if alone and options["junit"] is None:
         return None

@@ -13,6 +13,7 @@ from taction.cli.running import is_of_stdout
 from taction.cli.terminal import StageLine, put, say
 from taction.system.after_result import attempt
 from taction.system.errors import Interrupted
+from taction.system.quantities import spaced
 
 if TYPE_CHECKING:
     from taction.verification.design.remedies import Remedies
@@ -43,6 +44,8 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
         settings=options["settings"],
         progress=progress,
     )
+    if text := _kept_figures(verdict.scene, options["settings"]):
+        say(text)
     document: dict[str, Any] = {}
     if call.as_json or options["margins"] or options["annotate"]:
         document = load(DOCUMENT + "_with_margins" * bool(options["margins"]))(verdict)
@@ -61,6 +64,21 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
     found = _searched(found, options, progress, lines.add)
     attempt("the changes", lambda: lines.end(changes_text(found)), None, say, is_of_stdout)
     return found
+
+
+def _kept_figures(scene: taction.Scene, settings: Sequence[str]) -> str:
+    """Return which figures of the scene stay where --set changes the base of its op-amp."""
+    from taction.netlist_gen.scene.keys import find_key
+
+    names = {text.partition("=")[0].strip() for text in settings} - {"design.opamp"}
+    kept = sorted(scene.design.opamp.model_fields_set - {"base"})
+    if not kept or "design.opamp.base" not in {find_key(scene, name).path for name in names}:
+        return ""
+    base = scene.design.opamp.base
+    return (
+        f"op-amp {base} with the scene's own {', '.join(map(spaced, kept))};"
+        f" --set design.opamp={base} takes every figure from the part"
+    )
 
 
 def _searched(

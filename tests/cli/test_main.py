@@ -145,6 +145,19 @@ def test_solve_json_has_the_promised_keys() -> None:
     assert "lambda = " in taction("solve", TUNED).stdout
 
 
+def test_solve_refuses_an_engine_that_it_would_ignore() -> None:
+    result = taction("verify", "--solve", TUNED, "--engine", "ngspice")
+    assert result.exit_code == 2
+    assert "leave out --engine" in result.stderr
+
+
+def test_a_part_set_by_its_base_says_which_figures_the_scene_keeps() -> None:
+    words = ("verify", "scenes/paper-breadboard.toml", "--engine", "statespace", "--changes", "0")
+    kept = "op-amp ua741 with the scene's own dc gain, gbw,"
+    assert kept in taction(*words, "--set", "opamp=ua741").stderr
+    assert kept not in taction(*words, "--set", "design.opamp=ua741").stderr
+
+
 def test_solve_answers_by_hand(tmp_path: Path) -> None:
     """T = diag(1, 2), lambda = 1: u = T eps / (T² + 1)."""
     scene = write_matrix_scene(

@@ -87,6 +87,7 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     side = f"{figure(centre, unit)} ±" if centre else side
     band = band_text(check)
     shown = with_error(value, check.uncertainty, unit)
+    reason = f"within {check.reason.removeprefix('to ')}" if band else check.reason
     if value is None and check.outcome is Outcome.PASS:  # the reason says what limits the board
         limit, shown = None, readable(check.reason.partition("; ")[0])
     return Bar(
@@ -96,7 +97,7 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
         doubt=doubt,
         value=shown,
         limit="" if limit is None else f"{side} {figure(limit, unit)}",
-        reason=readable(check.reason.removeprefix(band).strip()),
+        reason=readable(reason),
     )
 
 
