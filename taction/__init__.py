@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.scene import Scene
     from taction.searches import choose, new, scale, tune
-    from taction.studies import accuracy, onset, refine, regress, reproduce, stress, sweep
+    from taction.studies import accuracy, onset, regress, reproduce, stress, sweep
     from taction.system.errors import InputError, Interrupted, NoVerdictError, TactionError
     from taction.system.waveforms import Waveforms
     from taction.tolerances import corners, montecarlo, verify_sample
@@ -62,7 +62,6 @@ __all__ = [
     "new",
     "onset",
     "opamp",
-    "refine",
     "regress",
     "reproduce",
     "scale",

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from taction.verification.evidence.paper.reproduce import Reproduction
     from taction.verification.evidence.stress.run import StressReport
     from taction.verification.studies.onset.onset import Onset
-    from taction.verification.studies.refinement import Refinement
     from taction.verification.studies.regression.run import RegressionReport
     from taction.verification.studies.sweep.result import SweepResult
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
@@ -70,69 +69,6 @@ def onset(
     from taction.verification.studies.onset.onset import planned
 
     return find_crossings(*planned(scene, over), transients=transients, progress=progress)
-
-
-def refine(
-    scene: str | Path | Scene,
-    *,
-    conditions: str | Sequence[float] = "3,8,30",
-    bits: int = 8,
-    target: int = 24,
-    samples: int = 20,
-    seed: int = 0,
-    progress: Progress = lambda stage: None,
-) -> Refinement:
-    """Let boards of topology inv solve again and again for the residual, and count the bits gained.
-
-    A computer finds the residual of each answer in full. It reaches the board through a converter,
-    and the answer comes back through another one. Matrices are random, symmetric and positive
-    definite, as large as the scene's; devices, wires and op-amps are those of the scene.
-
-    Parameters
-    ----------
-    scene : path or Scene
-        The board.
-    conditions : str or sequence of float
-        Condition numbers of the matrices, by commas.
-    bits : int
-        Of both converters, with the sign.
-    target : int
-        Bits of the wanted answer: an error of 2^-target of its largest entry.
-    samples : int
-        Boards of each condition number.
-    seed : int
-        Of the matrices, the strains and the devices.
-    progress : callable, optional
-        Receives the name of each stage.
-
-    Returns
-    -------
-    Refinement
-        `rows` holds bits a cycle and cycles by condition number, `plot` draws the errors.
-
-    Raises
-    ------
-    InputError
-        The scene cannot be used or has another topology, or a condition number is none.
-    NoVerdictError
-        A board has no equilibrium.
-
-    Examples
-    --------
-    >>> import taction
-    >>> result = taction.refine("scenes/inverse.toml", conditions=[8], samples=5)
-    >>> result.rows[0].arrived
-    5
-    """
-    from taction.verification.reference.lambda_rule import read_scene
-    from taction.verification.studies.refinement import refinement
-    from taction.verification.studies.refinement_options import condition_numbers
-
-    numbers = condition_numbers(conditions)
-    return refinement(
-        read_scene(scene), numbers, bits=bits, target=target, samples=samples, seed=seed,
-        progress=progress,
-    )  # fmt: skip
 
 
 def sweep(

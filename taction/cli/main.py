@@ -35,7 +35,6 @@ COMMANDS = {
     "tune": ("studies", "Find the gain with the least settling time."),
     "choose": ("studies", "Choose op-amp, C and gain for given limits."),
     "scale": ("studies", "Propose G0, U0, s and R for op-amps and supply."),
-    "refine": ("studies", "Solve again for the residual: bits a cycle, by condition."),
     "onset": ("studies", "Find every stability crossing over a range."),
     "sweep": ("studies", "Verify a grid of scenes, here or on a cluster; resumable."),
     "regress": ("studies", "Compare a folder of scenes with a stored baseline, for CI."),
@@ -53,7 +52,7 @@ COMMANDS = {
 All of these names work; `SECTIONS` are those that --help lists.
 """
 FAMILIES = {
-    "design": (("tune", "choose", "refine"), "Search for a better board: tune, choose, refine."),
+    "design": (("tune", "choose"), "Search for a better board: tune, choose."),
     "yield": (("montecarlo", "corners"), "See what tolerances of parts do: montecarlo, corners."),
     "export": (
         ("bom", "kicad", "waveforms"),
@@ -64,6 +63,11 @@ FAMILIES = {
 """By name: the commands below it, and its line of --help."""
 EVERY = {**FAMILIES, **COMMANDS}
 RENAMED = {"parts": "models", "waveforms": "simulate"}
+WITHDRAWN = {
+    "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
+    " 'Refinement' in docs/closed-loop.md has the theory.",
+}
+"""What to do in the place of a command that is no more, by its name."""
 SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
@@ -167,6 +171,7 @@ class LazyGroup(click.Group):
         if args and args[0] not in self.known:
             close = difflib.get_close_matches(args[0], self.known, n=1)
             hint = f" Did you mean '{close[0]}'?" if close else ""
+            hint = f" {WITHDRAWN[args[0]]}" if args[0] in WITHDRAWN else hint
             ctx.fail(f"No such command '{visible(args[0])}'.{hint}")
         return super().resolve_command(ctx, args)
 

@@ -207,24 +207,6 @@ SCALE = Command(
     ),
 )
 
-REFINE = Command(
-    function="refine",
-    outputs=(picture("the error after each cycle"), REPORT),
-    parameters=(
-        SCENE,
-        option(
-            "conditions",
-            metavar="A,B,C",
-            check="verification.studies.refinement_options:condition_numbers",
-        ),
-        option("bits", type=click.IntRange(2, 32)),
-        option("target", type=click.IntRange(1, 48)),
-        option("samples", "-n", "--samples", type=click.IntRange(1, 100_000)),
-        option("seed", type=click.IntRange(0)),
-    ),
-    ends="Exit status: 0 if every board arrives, 1 if one does not.",
-)
-
 
 def _ask_axis(call: Call) -> None:
     from taction.netlist_gen.scene.loading import load_scene

@@ -18,7 +18,7 @@ from lxml import html
 from taction.cli.command import Command
 from taction.cli.main import COMMANDS, main
 from taction.cli.main import command as entry
-from tests.support.command_lines import LOOP, PINS, VENDOR
+from tests.support.command_lines import PINS, VENDOR
 from tests.support.entries import write_fast
 from tests.support.paths import SCENES
 from tests.support.running import document, taction
@@ -46,7 +46,6 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("montecarlo", ("a.toml", "--sample", "2"), {"--report": "x.html"}),
     ("corners", ("a.toml", *CORNER), {"--report": "x.html"}),
     ("tune", ("a.toml",), {**PICTURES, "-o": "x.toml"}),
-    ("refine", (LOOP, "-n", "2"), PICTURES),
     ("choose", ("a.toml", *DESIGNS), {**PICTURES, "-o": "x", "--store": "x.sqlite"}),
     ("scale", ("a.toml",), {"-o": "x.toml"}),
     ("onset", ("a.toml", "--over", "C=8pF:9pF:3", "--no-confirm"), PICTURES),

@@ -170,12 +170,12 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("sweep", "ok.toml", "--over", "C=1pF:1nF:3", "--fix", "lamda"):
         ("--fix", "'lamda'", "did you mean 'lambda'?"),
     ("yield", "mc", "ok.toml"): ("No such command 'mc'", "one of montecarlo, corners"),
+    ("design", "refine", "ok.toml"): ("No such command 'refine'", "withdrawn", "closed-loop.md"),
     ("yield", "montecarlo", "ok.toml", "-n", "abc"): ("'--samples'", "'abc'", "a whole number"),
     ("build", "ok.toml"): ("Missing option '-o'", "Expected FOLDER"),
     ("build", "ok.toml", "-o", "."): ("-o", "'T.csv'", "a new or empty folder"),
     ("design", "choose", "ok.toml", "-o", "."): ("-o", "is not empty", "give another name"),
     ("design", "choose", "ok.toml", "--topology", "inw"): ("--topology", "'inw'", "'inv'?"),
-    ("design", "refine", "ok.toml", "--conditions", "0.5"): ("--conditions", "'0.5'", "3,8,30"),
     ("yield", "corners", "ok.toml", "--corner", "R=1"): ("--corner", "R:", "capacitor"),
     ("sweep", "ok.toml", "--over", "engine=ngspice,statespace"):
         ("--over", "analysis.engine", "--engine both"),
@@ -275,7 +275,6 @@ AT_ONCE = (
     ("design", "choose", "ok.toml", "--topology", "abc"),
     ("design", "choose", "ok.toml", "--overshoot", "abc"),
     ("design", "choose", "ok.toml", "-o", "."),
-    ("design", "refine", "ok.toml", "--conditions", "0.5"),
     ("sweep", "ok.toml", "--over", "C=1pF:1nF:3", "--export", "a.txt"),
     ("sweep", "ok.toml", "--over", "opamp=ua741,tl704"),
     ("sweep", "ok.toml", "--over", "C=1pF:1nF:3", "--fix", "C=10pF"),

@@ -84,7 +84,6 @@ SAME += (
     "models-show",
     "tune",
     "choose",
-    "refine",
     "onset, without transients",
 )
 TABLES = {**{name: LINES[name] for name in SAME}, **WIDE}

@@ -43,8 +43,6 @@ LINES: dict[str, str] = {
     "tune": "tune a.toml",
     "scale": "scale a.toml",
     "choose": "choose a.toml --opamps tl084 --points 2 --jobs 1",
-    "refine": f"refine {LOOP} -n 2",
-    "refine, not all": f"refine {LOOP} -n 2 --conditions 3,3000 --bits 3",
     "onset": "onset a.toml --over C=1fF:1pF:5",
     "onset, without transients": "onset a.toml --over gain --no-confirm",
     "sweep": "sweep a.toml --over C=1fF,10pF --engine both --jobs 1",

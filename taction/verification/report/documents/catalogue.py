@@ -48,7 +48,6 @@ MODELS = {
     "tune": "verification.design.tune.Tuned",
     "scale": "verification.design.scaling.Scaled",
     "choose": "verification.design.choose.Choice",
-    "refine": "verification.studies.refinement.Refinement",
     "onset": "verification.studies.onset.onset.Onset",
     "sweep": "verification.studies.sweep.result.SweepResult",
     "regress": "verification.studies.regression.run.RegressionReport",
