@@ -54,7 +54,8 @@ class Companion:
     Attributes
     ----------
     instants : ndarray (Q,)
-        Instants at which the record and the second solution are compared, s.
+        Instants at which the record and the second solution are compared, s: points of the record,
+        and those of a solution by steps, at which the record is interpolated.
     u, other : ndarray (Q, N)
         Outputs of the record and of the second solution, V.
     solution : Waveforms
@@ -171,6 +172,10 @@ def state_space_companion(
     how = "difference to the state-space engine, and the error of that engine"
     at = error.record
     if stepped:
+        # What the record does not show between its points counts as a difference, too.
+        own = at.time[:: len(at.time) // MAX_INSTANTS + 1]
+        instants = np.union1d(instants, own[own < instants[-1]])
+        u = lagrange(record.time, outputs(board.circuit, record), instants, CUBIC)
         at = replace(at, time=instants, values=on_curve(at, instants))
     other = outputs(board.circuit, at)[np.searchsorted(at.time, instants)]
     return Companion(instants, u, other, error.record, error, how)
