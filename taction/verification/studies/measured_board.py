@@ -109,10 +109,14 @@ class MeasuredBoard:
             if len(self.board.circuit.outputs) == 1:
                 return OutputNoise(unknown=str(problem))
         each = [self._noise_of(out, low) for out in self.board.circuit.outputs]
+        reasons: dict[str, list[str]] = {}
+        for out, (_, _, why) in zip(self.board.circuit.outputs, each, strict=True):
+            if why:
+                reasons.setdefault(why.replace(f" of output {out.node}", ""), []).append(out.node)
         return OutputNoise(
             tuple(rms for rms, _, _ in each),
             tuple(error for _, error, _ in each),
-            unknown="; ".join(dict.fromkeys(filter(None, (why for _, _, why in each)))),
+            unknown="; ".join(f"{', '.join(nodes)}: {why}" for why, nodes in reasons.items()),
             lowest=low,
         )
 

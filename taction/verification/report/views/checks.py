@@ -9,7 +9,7 @@ from typing import Any
 
 from taction.system.quantities import readable
 from taction.verification.report.blocks import Bar
-from taction.verification.report.texts import KNOWN, figure, spaced, with_error
+from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, spaced, with_error
 from taction.verification.verdict.cause import FIRST, band_text, cause, causes, listed, named
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict
@@ -96,9 +96,15 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
         share=share,
         doubt=doubt,
         value=shown,
-        limit="" if limit is None else f"{side} {figure(limit, unit)}",
+        limit="" if limit is None else f"{side} {_limit(limit, unit)}",
         reason=readable(reason),
     )
+
+
+def _limit(limit: float, unit: str) -> str:
+    """Return a limit as text: one below a millionth of the step keeps its number."""
+    small = unit == "step" and 0.0 < limit < LEAST_SHARE
+    return f"{limit:g} of the step" if small else figure(limit, unit)
 
 
 def _share(

@@ -282,3 +282,8 @@ def test_a_channel_in_trouble_is_told_with_its_numbers() -> None:
     cells = [cell.text for cell in table.rows[1]]
     assert cells.count("oscillating") == 1
     assert "10 µs (fragile: or 4 µs)" in cells
+
+
+def test_a_limit_below_a_millionth_of_the_step_keeps_its_number() -> None:
+    check = Check("overshoot", Outcome.FAIL, 2e-7, 1e-9, 1e-7, None, "step", "")
+    assert check_bar(check).limit == "at most 1e-07 of the step"
