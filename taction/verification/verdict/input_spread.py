@@ -211,7 +211,8 @@ def _standard(count: int, distribution: str) -> Floats:
     from scipy.special import ndtri
 
     shares = np.tile((np.arange(DRAWN)[:, None] + 0.5) / DRAWN, count)
-    shares = np.random.default_rng(95).permuted(shares, axis=0)
+    seed = 95 if distribution == "normal" else 96  # drawn independently of each other
+    shares = np.random.default_rng(seed).permuted(shares, axis=0)
     if distribution == "uniform" or not count:
         return 2.0 * shares - 1.0
     drawn = np.asarray(ndtri(shares))
