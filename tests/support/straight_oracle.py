@@ -15,7 +15,6 @@ from flint import acb_mat, arb, arb_mat
 from scipy.optimize import brentq
 
 from taction.netlist_gen.analysis import OperatingPoint
-from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
@@ -25,7 +24,7 @@ from tests.support.exact_readings import eigen
 from tests.support.nonlinear_response import Board, source_value
 from tests.support.oracle import AMPLIFIERS
 from tests.support.readings import Samples, read
-from tests.support.true_values import _amplified_solution, _precision
+from tests.support.true_values import _amplified_solution, _precision, board_of
 
 LIVES, PER_RADIAN, MOST_PIECES = 40.0, 12.0, 100
 DOUBT = 1e-9  # of the readings, relative or of the step
@@ -161,7 +160,7 @@ def _passage(stretch: Stretch, low: Floats, high: Floats) -> tuple[Floats, float
 
 def straight_readings(scene: Scene) -> tuple[TrueValues, int]:
     """Return the true readings of a scene, and the number of passages of breaks."""
-    problem, circuit = make_problem(scene), synthesise(scene)
+    problem, circuit = make_problem(scene), board_of(scene)
     text = write_deck(circuit, OperatingPoint()).text
     unit, count = float(scene.design.unit_voltage), len(circuit.outputs)
     _, targets = _amplified_solution(scene, problem.matrix, problem.strain)
