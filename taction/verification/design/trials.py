@@ -40,6 +40,7 @@ _Outlined = tuple[Scene, LinearBoard, Outline | None]
 
 
 VERDICT = 10.0  # designs: the work of a verdict
+STEPPED = 6.0  # times as much: that of a board whose transient takes steps
 POLES = 2.0  # designs: the work of poles with bounds
 STATES = 70.0  # of a board whose decomposition costs as much as all that grows slower with it
 RINGING = 250.0  # rad in a time constant: the work of following it is that of one design
@@ -305,7 +306,8 @@ class Trials:
                 if checks := estimated_checks(outline, scene, ideal):
                     return Trial(changes, _failing("", checks), estimated=True)
             refused = self.accepted.refused(broken_at_rest(board))
-            self.spend(VERDICT, board, self._ringing.get(_key(changes), 0.0))
+            work = VERDICT * (1.0 if board.circuit.is_linear else STEPPED)
+            self.spend(work, board, self._ringing.get(_key(changes), 0.0))
             verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
         except (InputError, NoVerdictError) as error:
             failure, reason = type(error).__name__, str(error)
