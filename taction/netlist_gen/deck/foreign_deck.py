@@ -58,6 +58,25 @@ _STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
 _BRACES = re.compile(r"\{[^{}]*\}")
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*")
 _QUOTED = re.compile(r"'([^'{}]*)'")
+REFUSED = (
+    (
+        re.compile(r"(?<![\w.])((?:[a-z]+_)?file(?:name)?|simulation|(?:sim|lib)_args) ?="),
+        "{}= names a file or a program, which no card may; expected values",
+    ),
+    (
+        re.compile(r"\b(pwl) ?\(? ?file\b"),
+        "{} from a file is not read; expected its pairs of time and value",
+    ),
+    (
+        re.compile(
+            r"^(?:[begrcl][^={]*|\.func [^()]*\((?![^()]*\btime\b)[^{=]*)[={].*\b(time)\b(?! ?=)"
+        ),
+        "{} in an expression is a source over time, which has no small signal; expected a source"
+        " V or I with pulse, pwl, sin or exp",
+    ),
+)
+"""What no card may hold, and the reason, with what was found."""
+_NODE = re.compile(r"\b[vi] ?\([^()=]*\)")  # may have the name of anything
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +287,9 @@ class _DeckReading:
             raise card.refused(f"a device {word[0].upper()!r} is not accepted; {LINEAR}")
         else:
             text = card.text
+            for pattern, reason in REFUSED:
+                if match := pattern.search(_NODE.sub("0", text)):
+                    raise card.refused(reason.format(match[1]))
             for beginning, pattern, name in DROPPED:
                 if text.startswith(beginning) and pattern.search(text):
                     text = pattern.sub("", text)

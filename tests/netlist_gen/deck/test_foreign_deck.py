@@ -320,3 +320,36 @@ def test_nodes_that_ngspice_makes_are_no_outputs(card: str, folder: Path, ngspic
     board = read_board(written(folder, f"t\n{RC.replace('out', 'q')}{card.replace('out', 'q')}\n"))
     assert not any("#" in out.node for out in board.circuit.outputs)
     assert any("#" in node for node in board.flat.nodes)
+
+
+@pytest.mark.parametrize(
+    ("card", "name"),
+    [
+        ("V2 a 0 PWL file=x", "file="), ("V2 a 0 PWL(FILE = x)", "file="),
+        ("I2 a 0 pwl file x", "pwl"), (".model f filesource(file=x)", "file="),
+        (".model f d_source(input_file=x)", "input_file="),
+        (".model f d_state(state_file=x)", "state_file="),
+        (".model f d_process(process_file=x)", "process_file="),
+        (".model f d_cosim(simulation=x)", "simulation="),
+        (".model f d_cosim(lib_args=x)", "lib_args="),
+        ("R2 a 0 1k\n+ lib_args=x", "lib_args="),
+        ("B2 a 0 V=V(in)+1g*TIME", "time"), ("E2 a 0 value={sin(6*time)}", "time"),
+        ("G2 a 0 cur='V(in)*time'", "time"), ("R2 a 0 r={1k*(1+time)}", "time"),
+        (".func f(x) {x*time}", "time"),
+    ],
+)  # fmt: skip
+def test_a_card_with_a_file_or_with_time_is_refused_before_ngspice(
+    card: str, name: str, folder: Path
+) -> None:
+    """The reader refuses, which starts no process; ngspice reads time as 0 at rest."""
+    with pytest.raises(InputError, match=f"line 5 .*: {name}"):
+        read_deck(written(folder, f"t\n{RC}{card}\n.end\n"))
+
+
+@pytest.mark.parametrize(
+    "card",
+    ["E2 a time value={2*V(time)}", ".func f(time) {2*time}", ".param profile=1", ".meas file=x"],
+)
+def test_time_and_file_may_be_names(card: str, folder: Path) -> None:
+    deck = read_deck(written(folder, f"t\n{RC}{card}\n.end\n"))
+    assert len(deck.cards) + len(deck.left) == 4
