@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from taction.spice_models.foreign_expressions import number
 
-_WAVE = re.compile(r"\b(pulse|pwl|sine?|exp|step)\s*\(?([^()]*)\)?")
+_WAVE = re.compile(r"\b(pulse|pwl|sine?|exp|step|trnoise|trrandom)\s*\(?([^()]*)\)?")
+REMARKS = {
+    "sin": "a sine counts with its offset",
+    "noise": "noise over time (trnoise, trrandom) does not count: its source has its DC value",
+    "repeated": "a pwl that repeats (r=) does not count: its source has its DC value",
+}
+"""What is said of kinds of sources that are constant here."""
 FIXED = "fixed"  # kind of a source that is the constant of an expression
 
 
@@ -44,7 +50,8 @@ def stimulus_of(text: str) -> Stimulus:
     """
     match = _WAVE.search(text)
     plain = (text[: match.start()] + " " + text[match.end() :]) if match else text
-    words, dc, ac = re.sub(r"[=(),]", " ", plain).split(), 0.0, False
+    words, dc, ac = re.sub(r"[=(),]", " ", plain).split(), None, False
+    delay, repeats, wave = 0.0, False, match[1] if match else ""
     while words:
         word = words.pop(0)
         if word == "ac":
@@ -54,12 +61,20 @@ def stimulus_of(text: str) -> Stimulus:
             _numbers(words)
         elif word == "dc":
             dc = number(words.pop(0)) if words else 0.0
+        elif wave == "pwl" and words and word in ("r", "td"):
+            value = number(words.pop(0))
+            delay, repeats = (value, repeats) if word == "td" else (delay, value >= 0.0)
         else:
             dc = number(word)
     if match is None:
-        return Stimulus(dc, dc, ac=ac)
+        return Stimulus(dc or 0.0, dc or 0.0, ac=ac)
     given = [number(word) for word in re.split(r"[\s,]+", match[2].strip()) if word]
-    return _WAVES[match[1]](given, ac)
+    if repeats or wave.startswith("tr"):  # ngspice rests at the first value, or at the mean
+        rest = given[1] if repeats else given[4] if wave == "trrandom" and given[4:] else 0.0
+        rest = rest if dc is None else dc
+        return Stimulus(rest, rest, 0.0, "repeated" if repeats else "noise", ac)
+    found = _WAVES[wave](given, ac)
+    return replace(found, at=found.at + delay)
 
 
 def _numbers(words: list[str]) -> None:

@@ -42,7 +42,7 @@ from taction.netlist_gen.deck.macromodels import (
     ltspice_opamps,
     ready_lines,
 )
-from taction.netlist_gen.deck.stimuli import FIXED
+from taction.netlist_gen.deck.stimuli import FIXED, REMARKS
 from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
@@ -320,8 +320,8 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
         found.kind in ("pulse", "pwl", "exp") and found.moves for found in flat.stimuli.values()
     ):
         yield "edges are steps: rise times and later edges of the sources do not count"
-    if any(found.kind == "sin" for found in flat.stimuli.values()):
-        yield "a sine counts with its offset"
+    kinds = {found.kind for found in flat.stimuli.values()}
+    yield from (text for kind, text in REMARKS.items() if kind in kinds)
     if flat.absent:
         yield f"without capacitance, so left out: {', '.join(flat.absent)}"
     if flat.charged or any(card.word == ".ic" for card in deck.left):

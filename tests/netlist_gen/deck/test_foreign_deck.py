@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -112,7 +113,7 @@ def test_a_file_that_includes_itself_is_refused(folder: Path) -> None:
         "t\nD1 a 0 dm\nR1 a 0 1k\n", "t\nB1 a 0 V=v(nowhere)^2\nR1 a 0 1\n",
         "t\nM1 a b c d nm\nR1 a 0 1\n", "t\nF1 a 0 V9 2\nR1 a 0 1k\n",
         "t\nK1 L1 L2 0.5\nR1 a 0 1\n",
-        "t\nA1 a 0 gain\nR1 a 0 1\n.model gain gain\n", "t\nV1 a 0 TRNOISE(1 1n)\nR1 a 0 1\n",
+        "t\nA1 a 0 gain\nR1 a 0 1\n.model gain gain\n", "t\nV1 a 0 SFFM(0 1 1 1 1)\nR1 a 0 1\n",
         "t\nL1 a 0 -1m\nR1 a 0 1\n", "t\n.subckt s a\nX1 a s\n.ends\nX1 a s\nR1 a 0 1\n",
         "t\nR1 a 0 1e999\n", "t\nR1 a 0 1k m=0\n", "t\nJ1 a b c jm\nR1 a 0 1\n", "+ x\n+ y\n",
         "t\nV1 a 0 PULSE()\nR1 a 0 1\n", "t\nV1 a 0 PWL(0)\nR1 a 0 1\n", "t\nK1 L1\nR1 a 0 1\n",
@@ -200,6 +201,8 @@ def test_ltspice_writes_utf_16_and_micro(folder: Path) -> None:
         ("pulse 0 1meg 0", 0.0, 1e6, 0.0), ("ac ( 1 0 )", 0.0, 0.0, 0.0),
         ("ac=1 dc=3", 3.0, 3.0, 0.0),
         ("dc 2 ac 1 distof1 0 distof2 0 1", 2.0, 2.0, 0.0),
+        ("dc 2 trnoise(20n 1n 0 0)", 2.0, 2.0, 0.0), ("trnoise(20n 1n 0 0)", 0.0, 0.0, 0.0),
+        ("pwl(0 1 1n 2 3n 4) td=1u", 1.0, 4.0, 1e-6), ("pwl(0 1 1n 3) r=-1", 1.0, 3.0, 0.0),
     ],
 )  # fmt: skip
 def test_what_a_source_does(text: str, before: float, after: float, at: float) -> None:
@@ -353,3 +356,27 @@ def test_a_card_with_a_file_or_with_time_is_refused_before_ngspice(
 def test_time_and_file_may_be_names(card: str, folder: Path) -> None:
     deck = read_deck(written(folder, f"t\n{RC}{card}\n.end\n"))
     assert len(deck.cards) + len(deck.left) == 4
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("trrandom(2 10m 0 1 5)", "trrandom"), ("dc 2 trrandom(1 10m 0 1 5)", "trrandom"),
+        ("dc 3 trnoise(20n 1n 0 0)", "trnoise"), ("pwl(0 0.5 1u 1 2u 0.5) r=0", "r="),
+        ("dc 3 pwl(0 1 1u 2) td=1u r=0", "r="),
+    ],
+)  # fmt: skip
+def test_a_source_over_time_rests_where_ngspice_rests(
+    source: str, said: str, folder: Path, ngspice: str
+) -> None:
+    """Beside ngspice's own operating point of the deck's text; a note says what does not count."""
+    text = f"t\nV1 in 0 {source}\nR1 in out 1k\nC1 out 0 1n\n"
+    board = read_board(written(folder, f"{text}.end\n"))
+    commands = ".control\nop\nprint v(in)\nquit\n.endc\n.end\n"
+    answer = subprocess.run(
+        [ngspice, "-b"], input=text + commands, capture_output=True, text=True, check=False
+    )
+    volts = float(answer.stdout.split("v(in) =")[1].split()[0])
+    (found,) = board.flat.stimuli.values()
+    assert found.after == pytest.approx(volts, rel=1e-6)
+    assert any(said in note for note in board.notes)
