@@ -26,7 +26,7 @@ REACHES = (0.05, 0.15, 0.4, 1.0, 10.0)  # of the range of all voltages, along th
 WIDER = 2.0  # times this range on either side: drawn voltages
 SAME = 1e-3  # of this range: a smaller distance is the same point
 SECONDS = 4.0  # of one start
-LARGE = 0.01  # of the step: what ngspice's rest after it may differ from the linear one
+LARGE = 0.01  # of the step, or of a node's own: how far ngspice's rest may be from the linear one
 
 
 def point_notes(found: MeasuredBoard, board: ForeignBoard) -> Iterator[str]:
@@ -109,13 +109,14 @@ def step_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) -> s
     volts = read_volts(run_commands(text, commands, simulator, mode=point.mode, seconds=SECONDS))
     if not volts:
         return "ngspice finds no operating point after the step: readings hold for small steps only"
-    pairs = zip(found.board.circuit.outputs, found.rest.tolist(), strict=True)
+    values, places = found.board.equilibrium.values, found.board.descriptor.places
     off, name, linear, true = max(
-        (abs(o.sign * rest - volts[o.node]), o.node, o.sign * rest, volts[o.node])
-        for o, rest in pairs
-        if o.node in volts
-    )
-    if off <= LARGE * found.measurements.amplitude:
+        (abs(values[places[n]] - v) / max(found.measurements.amplitude, abs(v - point.volts[n])),
+         n, float(values[places[n]]), v)
+        for n, v in volts.items()
+        if n in places and n in point.volts
+    )  # fmt: skip
+    if off <= LARGE:
         return ""
     return (
         f"the step is too large for small signals: after it ngspice's operating point has v({name})"

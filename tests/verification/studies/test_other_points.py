@@ -55,3 +55,10 @@ def test_a_step_beyond_the_linear_range_is_said(volts: float, said: bool, tmp_pa
     assert bool(notes) is said
     if said:
         assert "v(out) = 10 V, the linear circuit 100 V" in notes[0]
+
+
+def test_a_step_beyond_the_linear_range_of_an_inner_node_is_said(tmp_path: Path) -> None:
+    """The output follows the input; a node beside it has 10 tanh(10 v)."""
+    text = "V1 in 0 PULSE(0 1)\nB1 o 0 V=10*tanh(10*V(in))\nR1 o 0 1k\nR2 in out 1k\nC1 out 0 1n"
+    notes = [each for each in checked(tmp_path, text).notes if "too large" in each]
+    assert "v(o) = 10 V, the linear circuit 100 V" in notes[0]
