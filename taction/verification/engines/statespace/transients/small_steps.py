@@ -106,6 +106,7 @@ class StateBoard:
         D = np.concatenate([space.D[places], direct])
         self.D, self.H = D[:, :2].sum(axis=1), D[:, 2:]
         self.draws = 0
+        self.nominal: StateBoard | None = None  # before its coefficients were moved
         self._close()
 
     def _close(self) -> None:
@@ -126,13 +127,14 @@ class StateBoard:
         """Return the board with every coefficient moved by a draw of its relative `rounding`.
 
         A slow mode beside fast ones has few digits in A: a second run by the same matrices has the
-        same errors, one by these shows them.
+        same errors, one by these shows them. A third run moves the first ones, too, or it would err
+        by the sum of both draws where its difference to the second shows one.
         """
         found = copy(self)
-        found.draws = self.draws + 1
+        found.draws, found.nominal = self.draws + 1, self.nominal or self
         draw = np.random.default_rng([1992, found.draws])
         for name in ("A", "B", "E", "C", "D"):
-            values = getattr(self, name)
+            values = getattr(found.nominal, name)
             moved = values * (1.0 + rounding * draw.choice([-1.0, 1.0], values.shape))
             setattr(found, name, moved)
         found._close()
