@@ -71,8 +71,9 @@ def _kept_figures(scene: taction.Scene, settings: Sequence[str]) -> str:
     from taction.netlist_gen.scene.keys import find_key
 
     names = {text.partition("=")[0].strip() for text in settings} - {"design.opamp"}
-    kept = sorted(scene.design.opamp.model_fields_set - {"base"})
-    if not kept or "design.opamp.base" not in {find_key(scene, name).path for name in names}:
+    given = {find_key(scene, name).path.removeprefix("design.opamp.") for name in names}
+    kept = sorted(scene.design.opamp.model_fields_set - given)
+    if not kept or "base" not in given:
         return ""
     base = scene.design.opamp.base
     return (

@@ -156,6 +156,9 @@ def test_a_part_set_by_its_base_says_which_figures_the_scene_keeps() -> None:
     kept = "op-amp ua741 with the scene's own dc gain, gbw,"
     assert kept in taction(*words, "--set", "opamp=ua741").stderr
     assert kept not in taction(*words, "--set", "design.opamp=ua741").stderr
+    both = taction(*words, "--set", "opamp=ua741", "--set", "opamp.gbw=1MHz").stderr
+    assert "own dc gain," in both
+    assert "gbw," not in both
 
 
 def test_solve_answers_by_hand(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ find the one that no board keeps. A large step leaves the range in which the cir
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -26,6 +27,7 @@ REACHES = (0.05, 0.15, 0.4, 1.0, 10.0)  # of the range of all voltages, along th
 WIDER = 2.0  # times this range on either side: drawn voltages
 SAME = 1e-3  # of this range: a smaller distance is the same point
 SECONDS = 4.0  # of one start
+ALL_SECONDS = 8.0  # of all starts: no further one begins later
 LARGE = 0.01  # of the step, or of a node's own: how far ngspice's rest may be from the linear one
 
 
@@ -53,8 +55,11 @@ def points_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) ->
     nodes = [name for name in found.board.descriptor.names if name in point.volts]
     here = np.array([point.volts[name] for name in nodes])
     span = float(np.ptp(here, axis=0)) or 1.0
-    known = [here]
+    known, tried, end = [here], 0, time.monotonic() + ALL_SECONDS
     for start in _starts(found, complex(poles.poles[growing][0]), nodes, here, span):
+        if time.monotonic() > end:
+            break
+        tried += 1
         cards = [f".nodeset v({n})={v!r}" for n, v in zip(nodes, start.tolist(), strict=True)]
         limits = f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"
         commands = ["optran 1 1 1 0 0 0", "save all", "op", f"write {RESULT}"]
@@ -68,7 +73,7 @@ def points_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) ->
         if all(np.abs(there - each).max() > SAME * span for each in known):
             known.append(there)
     if len(known) == 1:
-        return f"from {STARTS} other starts ngspice finds no operating point but this unstable one"
+        return f"from {tried} other starts ngspice finds no operating point but this unstable one"
     out = found.board.circuit.outputs[0].node
     shown = out if out in nodes else nodes[int(np.abs(known[1] - here).argmax())]
     at = nodes.index(shown)
