@@ -1,11 +1,12 @@
 """Stability margins: the factor by which a knob can move until a stable board oscillates.
 
 A margin is the nearest edge over a knob of the board, such as its C or its gain. Poles on both
-sides confirm it, and a winding number that needs no poles.
+sides and on the way there confirm it, and a winding number that needs no poles.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +15,7 @@ from taction.netlist_gen.board.circuit import Circuit, Knob
 from taction.system.errors import EngineError, TactionError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.certificate import WIDE
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.families import (
     EdgeSearch,
@@ -145,7 +147,7 @@ def find_margin(
 
     Notes
     -----
-    Costs the edges (`Family.edges`), and the poles of one or two boards.
+    Costs the edges (`Family.edges`), and the poles of two or three boards.
     """
     search = MarginSearch(LinearBoard.of(circuit), name, reach, found)
     (margin,) = margins_together([search], families)
@@ -236,7 +238,9 @@ class _Way:
         factors = [self.factor(edge.value) for edge in edges.edges]
         factor = min(factors, default=self.reach)
         near = sorted(self.factor(value) for value in edges.near)
-        doubts = [self._doubt(by, edges) for by in near if by < factor]
+        steps = range(1, math.ceil(math.log(factor, WIDE)))
+        before = [*(by for by in near if by < factor), *(factor / WIDE**k for k in steps)]
+        doubts = [self._doubt(by, edges) for by in before]
         if not factors:
             doubts.append(self._doubt(factor, edges))
             return Margin(factor, 0.0, f"no crossing up to {self._last}", _first(doubts))

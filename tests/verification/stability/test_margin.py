@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 
 import numpy as np
 import pytest
@@ -15,8 +16,10 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
-from taction.system.errors import EngineError
+from taction.system.errors import EngineError, TactionError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability import families as module
+from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import (
     REACH,
@@ -24,7 +27,7 @@ from taction.verification.stability.margin import (
     find_margin,
     stable_values,
 )
-from taction.verification.stability.poles import poles
+from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.port_response import PortResponse
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
 from taction.verification.verdict.checks import Outcome
@@ -211,3 +214,18 @@ def test_an_unstable_board_gives_the_same_ranges() -> None:
     edge = stable_values(board).stable_ranges[0][0]
     from_below = stable_values(board.turned("C", 0.5 * edge)).stable_ranges[0][0]
     assert math.isclose(edge, from_below, rel_tol=1e-9)
+
+
+def test_a_window_that_the_loci_miss_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    edge = 4.1337463e-12
+    quiet, growing = board("design.capacitance", 40 * edge), board("design.capacitance", 3e-12)
+    assert find_margin(quiet).doubt == ""
+    find, unstable = margin_module.poles_together, poles(growing)
+
+    def with_window(boards: Iterable[LinearBoard]) -> list[Poles | TactionError]:
+        every = list(boards)
+        pairs = zip(every, find(every), strict=True)
+        return [unstable if 29 < b.circuit.value("C") / edge < 31 else own for b, own in pairs]
+
+    monkeypatch.setattr(margin_module, "poles_together", with_window)
+    assert find_margin(quiet).doubt.startswith("at the factor 1.333")
