@@ -12,9 +12,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 import taction
-from taction.netlist_gen.board.foreign_arrays import read_devices, read_wires
 from taction.netlist_gen.board.opamp_choice import as_opamp
-from taction.netlist_gen.board.wires import Wires
 from taction.netlist_gen.scene.imported_opamps import from_document, to_document
 from taction.system.documents import plain
 from taction.system.errors import Complaint, InputError
@@ -114,19 +112,6 @@ def _kept(here: Any, there: Any) -> bool:
     return bool(here == there)
 
 
-def _examine_devices(content: bytes, folder: Path) -> str:
-    """Take devices and wires of a file, which are numbers, or name what is wrong."""
-    path = folder / "params.json"
-    path.write_bytes(content)
-    device = read_devices(path)
-    assert 0.0 <= device.least < device.most < math.inf
-    assert all(math.isfinite(each) for each in device.programming_error)
-    if b"xbar" in content:
-        wires = Wires(**read_wires(path))
-        assert all(0.0 <= each < math.inf for each in wires.resistances[:4])
-    return "taken"
-
-
 def _examine_move(content: bytes, folder: Path) -> str:
     """Take a move as a page sends it: it is done, or named."""
     start = Start.of(taction.load_scene(SCENES / "tuned-breadboard.toml"))
@@ -145,12 +130,8 @@ def _examine_move(content: bytes, folder: Path) -> str:
     return "taken"
 
 
-DEVICES = st.one_of(
-    *(_inputs((DATA / f"{name}.json").read_bytes()) for name in ("crosssim", "aihwkit"))
-)
 DOCUMENTS = (
     Target("stored verdicts", _inputs(VERDICT), _examine_verdict),
     Target("imported op-amps", _inputs(OPAMP), _examine_opamp),
-    Target("devices of CrossSim and aihwkit", DEVICES, _examine_devices),
     Target("moves of the explorer", _inputs(MOVE), _examine_move),
 )

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.devices import Device, Logarithmic, load_devices
-from taction.netlist_gen.board.foreign_arrays import read_devices, read_wires
 from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.preferred_values import nearest
 from taction.netlist_gen.board.wired_arrays import as_ohms
@@ -47,20 +46,9 @@ def as_programmed(ohms: Floats, device: Device | None) -> Floats:
 
 
 def wires_of(scene: Scene) -> Wires | None:
-    """Return the wires of a scene; None for ideal ones.
-
-    Raises
-    ------
-    InputError
-        As `read_wires`.
-    """
+    """Return the wires of a scene; None for ideal ones."""
     asked = scene.wires
-    if asked.ideal:
-        return None
-    found = {} if asked.file is None else read_wires(scene.folder / asked.file)
-    found |= asked.model_dump(exclude={"compensate", "file"}, exclude_unset=True)
-    wires = Wires(**found)
-    return wires if any((wires.word_line, wires.bit_line, wires.driver, wires.sense)) else None
+    return None if asked.ideal else Wires(**asked.model_dump(exclude={"compensate"}))
 
 
 def device_of(scene: Scene) -> Device | None:
@@ -69,19 +57,13 @@ def device_of(scene: Scene) -> Device | None:
     Raises
     ------
     InputError
-        A window or levels that are none; or as `read_devices`.
+        A window or levels that are none.
     """
     asked = scene.devices
     if not asked.model_fields_set:
         return None
     device = Device() if asked.cell is None else load_devices()[asked.cell]
-    if asked.file is not None:
-        if asked.cell is not None:
-            text = "excludes 'cell': give one of the two"
-            raise InputError(scene.file, Complaint("devices.file", repr(asked.file), text))
-        own = asked.read_noise is not None
-        device = read_devices(scene.folder / asked.file, read_noise=own)
-    given: dict[str, Any] = asked.model_dump(exclude={"cell", "file"}, exclude_none=True)
+    given: dict[str, Any] = asked.model_dump(exclude={"cell"}, exclude_none=True)
     for key, name in FIGURES.items():
         if key in given:
             given[name] = given.pop(key)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from taction.netlist_gen.scene.fields import FileName, Model, NonNegative, Real, Seconds, Siemens
+from taction.netlist_gen.scene.fields import Model, NonNegative, Real, Seconds, Siemens
 
 Share = Annotated[Real, Field(ge=0, lt=1)]
 Levels = Annotated[int, Field(strict=True, ge=2, le=65536)]
@@ -17,11 +17,6 @@ class DevicesTable(Model):
 
     cell: Literal["rram-wan", "rram-milo", "pcm-joshi", "pcm-aihwkit"] | None = Field(
         None, description="a device by its name, whose figures hold"
-    )
-    file: FileName | None = Field(
-        None,
-        description="a parameter file of CrossSim, or of a noise model of aihwkit as JSON, in the"
-        " place of a cell",
     )
     least_conductance: Siemens | None = Field(None, description="a smaller entry of T has this one")
     most_conductance: Siemens | None = Field(None, description="a larger entry of T has this one")

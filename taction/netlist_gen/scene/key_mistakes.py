@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -123,8 +123,7 @@ class KeyMistakes:
                 self.found.append(Complaint(inside + key, "", f"required; {each['required']}"))
         for key in data:
             if key not in entry["keys"]:
-                known = list(entry["keys"])
-                text = f"unknown key; {nearest_question(key, known)}known here: {listed(known)}"
+                text = unknown_key(inside + key, list(entry["keys"]))
                 self.found.append(Complaint(inside + key, quoted_value(data[key]), text))
         if len(self.found) == before and (reason := _contradiction(path, data)):
             self.found.append(Complaint(path, quoted_value(data), reason))
@@ -369,6 +368,23 @@ def share(value: object, kind: str) -> str:
     if not str(value).strip().endswith("%") or not PLAIN.fullmatch(number):
         return ""
     return f"; {number} % is {float(number) / 100.0:g}"
+
+
+WITHDRAWN = {
+    **dict.fromkeys(
+        ("devices.file", "wires.file"),
+        "withdrawn: give the numbers of the file; docs/devices.md says which key has which",
+    ),
+}
+"""What to do in the place of a key that is no more, by its path."""
+
+
+def unknown_key(path: str, known: Sequence[str]) -> str:
+    """Return what is wrong with a key that no table has, and what would be accepted."""
+    if path in WITHDRAWN:
+        return WITHDRAWN[path]
+    key = path.rpartition(".")[2]
+    return f"unknown key; {nearest_question(key, known)}known here: {listed(known)}"
 
 
 def quoted_value(value: object) -> str:

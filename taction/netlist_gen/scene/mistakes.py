@@ -18,6 +18,7 @@ from taction.netlist_gen.scene.key_mistakes import (
     impossible,
     quoted_value,
     share,
+    unknown_key,
 )
 from taction.system.errors import Complaint, InputError, listed, nearest_question
 
@@ -94,8 +95,7 @@ def _complaints(
             yield Complaint(key, "", f"required; {field.description}")
         elif kind == "extra_forbidden":
             known = list(_fields(root, keys[:-1], data))
-            hint = f"unknown key; {nearest_question(keys[-1], known)}known here: {listed(known)}"
-            yield Complaint(key, quoted_value(item["input"]), hint)
+            yield Complaint(key, quoted_value(item["input"]), unknown_key(key, known))
         elif kind == "union_tag_invalid":
             tag = str(context["tag"])
             known = [name.strip("' ") for name in context["expected_tags"].split(",")]

@@ -6,15 +6,12 @@ from typing import Literal
 
 from pydantic import Field, StrictBool
 
-from taction.netlist_gen.scene.fields import FileName, Model, OhmsOrZero
+from taction.netlist_gen.scene.fields import Model, OhmsOrZero
 
 
 class WiresTable(Model):
     """Resistances between the entries of an array and its op-amps; 0: none."""
 
-    file: FileName | None = Field(
-        None, description="a parameter file of CrossSim; keys beside it replace what it says"
-    )
     word_line: OhmsOrZero = Field(0.0, description="per pitch of the line of a row of T")
     bit_line: OhmsOrZero = Field(0.0, description="per pitch of the line of a column of T")
     driver: OhmsOrZero = Field(0.0, description="from the output of an op-amp to a line it drives")
@@ -32,5 +29,5 @@ class WiresTable(Model):
 
     @property
     def ideal(self) -> bool:
-        """Whether no wire has a resistance; a file may say otherwise."""
-        return not (self.file or self.word_line or self.bit_line or self.driver or self.sense)
+        """Whether no wire has a resistance."""
+        return not (self.word_line or self.bit_line or self.driver or self.sense)

@@ -125,6 +125,20 @@ def test_currents_of_badcrossbar(case: int) -> None:
     assert np.abs(amps - wanted).max() <= 1e-9 * np.abs(wanted).max()
 
 
+def test_currents_of_crosssim_by_the_keys_that_the_page_says(rng: np.random.Generator) -> None:
+    """Sums of drops along lines: an input's enters at output 1, an output's leaves at the end."""
+    G, volts, drops = rng.uniform(1e-4, 1e-3, (4, 3)), rng.uniform(-1.0, 1.0, 3), np.zeros((4, 3))
+    row, column = 1.5, 2.5  # Rp_row and Rp_col, ohm
+    for _ in range(200):
+        amps = G * (volts - drops)
+        inputs, outputs = np.cumsum(amps[::-1], axis=0)[::-1], np.cumsum(amps, axis=1)
+        drops = row * np.cumsum(inputs, axis=0)
+        drops += column * np.cumsum(outputs[:, ::-1], axis=1)[:, ::-1]
+    wires = Wires(word_line=column, bit_line=row, corner="top-right")
+    found = wires.at_ports(G, by_column=True).across @ volts
+    np.testing.assert_allclose(found, amps.sum(axis=1), rtol=1e-9)
+
+
 def test_the_loss_of_good_wires_is_of_first_order() -> None:
     """The law of first order leaves a remainder of second order."""
     rng, N = np.random.default_rng(4), 5
