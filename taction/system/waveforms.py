@@ -56,8 +56,6 @@ class Waveforms:
         Integration method (``"trapezoidal"``, ``"gear"``, ``"Radau IIA"``), or ``"exact"``.
     fill : callable or None
         Returns the record with all its points, of one that has only its first and its last point.
-    other_board : str
-        How the simulator's deck, read back, differs from the board; empty if it does not.
     """
 
     time: Floats
@@ -71,7 +69,6 @@ class Waveforms:
     solver: str = ""
     method: str = ""
     fill: Callable[[], Waveforms] | None = None
-    other_board: str = ""
 
     @property
     def filled(self) -> Waveforms:

@@ -39,7 +39,6 @@ def broken(*given: Any, **more: Any) -> Any:
         (f"{VERIFY}.all_warnings", "the warnings failed"),
         (f"{VERIFY}.error_budget", "the error budget failed"),
         (f"{VERIFY}.energy_rise", "the energy failed"),
-        (f"{VERIFY}.constraint_plane", "the constraint plane failed"),
         (f"{VIEW}.headroom_blocks", "'Headroom' failed"),
         (f"{VIEW}.budget_blocks", "'Error budget' failed"),
         (f"{VIEW}.channel_table", "'Waveforms' failed"),

@@ -20,7 +20,7 @@ from functools import partial
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.deck.deck import write_deck
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import (
@@ -296,29 +296,26 @@ def _ngspice(design: PlannedBoard) -> Callable[[], Waveforms]:
             " analysis.error, a shorter analysis.stop or a longer analysis.timeout"
         )
     from taction.verification.engines.ngspice.process import Run, start
-    from taction.verification.verdict.deck_read_back import unlike
 
     simulator = find_simulator()
     bound = PHYSICAL_BOUND * circuit.value("U0")
 
-    def run(solver: str) -> tuple[Run, Deck]:
+    def run(solver: str) -> Run:
         deck = write_deck(circuit, analysis, solver=solver)
-        return start(deck, simulator, timeout=timeout, bound=bound), deck
+        return start(deck, simulator, timeout=timeout, bound=bound)
 
-    first, deck = run(simulator.solver_option)
+    first = run(simulator.solver_option)
 
     def wait() -> Waveforms:
-        other_board = unlike(circuit, deck.text)  # while ngspice runs
         try:
-            return replace(first.result(), other_board=other_board)
+            return first.result()
         except StepTooSmall as error:
             if simulator.solver_option == SPARSE or not _at_the_start(error, analysis):
                 raise
             if error.folder is not None:  # the second run replaces this reproducer
                 shutil.rmtree(error.folder, ignore_errors=True)
-        waveforms = run(SPARSE)[0].result()
-        flags = (*waveforms.flags, SECOND_SOLVER)
-        return replace(waveforms, flags=flags, other_board=other_board)
+        waveforms = run(SPARSE).result()
+        return replace(waveforms, flags=(*waveforms.flags, SECOND_SOLVER))
 
     return wait
 

@@ -45,7 +45,6 @@ from taction.verification.verdict.companion import (
     Agreement,
     StepError,
 )
-from taction.verification.verdict.constraint_stage import ConstraintPlane, constraint_plane
 from taction.verification.verdict.design import (
     design_board,
 )
@@ -83,7 +82,7 @@ class Effort:
     Attributes
     ----------
     details : bool
-        Whether to compute the figures of the constraint plane, the error budget and the energy.
+        Whether to compute the error budget and the energy.
     full_margin : bool
         Whether to scan the stability margin up to `REACH`, not only up to the limit of the scene.
     """
@@ -109,7 +108,6 @@ class Verdict(Result):
     evidence: Evidence
     checks: tuple[Check, ...]
     answer: AnswerError
-    constraint: ConstraintPlane | None
     energy: EnergyRise | None
     budget: ErrorBudget
     failures: tuple[str, ...]
@@ -323,9 +321,7 @@ def gather_evidence(
         margin=margin,
         reference_error=ideal.error,
         reference_problem=ideal.problem,
-        contradiction=find_contradiction(
-            design.circuit, ideal, recording.first_and_last[0], recording.ends.other_board
-        ),
+        contradiction=find_contradiction(design.circuit, ideal, recording.first_and_last[0]),
         parts=parts,
         noise=noise,
         spread=spread,
@@ -379,10 +375,9 @@ def judged(
     judge = partial(answer.judged, evidence, checks, built)
     answer = detail("the error of the board", judge, answer)
     clock.begin("error budget")
-    constraint, energy, budget = None, None, ErrorBudget()
+    energy, budget = None, ErrorBudget()
     if effort.details:
         more = evidence.noise, evidence.spread
-        constraint = detail("the constraint plane", lambda: constraint_plane(design.circuit), None)
         energy = detail(
             "the energy",
             lambda: energy_rise(design.network, recording.waveforms.time, recording.u),
@@ -400,7 +395,6 @@ def judged(
         evidence=evidence,
         checks=checks,
         answer=answer,
-        constraint=constraint,
         energy=energy,
         budget=budget,
         failures=tuple(failures),

@@ -17,6 +17,7 @@ from taction.system.array_types import Floats
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
+from taction.verification.evidence.paper.constraint_stage import constraint_plane
 from taction.verification.evidence.paper.findings import (
     Chapter,
     Finding,
@@ -28,7 +29,6 @@ from taction.verification.evidence.paper.findings import (
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.stability.margin import find_margin
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
-from taction.verification.verdict.constraint_stage import constraint_plane
 from taction.verification.verdict.verify import Effort, Verdict, verify
 
 CENTRE = 3  # channel 4 of 7

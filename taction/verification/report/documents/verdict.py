@@ -69,7 +69,7 @@ class VerdictBody:
         " the nearest stable ranges",
         "energy.identity_residual = verdict.ideal.transient.energy_residual",
         *("energy.rise = verdict.energy.rise", "energy.rise_time [s] = verdict.energy.time"),
-        *("constraint_plane = verdict.constraint", "answer = verdict.answer"),
+        "answer = verdict.answer",
         "error_budget = verification.report.documents.verdict:budget_parts(verdict.budget)",
         *("opamp_level", "headroom", "noise = verdict.noise"),
         "simulation_error.steady_state [step] = verdict.error.steady_state # bound on the error",

@@ -414,7 +414,7 @@ def _around(values: Sequence[float]) -> tuple[float, float]:
 def _effort(verdict: Verdict) -> Facts:
     """Return the requested and the reached error of the run, and its cost."""
     accuracy, waves, ideal = verdict.accuracy, verdict.waveforms, verdict.ideal
-    plane, energy = verdict.constraint, verdict.energy
+    energy = verdict.energy
     reached = "unknown"
     if accuracy.achieved is not None:
         reached = f"{figure(accuracy.achieved, 'step')} of the step"
@@ -435,14 +435,6 @@ def _effort(verdict: Verdict) -> Facts:
             quantity(ideal.transient.settling_time, "s"),
         ),
     ]
-    if plane is not None:
-        stage = "oscillates by itself"
-        if plane.stage_rise_time is not None and plane.stage_overshoot is not None:
-            stage = f"rises in {quantity(plane.stage_rise_time, 's')}"
-            stage += f" with {100 * plane.stage_overshoot:.0f} % overshoot"
-        rise = quantity(plane.amplifier_rise_time, "s")
-        text = f"amplifier alone rises in {rise}; its stage with capacitance {stage}"
-        rows.append(("constraint plane", text))
     if energy is not None:
         text = (
             f"rises by {100 * energy.rise:.2g} % of its fall, at {quantity(energy.time, 's')}; that"

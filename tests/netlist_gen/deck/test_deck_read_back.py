@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, get_args
 
 import pytest
 
@@ -12,10 +13,12 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
+from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.system.errors import InputError
-from taction.verification.verdict.deck_read_back import unlike
+from tests.support.deck_read_back import unlike
 from tests.support.paths import SCENES
 from tests.support.scenes_of_all_kinds import random_scene
 
@@ -45,6 +48,19 @@ def test_the_decks_of_all_kinds_of_boards_say_what_their_circuits_say(initial: s
 def test_the_decks_of_the_shipped_scenes_say_what_their_circuits_say(scene: Path) -> None:
     circuit = synthesise(load_scene(scene))
     assert unlike(circuit, text_of(circuit)) == ""
+
+
+@pytest.mark.parametrize("way", get_args(Design.model_fields["negative_entries"].annotation))
+@pytest.mark.parametrize("topology", TOPOLOGIES)
+def test_the_decks_of_all_topologies_say_what_their_circuits_say(topology: str, way: str) -> None:
+    given: dict[str, Any] = {} if topology in ("inv", "pinv") else {"lam": 2.0}
+    for wires in ({}, {"word_line": 30.0, "sense": 5.0}):
+        scene = taction.Scene.from_arrays(
+            [[1.0, 0.4], [0.4, -1.0]], [0.4, 0.2], topology=topology, negative_entries=way,
+            wires=wires, **given,
+        )  # fmt: skip
+        circuit = synthesise(scene)
+        assert unlike(circuit, text_of(circuit)) == ""
 
 
 @pytest.mark.parametrize("name", OPAMPS)

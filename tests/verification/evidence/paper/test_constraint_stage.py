@@ -10,7 +10,7 @@ import pytest
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
-from taction.verification.verdict.constraint_stage import constraint_plane
+from taction.verification.evidence.paper.constraint_stage import constraint_plane
 from tests.support.paths import SCENES
 
 
