@@ -50,7 +50,7 @@ PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         ("montecarlo", "scenes/tuned-breadboard.toml", "-n", "60", "--jobs", "1"),
     ),
     (
-        "An op-amp on its test benches: the model has the figures of the data sheet",
+        "An op-amp's open loop as its data sheet states it",
         "opamp",
         ("models", "show", "ua741"),
     ),

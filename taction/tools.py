@@ -90,22 +90,18 @@ def models() -> dict[str, OpAmp]:
     return dict(OPAMPS)
 
 
-def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures:
-    """Show all figures of the op-amp NAME with their sources, beside those of test benches.
-
-    The benches are solved by our own equations and, where it is installed, by ngspice.
+def opamp(name: str) -> OpAmpFigures:
+    """Show all figures of the op-amp NAME with their sources, and its open loop.
 
     Parameters
     ----------
     name : str
         A preset.
-    progress : callable, optional
-        Receives what measures, and a line if ngspice is missing.
 
     Returns
     -------
     OpAmpFigures
-        The figures of the data sheet and of each test bench; `plot` draws its responses.
+        The figures of the data sheet; `plot` draws the open loop.
 
     Raises
     ------
@@ -121,9 +117,9 @@ def opamp(name: str, *, progress: Progress = lambda stage: None) -> OpAmpFigures
     from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 
     refuse_unknown(name, "parts show")
-    from taction.verification.characterise.characterise import opamp_figures
+    from taction.verification.characterise.characterise import OpAmpFigures
 
-    return opamp_figures(OPAMPS[name], progress)
+    return OpAmpFigures.of(OPAMPS[name])
 
 
 def import_model(

@@ -374,7 +374,7 @@ MODELS = Command(
     commands={
         "show": Command(
             function="opamp",
-            outputs=(picture("the Bode diagram and the steps of a follower"),),
+            outputs=(picture("the Bode diagram of the open loop"),),
             parameters=(argument("name", type=str, reads=False),),
         ),
         "import": Command(

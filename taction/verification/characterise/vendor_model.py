@@ -24,7 +24,7 @@ from taction.system.errors import Complaint, InputError, SimulationError, one_li
 from taction.system.foreign_files import UnusableFileError, read_bounded
 from taction.system.results import Result
 from taction.verification.characterise.bench import VendorBench
-from taction.verification.characterise.characterise import RAMP, UNITS, Bode, slope
+from taction.verification.characterise.characterise import RAMP, Bode, slope
 from taction.verification.characterise.vendor_linear import linear_model
 from taction.verification.characterise.witnesses import Responses, Simulation
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -42,12 +42,12 @@ SLEWS = 0.8  # of `DRIVE`: with a larger range of its input stage an op-amp does
 INPUT_HERTZ = 1e3  # where the capacitances of the inputs are read
 LEAST_SIEMENS, LEAST_FARADS = 1e-16, 1e-16  # of an input: less is rounding
 USUAL = {
-    "dc_gain": (1e3, 1e10),
-    "unity_gain_bandwidth": (1e3, 1e10),
-    "phase_margin": (5.0, 100.0),
-    "offset_voltage": (0.0, 0.02),
-    "bias_current": (0.0, 1e-4),
-    "supply_current": (0.0, 0.1),
+    "dc_gain": (1e3, 1e10, ""),
+    "unity_gain_bandwidth": (1e3, 1e10, "Hz"),
+    "phase_margin": (5.0, 100.0, "degrees"),
+    "offset_voltage": (0.0, 0.02, "V"),
+    "bias_current": (0.0, 1e-4, "A"),
+    "supply_current": (0.0, 0.1, "A"),
 }
 """Figures of op-amps that are sold; others may be right, and are said."""
 
@@ -240,8 +240,8 @@ def _ends(
 def _doubts(figures: Figures) -> list[str]:
     """Return a sentence for every figure that no op-amp has that is sold."""
     found = []
-    for name, (low, high) in USUAL.items():
-        value, unit = getattr(figures, name), UNITS.get(name, "A")
+    for name, (low, high, unit) in USUAL.items():
+        value = getattr(figures, name)
         if not low <= abs(value) <= high or (name == "phase_margin" and value < low):
             title = name.replace("_", " ")
             between = f"{low:g} to {high:g} {unit}".rstrip()

@@ -18,17 +18,18 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
-from taction.verification.characterise.bench import Bench
-from taction.verification.characterise.characterise import (
+from taction.verification.characterise.vendor_model import import_opamp
+from taction.verification.engines.ngspice.process import find_simulator
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from tests.support.opamp_bench import (
     UNITS,
+    Bench,
+    Equations,
+    Simulation,
     bode,
     characterise,
     step_response,
 )
-from taction.verification.characterise.vendor_model import import_opamp
-from taction.verification.characterise.witnesses import Equations, Simulation
-from taction.verification.engines.ngspice.process import find_simulator
-from taction.verification.engines.statespace.linearised.board import LinearBoard
 from tests.support.vendor_bench import gain_bandwidth_margin
 
 PRESETS = OPAMPS

@@ -12,16 +12,11 @@ from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
 from taction.system.documents import (
     OPTIONAL,
-    DocumentKey,
     Note,
     Number,
-    Volts,
     taken,
 )
-from taction.verification.characterise.characterise import (
-    OpAmpFigures,
-    supply_of,
-)
+from taction.verification.characterise.characterise import OpAmpFigures
 from taction.verification.characterise.vendor_model import ImportedModel
 from taction.verification.report.views.opamp import TITLES, stated_figures
 
@@ -50,16 +45,6 @@ class StatedFigure:
 
 
 @dataclass(frozen=True, slots=True)
-class MeasuredFigure:
-    """A figure as stated and as measured on the test benches of each engine."""
-
-    unit: str
-    stated: Number
-    state_space: Annotated[Number, DocumentKey("state space"), OPTIONAL] = None
-    ngspice: Annotated[Number, OPTIONAL] = None
-
-
-@dataclass(frozen=True, slots=True)
 class ShowDocument:
     """``taction parts show``: one op-amp."""
 
@@ -67,18 +52,11 @@ class ShowDocument:
     source: str
     external_part: str
     figures: dict[str, StatedFigure]
-    supply: Annotated[Volts, Note("of the test benches, both voltages")]
-    measured: Annotated[dict[str, MeasuredFigure], Note("by the name of the figure")]
 
     @classmethod
     def of(cls, found: OpAmpFigures) -> ShowDocument:
-        """Return the stated and the measured figures."""
+        """Return the figures with their sources."""
         opamp, origins = found.opamp, found.origins
-        measured: dict[str, dict[str, Any]] = {}
-        for witness, results in found.results.items():
-            for each in results:
-                known = {"unit": each.unit, "stated": each.stated}
-                measured.setdefault(each.name, known)[witness.replace(" ", "_")] = each.value
         limits, unknown = dict(opamp.guaranteed), Origin("", "", "")
         figures = {
             name: StatedFigure(
@@ -87,8 +65,7 @@ class ShowDocument:
             for name, value in stated_figures(opamp).items()
             for from_ in (origins.get(name, unknown),)
         }
-        values = {name: MeasuredFigure(**each) for name, each in measured.items()}
-        return taken(cls, opamp, figures=figures, supply=supply_of(opamp), measured=values)
+        return taken(cls, opamp, figures=figures)
 
 
 @dataclass(frozen=True, slots=True)

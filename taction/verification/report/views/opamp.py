@@ -1,31 +1,23 @@
-"""One op-amp: its figures beside what its macromodel does, the open loop, steps of a follower."""
+"""One op-amp: its figures with their sources, and its open loop as stated."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
-from taction.system.array_types import Floats
 from taction.system.foreign_text import visible
 from taction.system.quantities import show
 from taction.verification.characterise.characterise import (
-    STEP,
     Bode,
-    Measured,
     OpAmpFigures,
-    bode,
-    large_step,
-    step_response,
+    open_loop,
     supply_of,
 )
 from taction.verification.characterise.vendor_model import ImportedModel
-from taction.verification.characterise.witnesses import Witness
 from taction.verification.report.blocks import (
     EVERYWHERE,
     Cell,
@@ -36,8 +28,8 @@ from taction.verification.report.blocks import (
     Table,
     cell,
 )
-from taction.verification.report.charts import BLUE, ORANGE, Axis, Chart, Curve, Limit, Mark, Text
-from taction.verification.report.texts import quantity, readable
+from taction.verification.report.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
+from taction.verification.report.texts import quantity
 
 TITLES = {
     "dc_gain": ("DC gain", ""),
@@ -67,12 +59,7 @@ TITLES = {
     "channels_per_package": ("op-amps in a package", ""),
 }
 """Title and unit of every figure of the data file."""
-SWING = "swing"
 ABSENT = (0.0, math.inf, -math.inf)  # values of a figure that a part does not have
-MARKS = 25  # of the second witness on a curve
-SHOWN_SMALL, SHOWN_LARGE = 0.5, 0.6  # of the records of the steps
-SKIPPED = 1e-3  # of the shown record: the jump through the input's capacitance
-Results = Mapping[str, tuple[Measured, ...]]  # by the name of the witness
 Origins = Mapping[str, Origin]  # by the name of the figure
 WORDS = ("derived", "assumed")  # in the place of a document
 AT_LEAST = (
@@ -82,28 +69,12 @@ AT_LEAST = (
 )  # figures with a guaranteed minimum
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Curves:
-    """What one witness measured: the open loop, and steps as pairs of instants and voltages."""
-
-    bode: Bode
-    small: tuple[Floats, Floats]
-    large: tuple[Floats, Floats] | None
-
-
-def measure_curves(opamp: OpAmp, witness: Witness) -> Curves:
-    """Measure the curves of the charts."""
-    large = large_step(opamp, witness) if math.isfinite(opamp.input_range) else None
-    return Curves(bode(opamp, witness), step_response(opamp, witness), large)
-
-
 def view(result: OpAmpFigures) -> Page:
     """Return the page of an op-amp."""
-    opamp, origins, results = result.opamp, result.origins, result.results
+    opamp, origins = result.opamp, result.origins
     documents = list(_documents(opamp, origins))
-    titles = ("figure", "typical", "guaranteed", *results, "from", "note")
-    table = Table("Figures", titles, tuple(_rows(opamp, origins, documents, results)))
-    benches = f"measured at \N{PLUS-MINUS SIGN}{supply_of(opamp):g} V on test benches"
+    titles = ("figure", "typical", "guaranteed", "from", "note")
+    table = Table("Figures", titles, tuple(_rows(opamp, origins, documents)))
     sources = [f"source: {opamp.source}"]
     sources += [f"[{number}] {title}" for number, title in enumerate(documents, 1)]
     if documents:
@@ -112,29 +83,18 @@ def view(result: OpAmpFigures) -> Page:
         )
     if opamp.external_part:
         sources.append(f"every op-amp needs a {opamp.external_part}")
-    sources.append(
-        f"{benches}: the macromodel does what the data sheet says, as far as it is modelled"
-    )
 
-    @cache
-    def columns() -> tuple[tuple[Chart, ...], ...]:
-        curves = {name: measure_curves(opamp, each) for name, each in result.witnesses.items()}
-        return _charts(opamp, curves)
+    def charts() -> tuple[Chart, Chart]:
+        return _bode(open_loop(opamp))
 
     return Page(
         title=opamp.name,
         command="taction parts show",
         sections=(
             Section("Figures", (table, Notes("", tuple(sources))), "", EVERYWHERE),
-            Section("Open loop and follower", lambda: sum(columns(), ())),
+            Section("Open loop", charts),
         ),
-        sheet=lambda: Sheet(
-            f"{opamp.name}: open loop and follower",
-            columns(),
-            (1.25, 1.0),
-            tuple((1.0,) * len(column) for column in columns()),
-            (11.5, 6.6),
-        ),
+        sheet=lambda: Sheet(f"{opamp.name}: open loop", (charts(),), size=(7.5, 6.6)),
     )
 
 
@@ -155,10 +115,7 @@ def _documents(opamp: OpAmp, origins: Origins) -> dict[str, None]:
     return dict.fromkeys(title for title in named if title and title not in WORDS)
 
 
-def _rows(
-    opamp: OpAmp, origins: Origins, documents: list[str], results: Results
-) -> Iterator[tuple[Cell, ...]]:
-    measured = [{f.name: f.value for f in found} for found in results.values()]
+def _rows(opamp: OpAmp, origins: Origins, documents: list[str]) -> Iterator[tuple[Cell, ...]]:
     limits, unknown = dict(opamp.guaranteed), Origin("", "", "")
 
     def reference(document: str) -> str:
@@ -174,24 +131,20 @@ def _rows(
             )
             limit = Cell(f"{bound} {limit.text}", limit.number)
         named = dict.fromkeys(filter(None, map(reference, (origin.document, origin.limit))))
-        cells = (_cell(found.get(name), unit) for found in measured)
         yield (
             Cell(title),
             _cell(value, unit),
             limit,
-            *cells,
             Cell(" ".join(named)),
             Cell(origin.note),
         )
         if name == "saturation":
             supply = supply_of(opamp)
-            cells = (_cell(found.get(SWING), "V") for found in measured)
             note = Cell(f"at \N{PLUS-MINUS SIGN}{supply:g} V")
             yield (
                 Cell("output swing"),
                 _cell(opamp.swing(supply), "V"),
                 Cell(""),
-                *cells,
                 Cell(""),
                 note,
             )
@@ -205,44 +158,15 @@ def _cell(value: float | None, unit: str) -> Cell:
     return Cell(quantity(value, unit), value)
 
 
-def _charts(opamp: OpAmp, curves: Mapping[str, Curves]) -> tuple[tuple[Chart, ...], ...]:
-    """Return the columns of the picture: the open loop, and the steps of a follower."""
-    first = next(iter(curves.values()))
-    steps = [_small(curves)]
-    if first.large is not None:
-        steps.append(_large(opamp, curves))
-    return _bode(curves), tuple(steps)
-
-
-def _curves(
-    found: Mapping[str, tuple[Floats, Floats]], even: Floats | None = None
-) -> Iterator[Curve]:
-    """Yield the first witness as a line and the others as marks, `even` along x where given."""
-    for number, (name, (x, y)) in enumerate(found.items()):
-        if not number:
-            yield Curve(x, y, name, BLUE, width=1.8)
-            continue
-        places = x[:: max(len(x) // MARKS, 1)] if even is None else even
-        values = np.interp(places, x, y)
-        yield Curve(places, values, name, ORANGE, "", "circle-open", size=5.0)
-
-
-def _bode(curves: Mapping[str, Curves]) -> tuple[Chart, Chart]:
-    found = {name: each.bode for name, each in curves.items()}
-    gains = {
-        name: (each.frequency, 20.0 * np.log10(np.abs(each.response)))
-        for name, each in found.items()
-    }
-    phases = {
-        name: (each.frequency, np.degrees(np.unwrap(np.angle(each.response))))
-        for name, each in found.items()
-    }
-    first = next(iter(found.values()))
-    gain: tuple[Mark, ...] = tuple(_curves(gains))
-    phase: tuple[Mark, ...] = tuple(_curves(phases))
+def _bode(found: Bode) -> tuple[Chart, Chart]:
+    frequency, response = found.frequency, found.response
+    gain: tuple[Mark, ...] = (Curve(frequency, 20.0 * np.log10(np.abs(response)), "", BLUE),)
+    phase: tuple[Mark, ...] = (
+        Curve(frequency, np.degrees(np.unwrap(np.angle(response))), "", BLUE),
+    )
     text = ""
-    if abs(first.response[-1]) < 1.0:
-        crossing, margin = first.crossing()
+    if abs(response[-1]) < 1.0:
+        crossing, margin = found.crossing()
         text = f"unity gain at {quantity(crossing, 'Hz', 3)}"
         gain += _crossing(crossing, 0.0, text)
         phase += _crossing(crossing, margin - 180.0, f"phase margin {margin:.3g} degrees")
@@ -275,53 +199,6 @@ def _crossing(frequency: float, level: float, text: str) -> tuple[Mark, ...]:
     )
 
 
-def _step(
-    found: Mapping[str, tuple[Floats, Floats]], shown: float
-) -> tuple[tuple[Curve, ...], float]:
-    """Return the first part of the steps, the share `shown` of the record, and its end in s.
-
-    The first point is left out: the ideal step passes the input's capacitance in no time.
-    """
-    stop = shown * float(next(iter(found.values()))[0][-1])
-    live = {}
-    for name, (time, volts) in found.items():
-        kept = (time <= stop) & (time > SKIPPED * stop)
-        kept[0] = False
-        live[name] = time[kept], volts[kept]
-    return tuple(_curves(live, np.linspace(0.0, stop, MARKS + 1)[1:])), stop
-
-
-def _small(curves: Mapping[str, Curves]) -> Chart:
-    found = {name: each.small for name, each in curves.items()}
-    marks, stop = _step(found, SHOWN_SMALL)
-    response = next(iter(found.values()))[1][1:]
-    low, high = float(response.min()), float(response.max())
-    return Chart(
-        "Small step",
-        Axis("time", "s", limits=(0.0, stop)),
-        Axis("output over step", limits=(min(0.0, low) - 0.05, max(1.0, high) + 0.05)),
-        (Limit(1.0, "y", "", "muted"), *marks),
-        message=f"{100.0 * max(high - 1.0, 0.0):.2g} % overshoot",
-        summary="A step that is too small for the limits of the op-amp.",
-        legend="",
-    )
-
-
-def _large(opamp: OpAmp, curves: Mapping[str, Curves]) -> Chart:
-    found = {name: each.large for name, each in curves.items() if each.large is not None}
-    marks, stop = _step(found, SHOWN_LARGE)
-    final = STEP * opamp.swing(supply_of(opamp))
-    return Chart(
-        "Large step",
-        Axis("time", "s", limits=(0.0, stop)),
-        Axis("output", "V"),
-        (Limit(final, "y", "", "muted"), *marks),
-        message=readable(f"{quantity(opamp.slew_rate, 'V/s', 3)} at most"),
-        summary="A step at which the slew rate limits the output.",
-        legend="",
-    )
-
-
 def list_view(models: Mapping[str, OpAmp]) -> Page:
     """Return the page of all presets, with the figures that most boards depend on."""
     rows = []
@@ -332,7 +209,7 @@ def list_view(models: Mapping[str, OpAmp]) -> Page:
         rows.append((name, *known, ends if math.isfinite(model.most_supply) else "-"))
     titles = ("", *(title for _, _, title in LISTED), "supply")
     table = Table("", titles, tuple(tuple(map(cell, row)) for row in rows))
-    more = "all figures with their sources, and what the model does: taction parts show NAME"
+    more = "all figures with their sources: taction parts show NAME"
     return Page(
         title="op-amps",
         command="taction parts",

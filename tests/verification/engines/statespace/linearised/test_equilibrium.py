@@ -16,7 +16,6 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.spice_models.opamp import KNEE, OpAmp
 from taction.system.errors import EngineError
-from taction.verification.characterise.bench import OUT, Bench
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -25,6 +24,7 @@ from taction.verification.engines.statespace.linearised.loop_newton import solve
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from tests.support.boards import IDEAL, board, kernel, paper_board, single_mode, strain, two_pole
 from tests.support.making import make_scene, matrix_problem
+from tests.support.opamp_bench import OUT, Bench
 
 
 def test_the_single_mode_divides_by_its_loop_gain() -> None:
