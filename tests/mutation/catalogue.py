@@ -14,8 +14,6 @@ from dataclasses import dataclass, replace
 from taction.netlist_gen.board.wires import PortConductances, Wires
 from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame import laws
-from taction.netlist_gen.topologies.frame.laws import Loops
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import ModeShares
 from taction.verification.engines.statespace.transients.straight_pieces import StraightPieces
@@ -39,7 +37,6 @@ PAPER, ENTROPY, SKEW = "paper-breadboard", "paper-exponential", "tangential-expo
 STATE_SPACE, NGSPICE = "statespace", "ngspice"
 STEADY, SETTLES, RISES = "steady_state", "settling_time", "rise_time"
 OVERSHOOTS, STABLE, AGREE, SAME = "overshoot", "stability", "engines_agree", "same_problem"
-LAWS = "laws_agree"
 
 
 @dataclass(frozen=True)
@@ -123,11 +120,6 @@ def of_reduction(fault: str, change: Callable[[PortConductances], PortConductanc
     """Change the conductances that the state-space engine has at the ports of an array."""
     plant = planting.in_a_method(Wires, "at_ports", change)
     return Mutation(fault, "reduction of the wires", plant, WIRED, NGSPICE, (AGREE,))
-
-
-def of_laws(fault: str, plant: Plant, scene: str) -> Mutation:
-    """Change what the state-space engine, alone, or the closed formulas have of a board."""
-    return Mutation(fault, "laws", plant, scene, STATE_SPACE, (LAWS,), Outcome.INCONCLUSIVE)
 
 
 def of_readings(fault: str, plant: Plant) -> Mutation:
@@ -271,14 +263,6 @@ SECOND_WITNESS = (
         (STEADY,),
     ),
 )
-SLOWER = planting.in_a_method(LinearBoard, "descriptor", planting.slower(1.0 + 1e-6))
-OTHER_MODES = planting.in_a_method(Loops, "matrix", lambda S: (1.0 + 1e-6) * S)
-OTHER_EDGE = planting.in_a_method(laws, "_least_second_pole", lambda hertz: hertz * (1.0 + 1e-4))
-BOTH_WAYS = (
-    of_laws("all that takes time is slower by 1e-6 in the state space", SLOWER, "inverse"),
-    of_laws("modes of the conductances off by 1e-6", OTHER_MODES, "ridge"),
-    of_laws("least second pole of the formula off by 1e-4", OTHER_EDGE, "least-squares"),
-)
 READINGS = (
     of_readings(
         "settling band twice as wide",
@@ -314,7 +298,6 @@ MUTATIONS = (
     *THIRD_WITNESS,
     *FIRST_WITNESS,
     *SECOND_WITNESS,
-    *BOTH_WAYS,
     *READINGS,
     *CERTAINTY,
 )

@@ -24,7 +24,6 @@ from taction.netlist_gen.topologies.frame.topology import Topology
 from taction.system.array_types import Complexes, Floats
 from taction.system.reading_definitions import TIMES
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import ChannelMeasure, Measurements, summary
@@ -335,16 +334,6 @@ def in_the_equations(change: Callable[[Circuit], Circuit]) -> Plant:
 def in_the_linearisation(change: Callable[[LinearBoard], LinearBoard]) -> Plant:
     """The state-space engine has a changed linearisation."""
     return lambda scene, patch: verify(scene, circuit=change(LinearBoard(synthesise(scene))))
-
-
-def slower(factor: float) -> Callable[[Descriptor], Descriptor]:
-    """Multiply the capacitances and the time constants of the equations."""
-
-    def change(equations: Descriptor) -> Descriptor:
-        mass = replace(equations.mass, values=factor * equations.mass.values)
-        return replace(equations, mass=mass)
-
-    return change
 
 
 def in_a_method(owner: Any, name: str, change: Callable[[Any], Any]) -> Plant:

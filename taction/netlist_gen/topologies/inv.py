@@ -7,7 +7,7 @@ Row n of the array is at the inverting input of op-amp n, whose output drives co
     at rest      (G0 T + E/A0) V = -G0 U0 eps,   u = -V/U0        E: conductance at each input
 
 The loop is closed through T itself: the board is stable only if T has the right sign of all its
-modes (`laws`).
+modes (`docs/closed-loop.md`).
 """
 
 from __future__ import annotations

@@ -7,17 +7,16 @@
     channel n    op-amp, its non-inverting input b_n summing column n of array 2, its output v_n
     at rest      T^T w = 0, so v = -pinv(T) eps U0,   u = -v/U0
 
-gf decides speed and stability and drops out of the answer (`laws`).
+gf decides speed and stability and drops out of the answer (`docs/closed-loop.md`).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, Role
+from taction.netlist_gen.board.circuit import Role
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.entries import place_strain
-from taction.netlist_gen.topologies.frame.laws import Law, energy_law, feedback_laws
 from taction.netlist_gen.topologies.frame.loops import Inputs, Loop, LoopBoard
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
@@ -55,20 +54,6 @@ class PseudoInverse(Loop):
         self.more_rows(board, columns)
         self.array(board, Role.FORWARD, {n: f"v_{n}" for n in board.channels}, rows)
         self.array(board, Role.FEEDBACK, {k: f"w_{k}" for k in board.sensors}, columns)
-
-    def laws(self, circuit: Circuit) -> tuple[Law, ...]:
-        """Return those of every loop, the proof of stability, and two for gf.
-
-        With op-amps of one pole, and T without negative entries or with differential inputs, the
-        board is stable for every gf: the symmetric part of the state matrix times the loads is
-        negative semidefinite, so the loads over wt are a Lyapunov matrix.
-        """
-        about_gf = feedback_laws(circuit, self.stacked(circuit))
-        return (*super().laws(circuit), *energy_law(circuit), *about_gf)
-
-    def stacked(self, circuit: Circuit) -> Floats:
-        """Return the conductances of array 1 with their signs, S, (M, N)."""
-        return circuit.realised * circuit.value("G0")
 
     def more_rows(self, board: LoopBoard, columns: dict[int, Inputs]) -> None:
         """Place rows of both arrays besides those of T."""

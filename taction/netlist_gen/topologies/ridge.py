@@ -12,12 +12,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
+from taction.netlist_gen.board.circuit import GROUND, Role
 from taction.netlist_gen.topologies.frame.loops import Inputs, LoopBoard
 from taction.netlist_gen.topologies.pinv import PseudoInverse
-from taction.system.array_types import Floats
 
 
 class Ridge(PseudoInverse):
@@ -25,12 +22,6 @@ class Ridge(PseudoInverse):
 
     name = "ridge"
     regularised = True
-
-    def stacked(self, circuit: Circuit) -> Floats:
-        """Return the conductances of array 1 with the rows that add lambda, S, (M + N, N)."""
-        X, G0 = super().stacked(circuit), circuit.value("G0")
-        root = math.sqrt(circuit.value("lambda")) * G0
-        return np.vstack([X, root * np.eye(X.shape[1])])
 
     def more_rows(self, board: LoopBoard, columns: dict[int, Inputs]) -> None:
         """Place the rows that add lambda."""

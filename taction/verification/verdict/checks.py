@@ -21,7 +21,6 @@ from taction.verification.readings.measurements import Measurements, describe_st
 from taction.verification.readings.settling import ChannelState
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.checked_laws import CheckedLaw
 from taction.verification.verdict.companion import Agreement, StepError
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
 from taction.verification.verdict.input_spread import InputSpread
@@ -112,8 +111,6 @@ class Evidence:
         Why the board has no state-space witness, or empty; then its values are estimates.
     contradiction : str
         Which number of the board or the record differs from the reference's, or empty.
-    laws : tuple of CheckedLaw
-        What closed formulas of the topology say, beside the engine's poles.
     recording : Recording or None
         The record, with the planned board; None in evidence made by hand.
     """
@@ -135,7 +132,6 @@ class Evidence:
     noise: OutputNoise | None = None
     spread: InputSpread | None = None
     unwitnessed: str = ""
-    laws: tuple[CheckedLaw, ...] = ()
     recording: Recording | None = None
 
     @property

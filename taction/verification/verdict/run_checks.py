@@ -391,16 +391,6 @@ def _same_problem(evidence: Evidence) -> Check | None:
     return Check("same_problem", Outcome.FAIL, None, None, None, None, "step", reason)
 
 
-def _laws_agree(evidence: Evidence) -> Check | None:
-    """Doubt a board whose closed formulas differ from the engine's poles; else no check.
-
-    One of the two is wrong, and it is not known which.
-    """
-    differ = [law for law in evidence.laws if law.agrees is False]
-    reason = joined(*(law.contradiction for law in differ))
-    return undecided("laws_agree", differ[0].unit, reason, None) if differ else None
-
-
 OWN = {
     "steady_state": CheckKind(_steady_state, keys.SteadyStateCheck),
     "settling_time": CheckKind(settling_time, keys.SettlingTimeCheck),
@@ -411,7 +401,6 @@ OWN = {
     "noise": CheckKind(noise, keys.NoiseCheck),
     "engines_agree": CheckKind(_engines_agree, keys.EnginesAgreeCheck),
     "same_problem": CheckKind(_same_problem),
-    "laws_agree": CheckKind(_laws_agree),
 }
 CHECKS = OpenTable("taction.checks", OWN, CheckKind)
 """All kinds of checks, in the order of the verdict."""

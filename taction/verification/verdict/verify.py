@@ -10,7 +10,6 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene, opamp_words
-from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.system.after_result import attempt
 from taction.system.array_types import Floats
 from taction.system.progress import Clock, Progress
@@ -35,11 +34,6 @@ from taction.verification.stability.margin import (
 )
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.answer_error import AnswerError
-from taction.verification.verdict.checked_laws import (
-    CheckedLaw,
-    checked_laws,
-    with_estimates,
-)
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
 from taction.verification.verdict.companion import (
     Agreement,
@@ -194,12 +188,6 @@ class Verdict(Result):
         return self.recording.accuracy
 
     @cached_property
-    def laws(self) -> tuple[CheckedLaw, ...]:
-        """What closed formulas of the topology say about the board, beside the engine's poles."""
-        found, failures = partial(with_estimates, self.circuit, self.evidence.laws), list[str]()
-        return attempt("the laws", found, self.evidence.laws, failures.append)
-
-    @cached_property
     def active_sets(self) -> tuple[VisitedSet, ...]:
         """The active sets of a board of piecewise linear amplifiers that the transient visits."""
         if self.circuit.is_linear:
@@ -331,12 +319,6 @@ def gather_evidence(
     return evidence, recording
 
 
-def _laws(circuit: Circuit) -> tuple[CheckedLaw, ...]:
-    """Return what closed formulas of the topology say; a foreign board has none."""
-    topology = TOPOLOGIES.get(circuit.topology)
-    return () if topology is None else checked_laws(circuit, topology.laws(circuit))
-
-
 def _margin(design: PlannedBoard, effort: Effort) -> Margin | None:
     """Return the stability margin, if the scene asks for one."""
     search = margin_search(design, effort)
@@ -361,10 +343,6 @@ def judged(
     """
     design, failures = recording.design, list[str]()
     detail = partial(attempt, tell=failures.append)
-    laws = partial(_laws, design.circuit)
-    evidence = replace(
-        evidence, laws=detail("the comparison of the laws", laws, tuple[CheckedLaw, ...]())
-    )
     checks = run_checks(evidence)
     if could_be_finer(evidence, checks):
         measured, error = finest(recording, ideal)

@@ -15,11 +15,9 @@ from scipy.optimize import brentq
 import taction
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.laws import Law
 from taction.system.documents import plain
 from taction.system.errors import InputError
 from taction.verification.report.documents.verdict import VerdictBody
-from taction.verification.verdict.checked_laws import checked_laws
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 from tests.support.loop_boards import (
@@ -30,7 +28,6 @@ from tests.support.loop_boards import (
     poles_agree,
 )
 from tests.support.making import make_scene
-from tests.support.paths import SCENES
 from tests.support.readings import Samples
 
 Matrix = NDArray[np.float64]
@@ -167,40 +164,6 @@ def test_the_margin_of_gf_is_between_boards_built_anew() -> None:
         moved = scene("ridge", feedback_conductance=1e-3 / margin.factor * share)
         stable.append(bool(taction.verify(moved).poles.stable))
     assert stable == [True, False]
-
-
-@pytest.mark.parametrize("topology", ["inv", "pinv", "ridge"])
-@pytest.mark.parametrize("way", ["inverters", "differential", "offset"])
-@pytest.mark.parametrize("wires", [{}, {"word_line": 30.0, "sense": 5.0}])
-def test_closed_formulas_and_the_engine_agree(topology: str, way: str, wires: Any) -> None:
-    one = with_values(scene(topology, negative_entries=way), {"wires": wires})
-    laws = {law.name: law for law in verify(one).laws}
-    assert laws["rightmost_pole"].agrees is laws["second_pole"].agrees is True
-    assert laws["rightmost_pole"].left_out.startswith("second pole, input impedance")
-    if topology != "inv":
-        proof = laws["stored_energy"]
-        assert proof.agrees is (True if proof.value < 0.0 else None)
-        assert (proof.value < 0.0) is (way == "differential" and not wires)
-        if way == "differential":
-            assert laws["least_gf"].engine == pytest.approx(laws["least_gf"].value, rel=0.3)
-
-
-def test_an_engine_that_contradicts_a_formula_is_seen() -> None:
-    found = taction.verify(scene("pinv", negative_entries="inverters"))
-    wrong = [replace(law, value=1.001 * law.value) for law in found.laws[:2]]
-    wrong.append(replace(found.laws[2], value=-1e-13))  # as if inverters had no poles
-    laws = [Law(each.name, each.title, each.value, each.unit, each.sentence) for each in wrong]
-    small = found.circuit.turned("gf", 1e-7)
-    assert [law.agrees for law in checked_laws(found.circuit, laws[:2])] == [False, False]
-    assert checked_laws(small, laws[2:])[0].agrees is False
-
-
-def test_nothing_is_said_of_an_edge_that_rounding_decides(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("taction.verification.verdict.checked_laws.BESIDE", 1e-16)
-    found = taction.verify(taction.load_scene(SCENES / "least-squares.toml"))
-    laws = {law.name: law.agrees for law in found.evidence.laws}
-    assert (laws["rightmost_pole"], laws["second_pole"]) == (True, None)
-    assert "laws_agree" not in {check.name for check in found.checks}
 
 
 def test_the_margin_of_inv_is_where_the_slowest_inputs_let_a_mode_grow() -> None:

@@ -15,7 +15,6 @@ from taction.system.reading_definitions import READINGS
 from taction.verification.readings.measurements import ChannelMeasure, describe_states
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
-from taction.verification.verdict.checked_laws import CheckedLaw
 from taction.verification.verdict.checks import Check, Outcome, at_most, overall
 from taction.verification.verdict.companion import Agreement, StepError
 from taction.verification.verdict.recording import Accuracy
@@ -360,20 +359,6 @@ def test_a_contradiction_fails_and_no_contradiction_is_no_check() -> None:
     found = check("same_problem", evidence(contradiction="the board states lambda = 2.0"))
     assert (found.outcome, found.reason) == (FAIL, "the board states lambda = 2.0")
     assert "same_problem" not in {made.name for made in run_checks(evidence())}
-
-
-def test_a_law_that_differs_leaves_no_pass_and_says_both_numbers() -> None:
-    law = CheckedLaw("rightmost_pole", "rightmost pole", -2e6, "1/s", "", -3e6, agrees=False)
-    proof = CheckedLaw("stored_energy", "power", -1e-9, "S", "", agrees=False, compared="stable")
-    found = check("laws_agree", evidence(laws=(law, proof)))
-    assert found.outcome is UNDECIDED
-    assert found.reason == (
-        "rightmost pole: the formula gives -2 M/s, the engine -3 M/s;"
-        " power: the formula gives -1 nS, the engine does not confirm: stable"
-    )
-    for agrees in (True, None):
-        given = evidence(laws=(replace(law, agrees=agrees),))
-        assert "laws_agree" not in {made.name for made in run_checks(given)}
 
 
 def test_checks_that_nobody_asked_for_are_not_made() -> None:

@@ -37,7 +37,6 @@ from taction.netlist_gen.topologies.frame.entries import (
     pruning_omission,
     simplest_parts,
 )
-from taction.netlist_gen.topologies.frame.laws import Law, loop_laws
 from taction.netlist_gen.topologies.frame.parts import Parts
 from taction.netlist_gen.topologies.frame.signs import WAYS, Array, Way
 from taction.netlist_gen.topologies.frame.topology import Topology
@@ -184,10 +183,6 @@ class Loop(Topology):
             Knob("G0", key),
             U0,
         )
-
-    def laws(self, circuit: Circuit) -> tuple[Law, ...]:
-        """Return the rightmost pole and the least second pole by the modes; see `loop_laws`."""
-        return loop_laws(circuit)
 
     def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:
         """Design the board of `scene` for `problem`; see `Topology`."""

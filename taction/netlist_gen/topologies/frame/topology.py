@@ -14,7 +14,6 @@ from taction.netlist_gen.scene.field_values import LARGE, LEAST, MOST, SMALL
 from taction.netlist_gen.scene.fields import Model
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
-from taction.netlist_gen.topologies.frame.laws import Law
 from taction.system.errors import Complaint, InputError
 
 
@@ -99,10 +98,6 @@ class Topology(ABC):
         if not linear:
             product *= 2.0 * slope / design.unit_voltage
         return {**facts, "R": replace(facts["R"], follows=(product, ("lambda", "gain")))}
-
-    def laws(self, circuit: Circuit) -> tuple[Law, ...]:
-        """Return what closed formulas say about a board of this topology; nothing by default."""
-        return ()
 
     def knobs(self, scene: Scene) -> tuple[Knob, ...]:
         """Return the keys of `scene` that can be moved, with the parts that they scale."""

@@ -15,7 +15,6 @@ from taction.system.documents import (
 from taction.system.error_document import Failure
 from taction.verification.stability.margin import Margin
 from taction.verification.verdict.active_sets import VisitedSet
-from taction.verification.verdict.checked_laws import CheckedLaw
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record
@@ -92,7 +91,6 @@ class VerdictBody:
         "timing [s] = verdict.timing",
         "cause = record.reason # why it is no pass, with value and limit; empty of a pass",
         "what_to_change? = remedies # of a failed verdict: changes that mend it",
-        "laws? = laws # what closed formulas of the topology say, beside the engine; SI base units",
         "active_sets? = active_sets # of piecewise linear amplifiers: those that are visited",
     )
 
@@ -105,11 +103,6 @@ class VerdictBody:
     def of(cls, verdict: Verdict) -> VerdictBody:
         """Return the document of a verdict."""
         return cls(verdict, Record.of(verdict))
-
-    @property
-    def laws(self) -> tuple[CheckedLaw, ...] | None:
-        """What closed formulas say; None for a topology that has none."""
-        return self.verdict.laws or None
 
     @property
     def active_sets(self) -> tuple[VisitedSet, ...] | None:

@@ -28,7 +28,6 @@ from taction.verification.report.texts import figure, quantity
 from taction.verification.stability.edges import Edges, Range
 from taction.verification.stability.margin import AROUND, first_knob, stable_values
 from taction.verification.stability.poles import Poles
-from taction.verification.verdict.checked_laws import CheckedLaw
 from taction.verification.verdict.verify import Verdict
 
 SHOWN = 2000  # poles
@@ -65,34 +64,6 @@ def stability_blocks(circuit: Circuit, poles: Poles) -> tuple[Block, ...]:
     rows = (*rows, (f"{name} of this board", own), (f"stable values of {name}", ranges))
     text = f"The board is {word[poles.stable]} at {name} = {own}. {stated}"
     return Notes("", (text,)), pole_map(poles, stated), Facts("", rows)
-
-
-def law_blocks(verdict: Verdict) -> tuple[Block, ...]:
-    """Return what closed formulas of the topology say, beside what the board has."""
-    own = {"rightmost_pole": figure(verdict.poles.rightmost.real, "1/s")}
-    if "gf" in verdict.circuit.facts:
-        gf = verdict.circuit.facts["gf"].text
-        own |= {"fastest_gf": gf, "least_gf": gf}
-    models = verdict.circuit.models.values()
-    own["second_pole"] = ", ".join(quantity(model.second_pole, "Hz") for model in models)
-    columns = {
-        "formula": lambda each: each.title,
-        "gives": lambda each: quantity(each.value, each.unit),
-        "engine": _by_the_engine,
-        "this board": lambda each: own.get(each.name, ""),
-        "for": lambda each: "; ".join(filter(None, (each.sentence, each.compared))),
-    }
-    laws = verdict.laws
-    left = next((each.left_out for each in laws if each.left_out), "")
-    note = f"Formulas and engine: this board without its {left}." if left else ""
-    return (Table.of("Closed formulas", laws, columns, note),) if laws else ()
-
-
-def _by_the_engine(law: CheckedLaw) -> str:
-    """Return the engine's number, and whether it is that of the formula."""
-    word = {True: "agrees", False: "DIFFERS", None: ""}[law.agrees]
-    number = "" if law.engine is None else quantity(law.engine, law.unit)
-    return ", ".join(filter(None, (number, word)))
 
 
 def active_set_blocks(verdict: Verdict) -> tuple[Block, ...]:

@@ -53,7 +53,6 @@ from taction.verification.report.views.checks import (
 from taction.verification.report.views.origin import origin_section
 from taction.verification.report.views.stability import (
     active_set_blocks,
-    law_blocks,
     stability_blocks,
 )
 from taction.verification.report.views.waveforms import (
@@ -112,7 +111,6 @@ def view(
             Section("Waveforms", lambda: _records(verdict)),
             Section("Waveforms", lambda: (_channels(verdict),), media=BOTH),
             Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
-            Section("Closed formulas", lambda: law_blocks(verdict), media=detailed),
             Section("Active sets", lambda: active_set_blocks(verdict), media=detailed),
             Section("Recovered stress", lambda: (stress_chart(verdict),)),
             Section("Error budget", lambda: _waterfall_of(verdict)),
