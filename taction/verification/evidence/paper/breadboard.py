@@ -61,8 +61,7 @@ def breadboard(quick: bool) -> Chapter:
 
 def _constraint(circuit: Circuit) -> tuple[Finding, Finding]:
     plane = constraint_plane(circuit)
-    amplifier = plane.amplifier_rise_time if plane else 0.0
-    stage = (plane.stage_rise_time if plane else 0.0) or 0.0
+    amplifier, stage = plane.amplifier_rise_time, plane.stage_rise_time or 0.0
     about_1us = weigh(abs(amplifier - 1e-6) <= ABOUT * 1e-6, fitted=True)
     slower = weigh(stage > amplifier, fitted=True)
     return (

@@ -3,21 +3,21 @@
 The paper measures "the rise time of the constraint plane amplifiers" and says that the response of
 the board is slower, because the resistors at a summing node form a time constant with the
 capacitance of the node. This module gives two rise times: that of the amplifier alone at its noise
-gain, and that of the stage with this capacitance, which may ring.
+gain, and that of the stage with this capacitance, which may ring. Both follow from the transfer
+function of a two-pole op-amp, of Kirchhoff's laws and numpy alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit, Output, Role
-from taction.netlist_gen.board.parts import CurrentSource, Resistor
-from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.readings.crossings import first_above
+from taction.netlist_gen.board.circuit import Circuit, Role
 
-POINTS = 4000
+POINTS = 40_000
 SPAN = 12.0  # record length in slowest time constants
 
 
@@ -43,73 +43,48 @@ class ConstraintPlane:
     stage_overshoot: float | None
 
 
-def constraint_plane(circuit: Circuit) -> ConstraintPlane | None:
-    """Measure the step response of the constraint stage with the largest load.
+def constraint_plane(circuit: Circuit) -> ConstraintPlane:
+    """Return the step response of the constraint stage with the largest load.
 
-    Returns None for a board without a constraint plane, and for one whose op-amps have no poles:
-    its rise time is zero; also for imported op-amps, which have offsets, and input capacitances
-    that cannot be left out.
-
-    Raises
-    ------
-    EngineError
-        The stage has no state-space form.
+    With r the output resistance over s, Y the admittance of the node and D = (1 + s A0/wt)(1 + s
+    t2) of the op-amp, the output over the current is (r D - A0) / ((1 + r) Y D + (D + A0)/s).
     """
-    if circuit.has_imported or not circuit.named(Role.CONSTRAINT_RESISTOR):
-        return None
     load = np.sum(1.0 / circuit.forward_ohms, axis=1)
     sinks = circuit.forward.sinks
     for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
         load[sinks.index(part.b)] += 1.0 / part.ohms
-    row = int(np.argmax(load)) + 1
-    stage = _alone(circuit, row, float(load[row - 1]))
-    bare = _without_capacitance(stage)
-    if not np.isfinite(next(iter(bare.models.values())).gbw):
+    row = int(np.argmax(load))
+    strays = (part.farads for part in circuit.capacitors if part.a == sinks[row])
+    (model,) = circuit.models.values()
+    farads = math.fsum((*strays, model.input_capacitance, model.differential_capacitance))
+    siemens = float(load[row]) + 1.0 / model.input_resistance
+    wt, gain, A0 = math.tau * model.gbw, circuit.value("gain"), model.dc_gain
+    D = Polynomial([1.0, A0]) * Polynomial([1.0, model.gbw / model.second_pole])  # time times wt
+    r = model.output_resistance / gain
+
+    def rise(farads: float) -> tuple[float, float] | None:
+        Y = Polynomial([siemens, wt * farads]) if farads else Polynomial([siemens])
+        found = _rise(r * D - A0, (1.0 + r) * Y * D + (D + A0) / gain)
+        return None if found is None else (found[0] / wt, found[1])
+
+    (amplifier, _), stage = rise(0.0) or (math.nan, 0.0), rise(farads)
+    return ConstraintPlane(row + 1, amplifier, *(stage or (None, None)))
+
+
+def _rise(above: Polynomial, below: Polynomial) -> tuple[float, float] | None:
+    """Return rise time and overshoot of the step of a transfer function; None if it grows."""
+    poles = below.trim().roots()
+    if not np.all(poles.real < 0.0):
         return None
-    (amplifier, _), rise = _rise(bare) or (0.0, 0.0), _rise(stage)
-    return ConstraintPlane(row, amplifier, *(rise or (None, None)))
+    time = np.linspace(0.0, SPAN / float(np.min(np.abs(poles.real))), POINTS)
+    parts = above(poles) / (poles * below.deriv()(poles))
+    final = above(0.0) / below(0.0)
+    step = 1.0 + (np.exp(np.outer(time, poles)) @ parts).real / final
+    early, late = (_first(time, step, level) for level in (0.1, 0.9))
+    return late - early, max(float(step.max()) - 1.0, 0.0)
 
 
-def _alone(circuit: Circuit, row: int, siemens: float) -> Circuit:
-    """Return one constraint stage: op-amp, s, stray capacitance, all resistors as one load."""
-    node = circuit.forward.sinks[row - 1]
-    cells = tuple(cell for cell in circuit.opamps if cell.inverting == node)
-    gains = circuit.resistors_of(Role.CONSTRAINT_RESISTOR)
-    return replace(
-        circuit,
-        models={name: model.small_signal for name, model in circuit.models.items()},
-        opamps=cells,
-        amplifiers=(),
-        transistors=(),
-        resistors=(
-            *(part for part in gains if node in (part.a, part.b)),
-            Resistor("load", node, GROUND, 1.0 / siemens),
-        ),
-        matrices=(),
-        capacitors=tuple(part for part in circuit.capacitors if part.a == node),
-        currents=(CurrentSource("step", node, -1.0 / circuit.value("gain")),),
-        voltages=(),
-        outputs=tuple(Output(cell.output, 1.0) for cell in cells),
-    )
-
-
-def _without_capacitance(stage: Circuit) -> Circuit:
-    models = {
-        name: replace(model, input_capacitance=0.0, differential_capacitance=0.0)
-        for name, model in stage.models.items()
-    }
-    return replace(stage, capacitors=(), models=models)
-
-
-def _rise(stage: Circuit) -> tuple[float, float] | None:
-    """Return rise time and overshoot of a stage; None if the stage is not stable."""
-    solution = exact_solution(stage)
-    if not np.all(solution.poles.real < 0.0):
-        return None
-    slowest = 1.0 / float(np.min(np.abs(solution.poles.real)))
-    time = np.linspace(0.0, SPAN * slowest, POINTS)
-    step = solution.at(time)[:, 0] / solution.final[0]
-    early, late = first_above(time, step, 0.1), first_above(time, step, 0.9)
-    if early is None or late is None:
-        return float("nan"), 0.0
-    return late.time - early.time, max(float(step.max()) - 1.0, 0.0)
+def _first(time: np.ndarray, step: np.ndarray, level: float) -> float:
+    """Return when the step first passes a level, on the line between two points."""
+    k = int(np.argmax(step > level))
+    return float(np.interp(level, step[k - 1 : k + 1], time[k - 1 : k + 1]))
