@@ -23,7 +23,8 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.poles import Poles, or_error, poles_together
 
-BESIDE = (1e-9, 1e-6, 1e-3)  # relative distances of the poles that confirm an edge: the first to do
+BESIDE = (1e-9, 1e-6, 1e-3)  # relative distances of what confirms an edge: the first to do
+POLES = 1e-6  # from here on poles do: nearer ones are lost in rounding too often
 WIDE = 30.0  # largest ratio of neighbouring samples
 GRID = 40  # values per decade of a search by counts alone
 Count = tuple[float, float]  # least and largest number
@@ -65,13 +66,15 @@ class ExactCount:
 class EdgeClaim:
     """Edges over a value above zero, the board at a value, and values that count besides.
 
-    `count` tells the number of unstable poles of a deck without its poles.
+    `count` tells the number of unstable poles of a deck without its poles. The loci of a `precise`
+    board, of which every pole is known well, need no samples between the ends and the edges.
     """
 
     edges: Edges
     board: Callable[[float], LinearBoard]
     values: tuple[float, ...] = ()
     count: ExactCount | None = None
+    precise: bool = False
 
     @property
     def samples(self) -> list[float]:
@@ -82,7 +85,8 @@ class EdgeClaim:
         edges = self.edges
         places = sorted({edges.low, *(edge.value for edge in edges.edges), edges.high})
         between = chain.from_iterable(_between(*ends) for ends in pairwise(places))
-        every, beside = {edges.low, *between, edges.high, *self.values}, BESIDE[-1]
+        every, beside = {edges.low, edges.high, *self.values}, BESIDE[-1]
+        every |= set() if self.precise else {*between}
         if self.count:
             beside = 2.0 * BESIDE[0]
             every |= {at * by for at in edges.near for by in (1.0 - beside, 1.0, 1.0 + beside)}
@@ -117,7 +121,7 @@ def certify(claims: Sequence[EdgeClaim]) -> list[Edges | None]:
             (k, edge.value)
             for k, claim in enumerate(claims)
             for edge in claim.edges.edges
-            if not refuted[k] and edge.value not in bounds[k]
+            if not refuted[k] and edge.value not in bounds[k] and (claim.count or distance >= POLES)
         ]
         sides = [[at * (1.0 - distance), at * (1.0 + distance)] for _, at in left]
         pairs = [(claims[k], beside) for (k, _), beside in zip(left, sides, strict=True)]

@@ -46,6 +46,7 @@ PER_DECADE = 20  # values of the first grid of a scan
 APART_FROM_ZERO = 1e3  # times its bound: a pole beyond it is not at zero
 Parts = tuple[Capacitor | Resistor, ...]
 BESIDE = 1e-6  # relative distance of the samples beside an edge of the loci
+PRECISE = 1e-6  # largest relative bound of a pole of a board whose loci are trusted
 APART, SAME = 1.01, 1e-9  # of two boards that are compared: ratio of their values, and tolerance
 
 
@@ -355,7 +356,7 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
         found.append(edges)
         large = each[0].ports.board.descriptor.is_large
         if isinstance(edges, Edges) and not one.nearest and not large:
-            claims[k] = EdgeClaim(edges, one.family.board, one.values)
+            claims[k] = EdgeClaim(edges, one.family.board, one.values, precise=_precise(each[1]))
     counts = _exact_counts([searches[k].family for k in claims])
     claims = {k: replace(claim, count=counts.get(n)) for n, (k, claim) in enumerate(claims.items())}
     for (k, claim), certified in zip(claims.items(), certify(list(claims.values())), strict=True):
@@ -364,6 +365,11 @@ def edges_together(searches: Sequence[EdgeSearch]) -> list[Edges | TactionError]
         else:
             found[k] = or_error(EdgeSearch.scanned, searches[k]) if certified is None else certified
     return found
+
+
+def _precise(found: Poles) -> bool:
+    """Tell whether every pole is known well: then so are the loci, which follow from the modes."""
+    return found.complete and bool(np.all(found.errors <= PRECISE * np.abs(found.poles)))
 
 
 def _exact_counts(families: Sequence[Family]) -> dict[int, ExactCount]:
