@@ -15,7 +15,7 @@ LINES: dict[str, str] = {
     "verify, oscillating": "verify ringing.toml --margins --changes 50",
     "verify, inconclusive": "verify short.toml",
     "verify, one channel": "verify one.toml --margins",
-    "verify, transistor stages": "verify devices.toml",
+    "verify, transistor stages": "verify devices.toml --changes 0",
     "verify, ngspice and noise": "verify ngspice.toml",
     "verify, exponential": "verify exponential.toml --changes 0",
     "verify-files": "verify a.toml bad.toml slow.toml --jobs 1",

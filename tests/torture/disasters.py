@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from tests.support import clusters
-from tests.support.paths import ROOT
 from tests.torture.killing import LIMIT, Report, again, end
 from tests.torture.studies import DATABASE, Place, Study, rows
 from tests.torture.victims import wait_for_end
@@ -179,23 +178,6 @@ time.time_ns = lambda: int(1e9 * time.time())
 """
 
 
-def jumping_clock(
-    study: Study, folder: Path, seconds: float, expected: Any, chance: random.Random
-) -> Report:
-    """Let the wall clock of every process jump by three years back and forth at each look."""
-    report = Report(study.name, "clock", "jumps")
-    place = Place.make(folder)
-    site = folder / "site"
-    site.mkdir()
-    (site / "sitecustomize.py").write_text(JUMPS, encoding="utf-8")
-    process = place.start(study, PYTHONPATH=f"{site}{os.pathsep}{ROOT}")
-    end(report, process, place)
-    if report.status != 0:
-        report.faults.append(f"exit status {report.status}")
-    again(report, study, place, expected)
-    return report
-
-
 DISASTERS: dict[str, Disaster] = {
     "power cut": power_cut,
     "two at once": two_at_once,
@@ -203,7 +185,6 @@ DISASTERS: dict[str, Disaster] = {
     "full memory disk": full_memory_disk,
     "removed simulator": removed_simulator,
     "other version": other_version,
-    "jumping clock": jumping_clock,
 }
 
 

@@ -35,8 +35,7 @@ taction runs. Of a power cut: database and log are copied at one instant of the 
 sectors of zeros, and the command is given again on the copy. A full disk: no file may have more than a random number of
 bytes (`ulimit -f`). A full memory disk: `/dev/shm`, where temporary files are, too, has 4 to 300 kB. `removed`: the executable of
 ngspice is removed at a random instant. `another version`: the only worker of a Dask cluster has another version of
-taction, in some runs without a module that the study needs; its message must have both versions. `jumps`: each look at
-the wall clock of each process is three years early, right, or three years late. After these, no point without a verdict
+taction, in some runs without a module that the study needs; its message must have both versions. After these, no point without a verdict
 may be stored, since the next run would take it as computed. A command on a bad machine: its messages, its result, its files,
 its temporary folder or its programs have no place, or its scene is damaged. It must end with the status that it has elsewhere,
 with 3, or, for a reader that has gone, with 141; 1 is left to checks that fail.
