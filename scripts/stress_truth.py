@@ -18,8 +18,8 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from taction.verification.evidence.stress.case_names import FOLDER  # noqa: E402
 from taction.verification.evidence.stress.catalogue import (  # noqa: E402
+    FOLDER,
     TRUE_VALUES,
     Case,
     load_catalogue,

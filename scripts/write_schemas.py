@@ -1,12 +1,10 @@
-"""Write the schemas of all documents into docs/schemas, and the table of a scene's keys.
+"""Write the schemas of all documents into docs/schemas.
 
 A file that is no schema any more goes.
 """
 
 from pathlib import Path
 
-from taction.netlist_gen.scene.key_mistakes import KEYS
-from taction.netlist_gen.scene.known_keys import text
 from taction.verification.report.documents.catalogue import schemas
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "schemas"
@@ -18,7 +16,6 @@ def main() -> None:
     texts = dict(schemas())
     for name, schema in texts.items():
         (FOLDER / name).write_text(schema, encoding="utf-8")
-    KEYS.write_text(text(), encoding="utf-8")
     for path in FOLDER.glob("*.json"):
         if path.name not in texts:
             path.unlink()

@@ -29,6 +29,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from taction.netlist_gen.scene.keys import Key, Value, find_key, own_value, read_value
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import Complaint, InputError
@@ -91,51 +93,11 @@ def parse_axes(
             lengths = ", ".join(f"{axis.name} has {len(axis)}" for axis in group)
             raise _wrong(text, f"keys that change together need the same length; {lengths}")
         groups.append(group)
-    _refuse_twice([axis.key.path for group in groups for axis in group])
-    return groups
-
-
-def _refuse_twice(paths: Sequence[str]) -> None:
+    paths = [axis.key.path for group in groups for axis in group]
     for path in paths:
         if paths.count(path) > 1:
             raise _wrong(path, "the key occurs twice; give all its values at once")
-
-
-def look_at_axes(scene: Scene, over: Iterable[str], *, bare: bool = False) -> list[list[SweepAxis]]:
-    """Return axes with the values that are written: of a range its ends, none of a key alone.
-
-    So wrong axes are refused before anything is loaded that computes. With `bare` a real key may
-    stand alone.
-
-    Raises
-    ------
-    InputError
-        As `parse_axis`.
-    """
-    groups: list[list[SweepAxis]] = []
-    for text in over:
-        groups.append([])
-        for one in _NEXT_KEY.split(text.strip()):
-            key, name, body = _stated(scene, one, bare=bare)
-            stated = _range_or_values(key, one, body, POINTS) if body else []
-            scale: Scale = "list" if isinstance(stated, list) else stated[3]
-            values = stated if isinstance(stated, list) else stated[:2]
-            _try_each(scene, key, values)
-            groups[-1].append(SweepAxis(key, name, tuple(values), scale, default=not body))
-    _refuse_twice([axis.key.path for group in groups for axis in group])
     return groups
-
-
-def _stated(scene: Scene, text: str, *, bare: bool) -> tuple[Key, str, str]:
-    """Return the key of ``KEY=VALUES``, its name, and the values; none if the key may be alone."""
-    name, equals, body = (part.strip() for part in text.partition("="))
-    key = find_key(scene, name)
-    if not body and (equals or not bare or key.kind != "real"):
-        example = "=1pF:1nF:31 or =1pF,2pF" if key.unit == "F" else "=LOW:HIGH:POINTS or =A,B,C"
-        if key.kind == "choice":
-            example = "=A,B,C"
-        raise _wrong(text, f"expected values, {name}{example}")
-    return key, name, body
 
 
 def _as_text(name: str, values: str | Iterable[Value]) -> str:
@@ -169,49 +131,27 @@ def parse_axis(
         An unknown key (with the nearest known key), a value that the key does not accept, or a
         wrong range.
     """
-    key, name, body = _stated(scene, text, bare=around is not None)
+    name, equals, body = (part.strip() for part in text.partition("="))
+    key = find_key(scene, name)
+    if not body and around is not None and not equals and key.kind == "real":
+        return _default_axis(scene, key, name, around, points)
     if not body:
-        return _default_axis(scene, key, name, around or 1.0, points)
+        example = "=1pF:1nF:31 or =1pF,2pF" if key.unit == "F" else "=LOW:HIGH:POINTS or =A,B,C"
+        if key.kind == "choice":
+            example = "=A,B,C"
+        raise _wrong(text, f"expected values, {name}{example}")
     values, scale = range_values(key, text, body, points)
-    _try_each(scene, key, values if scale == "list" else (values[0], values[-1]))
+    for value in values if scale == "list" else (values[0], values[-1]):
+        tried(scene, {key.path: value}, "--over")
     return SweepAxis(key, name, values, scale)
 
 
-def _try_each(scene: Scene, key: Key, values: Iterable[Value]) -> None:
-    for value in values:
-        _tried(scene, {key.path: value}, "--over")
-
-
-def _tried(scene: Scene, changes: Point, option: str) -> Scene:
+def tried(scene: Scene, changes: Point, option: str) -> Scene:
     """Return the scene with other values; a mistake is one of the option, not of the file."""
     try:
         return with_values(scene, changes)
     except InputError as error:
         raise InputError(option, *error.complaints) from None
-
-
-def look_at_ranges(scene: Scene, over: Iterable[str]) -> None:
-    """Refuse keys and ranges ``KEY[=LOW:HIGH]`` of a search, before anything that computes loads.
-
-    Raises
-    ------
-    InputError
-        An unknown key, or an end that it does not accept, or a range that does not rise.
-    """
-    for text in over:
-        name, _, body = (part.strip() for part in text.partition("="))
-        key = find_key(scene, name)
-        if key.kind == "choice":
-            raise _wrong(text, "a search needs a key with numbers; `taction sweep` tries names")
-        if body:
-            rising_ends(scene, key.path, body)
-
-
-def look_at_ends(scene: Scene, given: Mapping[str, str | None]) -> None:
-    """Refuse ranges of `ENDS` by their options, before anything that computes is loaded."""
-    for option, text in given.items():
-        if text:
-            read_ends(scene, ENDS[option], text, option)
 
 
 def rising_ends(scene: Scene, path: str, body: str) -> tuple[float, float]:
@@ -240,8 +180,6 @@ def _rising(shown: str) -> str:
     return f"expected a range above zero, LOW below HIGH: {shown}"
 
 
-ENDS = {"--c-range": "design.capacitance", "--gain-range": "design.gain"}
-"""Options of a choice that give the ends of a key."""
 LIMITS = {
     "settling": "checks.settling_time.max",
     "rise": "checks.rise_time.max",
@@ -253,37 +191,12 @@ LIMITS = {
 """Options of a choice that stand for a value of the scene, and its key."""
 
 
-def look_at_limits(scene: Scene, given: Mapping[str, Value | None]) -> None:
-    """Refuse values of `LIMITS` by their options, before anything that computes is loaded."""
-    for name, value in given.items():
-        if value is not None:
-            _tried(scene, {LIMITS[name]: value}, f"--{name}")
-
-
 def range_values(key: Key, text: str, body: str, points: int) -> tuple[tuple[Value, ...], Scale]:
     """Return the values of ``LOW:HIGH:POINTS`` or ``A,B,C`` in base units, and their spacing."""
-    stated = _range_or_values(key, text, body, points)
-    if isinstance(stated, list):
-        return tuple(stated), "list"
-    low, high, count, scale = stated
-    import numpy as np  # a wrong range is refused without it
-
-    spaced = np.geomspace if scale == "log" else np.linspace
-    grid = spaced(low, high, count).tolist()
-    grid[0], grid[-1] = low, high
-    if key.kind == "integer":
-        return tuple(dict.fromkeys(round(value) for value in grid)), scale
-    return tuple(grid), scale
-
-
-def _range_or_values(
-    key: Key, text: str, body: str, points: int
-) -> tuple[float, float, int, Scale] | list[Value]:
-    """Return the ends of a range in base units, its number of points and spacing; or the values."""
     if key.kind == "choice" or ":" not in body:
         if key.kind != "choice":
             _refuse_other_range(key, text, body)
-        return [read_value(key, part.strip()) for part in body.split(",")]
+        return tuple(read_value(key, part.strip()) for part in body.split(",")), "list"
     parts = [part.strip() for part in body.split(":")]
     scale: Scale = "lin" if parts[-1] == "lin" else "log"
     if parts[-1] in ("lin", "log"):
@@ -296,7 +209,12 @@ def _range_or_values(
         raise _wrong(text, "a logarithmic range must be above zero; append :lin for a linear one")
     if low == high:
         raise _wrong(text, f"both ends are {low!r}; expected one value, or two different ends")
-    return low, high, count, scale
+    spaced = np.geomspace if scale == "log" else np.linspace
+    grid = spaced(low, high, count).tolist()
+    grid[0], grid[-1] = low, high
+    if key.kind == "integer":
+        return tuple(dict.fromkeys(round(value) for value in grid)), scale
+    return tuple(grid), scale
 
 
 def _refuse_other_range(key: Key, text: str, body: str) -> None:
@@ -324,8 +242,6 @@ def _default_axis(scene: Scene, key: Key, name: str, around: float, points: int)
     if value is None or not (math.isfinite(value) and value > 0.0):
         text = f"no range follows from the scene's value {value!r}; give {name}=LOW:HIGH"
         raise _wrong(name, text)
-    import numpy as np
-
     values = np.geomspace(value / around, value * around, points).tolist()
     return SweepAxis(
         key, name, tuple(v for v in values if _accepts(scene, key, v)), "log", default=True
@@ -481,4 +397,4 @@ def with_settings(scene: Scene, settings: Iterable[str]) -> Scene:
                 changes[key.path] = read_value(key, body)
         except InputError as error:
             raise InputError("--set", *error.complaints) from None
-    return _tried(scene, changes, "--set")
+    return tried(scene, changes, "--set")

@@ -30,7 +30,7 @@ from taction.netlist_gen.scene.fields import (
     Seconds,
     Volts,
 )
-from taction.netlist_gen.scene.key_mistakes import above_max
+from taction.system.quantities import show
 from taction.system.reading_definitions import SETTLING_BAND, TIMES
 
 LOWEST = 0.1  # Hz; data sheets print the 1/f noise from here to 10 Hz
@@ -85,8 +85,10 @@ class SteadyStateCheck(Model):
 def _below_max(least: float | None, info: ValidationInfo) -> float | None:
     """Return `min` if it is not above `max`: nothing would pass."""
     most = info.data.get("max")
-    if reason := above_max(least, most):
-        raise ValueError(reason)
+    if least is not None and most is not None and least > most:
+        shown = show(most, "s")
+        text = f"above max = {shown}, so nothing passes; expected at most {shown}"
+        raise ValueError(f"{text}, or are they swapped?")
     return least
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -44,10 +45,11 @@ from taction.netlist_gen.scene.fields import (
     VoltsPerKelvinOrZero,
     VoltsPerSecond,
 )
-from taction.netlist_gen.scene.key_mistakes import contradictions, file_with_others, unknown_pair
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS, NAMES, OPAMPS
 from taction.spice_models.input_errors import ROOM, Surroundings
-from taction.spice_models.transistor import NOMINAL
+from taction.spice_models.transistor import NOMINAL, pair_names
+from taction.system.errors import listed
+from taction.system.plugins import names
 
 STAGES = ("ideal", "device")
 Celsius = Annotated[Real, Field(ge=-55, le=125)]
@@ -73,8 +75,9 @@ class AntilogChoice(Model):
 
     @model_validator(mode="after")
     def _known_pair(self) -> AntilogChoice:
-        if reason := unknown_pair(self.transistors):
-            raise ValueError(reason)
+        if self.transistors not in pair_names():
+            known = ", ".join(map(repr, pair_names()))
+            raise ValueError(f"transistors = {self.transistors!r}: unknown pair; one of {known}")
         return self
 
     @property
@@ -171,8 +174,9 @@ class OpAmpChoice(Model):
 
     @model_validator(mode="after")
     def _file_alone(self) -> OpAmpChoice:
-        if self.file is not None and (reason := file_with_others(self.model_fields_set)):
-            raise ValueError(reason)
+        others = sorted(self.model_fields_set - {"file"})
+        if self.file is not None and others:
+            raise ValueError(f"'file' excludes {others[0]!r}: an imported op-amp is as measured")
         return self
 
     @classmethod
@@ -265,3 +269,28 @@ class Design(Model):
     def biased(self) -> bool:
         """Whether a bias current flows, by the scene or by the default of the amplifier."""
         return AMPLIFIERS[self.amplifier].biased if self.bias is None else self.bias
+
+
+def contradictions(design: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield each key of a design that contradicts another key, with the reason."""
+    if design.get("lambda") is not None and design.get("resistance") is not None:
+        yield "lambda", "excludes 'resistance': give one of the two"
+    if design.get("amplifier", "linear") == "linear":
+        for key in ("exponential_slope", "bias"):
+            if design.get(key) is not None:
+                yield key, "needs a nonlinear amplifier, such as 'exponential'"
+    if design.get("ridge_share", 1.0) != 1.0:
+        kind = AMPLIFIERS.get(str(design.get("amplifier", "linear")))
+        if not (kind and kind.ridge):
+            accepted = listed(name for name, each in AMPLIFIERS.items() if each.ridge)
+            yield "ridge_share", f"needs an amplifier whose ridge term can be removed: {accepted}"
+    if design.get("temperature_coefficient") and design.get("temperature") is None:
+        yield "temperature_coefficient", "needs temperature, such as '0..70degC'"
+    for name, keys in design.items():
+        other = isinstance(keys, Mapping) and name != design.get("topology")
+        if other and name in names("taction.topologies"):
+            yield name, f"needs topology = {name!r}"
+    antilog = design.get("antilog")
+    stage = antilog.get("stage", "ideal") if isinstance(antilog, Mapping) else antilog
+    if stage == "device" and design.get("amplifier", "linear") != "exponential":
+        yield "antilog", "'device' needs amplifier = 'exponential'"

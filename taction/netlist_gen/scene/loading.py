@@ -1,20 +1,17 @@
-"""`load_scene`: a scene file is read and looked at before the models of a scene are loaded."""
+"""`load_scene`: the scene of a file, or all its mistakes with their places."""
 
 from __future__ import annotations
 
 import re
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from taction.netlist_gen.scene.key_mistakes import key_mistakes
 from taction.netlist_gen.scene.places import toml_complaint, with_places
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_text
 from taction.system.quantities import number
-
-if TYPE_CHECKING:
-    from taction.netlist_gen.scene.scene import Scene
 
 MAX_BYTES = MEGABYTE
 DEEPEST = 50  # parts of a dotted key
@@ -39,10 +36,6 @@ def load_scene(path: str | Path) -> Scene:
     """
     path = Path(path)
     data, text = read_toml(path, "a scene file in TOML; `taction new` writes one")
-    if complaints := key_mistakes(data):
-        raise with_places(InputError(path, *complaints), text)
-    from taction.netlist_gen.scene.scene import parse_scene  # its models take 0.3 s to load
-
     try:
         return parse_scene(data, path)
     except InputError as error:

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -12,17 +14,31 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from taction.netlist_gen.scene.key_mistakes import (
-    TEXTS,
-    design_mistakes,
-    impossible,
-    quoted_value,
-    share,
-    unknown_key,
-)
+from taction.netlist_gen.scene.design import contradictions
 from taction.system.errors import Complaint, InputError, listed, nearest_question
+from taction.system.quantities import parse, show
 
 Root = TypeVar("Root", bound=BaseModel)
+TEXTS = {  # by pydantic's name of the mistake; its own texts name types of Python
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "float_type": "expected a plain number, without quotes or unit",
+    "int_type": "expected a plain whole number, without quotes or unit",
+    "greater_than": "must be above {gt:g}",
+    "greater_than_equal": "must be {ge:g} or more",
+    "less_than": "must be below {lt:g}",
+    "less_than_equal": "must be {le:g} or less",
+    "bool_type": "expected true or false",
+    "string_type": "expected text in quotes",
+    "string_too_short": "expected text that is not empty",
+    "string_too_long": "expected at most {max_length} characters",
+    "literal_error": "expected one of {expected}",
+    "int_from_float": "expected a plain whole number, without quotes or unit",
+    "finite_number": "expected a finite number",
+    "dict_type": "expected a table",
+    "string_pattern_mismatch": "letters, digits, '-', '_' and '.' only",
+}
+PLAIN = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
 
 
 def validated(
@@ -153,3 +169,86 @@ def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
         if "kind" in option.model_fields
     }
     return kinds.get(kind, options[0] if options else None)
+
+
+def design_mistakes(data: Mapping[str, Any]) -> Iterator[Complaint]:
+    """Yield the contradictions of the design, also if a model stops at other mistakes."""
+    design = data.get("design")
+    if isinstance(design, Mapping):
+        for key, reason in contradictions(design):
+            yield Complaint(f"design.{key}", quoted_value(design[key]), reason)
+    yield from _no_such_channel(data)
+
+
+IMPOSSIBLE = (  # key, unit, type, least and largest value; no board has others of this type
+    ("capacitance", "F", (int, float), 0.0, 1.0, "'10pF' is 10 picofarad; a number is in F"),
+    ("gain", "ohm", str, 1.0, math.inf, "'m' is milli, 'M' is mega: '6.25Mohm'"),
+)
+"""A capacitance of 10 without a unit is a slip, ``"10F"`` may be meant; so may a gain of 1e-3, but
+not one with the prefix m. What may be meant is asked about (`questions`)."""
+
+
+def impossible(data: Mapping[str, Any]) -> Iterator[Complaint]:
+    """Yield the values of a design that are a slip beyond doubt."""
+    design = _table(data.get("design"))
+    for key, unit, kind, least, most, instead in IMPOSSIBLE:
+        if not isinstance(design.get(key), kind):
+            continue
+        try:
+            value = parse(design[key], unit)
+        except (TypeError, ValueError):
+            continue  # the key's own check has it
+        if 0.0 < value < least or value > most:
+            text = f"{show(value, unit)} is what no board has; is the prefix right? {instead}"
+            yield Complaint(f"design.{key}", quoted_value(design[key]), text)
+
+
+def _no_such_channel(data: Mapping[str, Any]) -> Iterator[Complaint]:
+    """Yield the channel of the rise time if the problem, as far as it is stated, has fewer."""
+    problem, check = data.get("problem"), _table(data.get("checks")).get("rise_time")
+    channel, most = _table(check).get("channel"), _table(problem).get("channels", 7)
+    if _table(problem).get("kind") != "tactile":
+        rows = _table(problem).get("matrix")
+        most = (
+            len(rows[0]) if isinstance(rows, list) and rows and isinstance(rows[0], list) else None
+        )
+    if isinstance(channel, int) and isinstance(most, int) and 0 < most < channel:
+        text = f"the problem has {most} channels; expected 1 to {most}"
+        yield Complaint("checks.rise_time.channel", quoted_value(channel), text)
+
+
+def _table(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def share(value: object, kind: str) -> str:
+    """Return how to write a percentage: ``"; 5 % is 0.05"``; empty for any other value."""
+    if kind == "less_than" and isinstance(value, int | float) and 1 <= value <= 100:
+        return f"; it is a fraction: {value:g} % is {value / 100.0:g}"
+    number = value.strip().removesuffix("%").strip() if isinstance(value, str) else ""
+    if not str(value).strip().endswith("%") or not PLAIN.fullmatch(number):
+        return ""
+    return f"; {number} % is {float(number) / 100.0:g}"
+
+
+WITHDRAWN = {
+    **dict.fromkeys(
+        ("devices.file", "wires.file"),
+        "withdrawn: give the numbers of the file; docs/devices.md says which key has which",
+    ),
+}
+"""What to do in the place of a key that is no more, by its path."""
+
+
+def unknown_key(path: str, known: Sequence[str]) -> str:
+    """Return what is wrong with a key that no table has, and what would be accepted."""
+    if path in WITHDRAWN:
+        return WITHDRAWN[path]
+    key = path.rpartition(".")[2]
+    return f"unknown key; {nearest_question(key, known)}known here: {listed(known)}"
+
+
+def quoted_value(value: object) -> str:
+    """Return a value as a complaint has it."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -19,7 +19,6 @@ from taction.netlist_gen.scene.fields import (
     Seconds,
     SecondsOrAuto,
 )
-from taction.netlist_gen.scene.key_mistakes import TWO_RESOLUTIONS
 from taction.netlist_gen.scene.mistakes import placed, validated
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
 from taction.netlist_gen.scene.problem import (
@@ -66,7 +65,8 @@ class AnalysisChoice(Model):
     @model_validator(mode="after")
     def _one_resolution(self) -> Self:
         if self.error != "auto" and self.points_per_period is not None:
-            raise ValueError(TWO_RESOLUTIONS)
+            text = "'error' excludes 'points_per_period', which follows from it"
+            raise ValueError(text)
         return self
 
 

@@ -18,10 +18,10 @@ import numpy as np
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import SweepAxis, read_ends, with_values
+from taction.netlist_gen.scene.axes import LIMITS, SweepAxis, read_ends, tried, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
-from taction.netlist_gen.scene.open_tables import OPAMPS
+from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
 from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
@@ -171,6 +171,11 @@ def choice_base(scene: Scene, request: ChoiceRequest) -> Scene:
     """
     lam = ideal_network(make_problem(scene), scene).lam
     limits = {path: value for path, value in (request.limits or {}).items() if value is not None}
+    for option, path in LIMITS.items():
+        if path in limits:
+            tried(scene, {path: limits[path]}, f"--{option}")
+    for name in request.opamps:
+        refuse_unknown(name, "--opamps")
     changed = {
         **limits,
         **({"design.lambda": lam} if lam > 0.0 else {}),

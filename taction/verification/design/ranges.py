@@ -111,6 +111,9 @@ def _range(scene: Scene, path: str, body: str, reach: float) -> SearchRange:
     if not path.startswith("design."):
         text = "only the design can be tuned, such as gain, capacitance or unit_conductance"
         raise InputError("--over", Complaint(path, "", text))
+    if find_key(scene, path).kind == "choice":
+        text = "a search needs a key with numbers; `taction sweep` tries names"
+        raise InputError("--over", Complaint("axis", repr(f"{path}={body}"), text))
     found = SearchRange.around(scene, path, reach)
     if found is None:
         text = "the scene has no value above zero of this key, from which the search could start"

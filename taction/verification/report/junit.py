@@ -13,7 +13,7 @@ from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
 from taction.system.foreign_text import escaped, visible, visible_lines
-from taction.verification.evidence.stress.case_names import FOLDER
+from taction.verification.evidence.stress.catalogue import FOLDER
 from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.texts import value_text
 from taction.verification.report.views.files import Document, checks_of, reasons

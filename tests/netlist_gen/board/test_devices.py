@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from taction.netlist_gen.board.devices import Device, load_devices
-from taction.netlist_gen.scene.known_keys import table
-from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.devices import DevicesTable
 
 # By hand, from the formulas in the sources, in uS: conductance and standard deviation.
 PRINTED = {
@@ -33,7 +33,8 @@ WINDOWS = {
 def test_every_device_has_its_window_its_error_and_its_source() -> None:
     devices = load_devices()
     assert devices.keys() == PRINTED.keys()
-    assert table(Scene)["keys"]["devices"]["keys"]["cell"]["names"] == list(devices)
+    (cells, _) = get_args(DevicesTable.model_fields["cell"].annotation)
+    assert get_args(cells) == tuple(devices)
     for name, device in devices.items():
         assert (device.least, device.most) == pytest.approx([1e-6 * x for x in WINDOWS[name]])
         assert device.source.startswith(("CrossSim", "aihwkit"))

@@ -8,6 +8,7 @@ a scene are laid over the base. Beside them a case has the fields of
 from __future__ import annotations
 
 import copy
+import difflib
 import hashlib
 import json
 import tomllib
@@ -20,11 +21,11 @@ from typing import Any
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system import errors
 from taction.system.errors import Complaint, InputError, TactionError
-from taction.verification.evidence.stress.case_names import FOLDER, refuse_unknown
 from taction.verification.evidence.stress.matrices import make_array
 from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.verdict.checks import Outcome
 
+FOLDER = Path(__file__).parents[3] / "scenes" / "stress"
 TRUE_VALUES = "true-values.json"
 ENGINES = ("ngspice", "statespace")
 REFUSALS = frozenset(
@@ -139,8 +140,12 @@ def select(cases: tuple[Case, ...], names: tuple[str, ...]) -> tuple[Case, ...]:
     InputError
         A name that is neither; the message has the nearest.
     """
+    known = {case.name for case in cases} | {case.family for case in cases}
     for name in names:
-        refuse_unknown(name, {case.name for case in cases} | {case.family for case in cases})
+        if name not in known:
+            close = difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.0)
+            text = f"no such case or family; did you mean {close[0]!r}?"
+            raise InputError("--only", Complaint("NAME", repr(name), text))
     return tuple(c for c in cases if not names or c.name in names or c.family in names)
 
 

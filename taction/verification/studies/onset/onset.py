@@ -22,7 +22,9 @@ from taction.netlist_gen.scene.keys import own_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import DocumentKey, Number
 from taction.system.errors import (
+    Complaint,
     EngineError,
+    InputError,
     SimulatorNotFound,
     SimulatorTooOld,
 )
@@ -34,7 +36,6 @@ from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.stability.edges import Edge, Scan
 from taction.verification.stability.families import Family, unrounded
 from taction.verification.stability.poles import count_unstable, poles
-from taction.verification.studies.onset.onset_axis import only_axis
 from taction.verification.studies.onset.transient_trial import TransientTest, confirm
 from taction.verification.studies.running.collecting import Pace
 
@@ -183,7 +184,17 @@ def parse_onset_axis(scene: Scene, over: Over) -> SweepAxis:
         See `netlist_gen.scene.axes.parse_axes`; also for more than one key, a key that does not
         vary continuously, or a list of fewer than two values.
     """
-    return only_axis(parse_axes(scene, over, points=POINTS, around=AROUND), over)
+    groups = parse_axes(scene, over, points=POINTS, around=AROUND)
+    if [len(group) for group in groups] != [1]:
+        raise InputError("--over", Complaint("key", repr(over), "onset needs exactly one key"))
+    axis = groups[0][0]
+    if axis.key.kind != "real":
+        accepted = "onset needs a key that varies continuously, such as C or gain"
+        raise InputError("--over", Complaint("key", repr(axis.name), accepted))
+    if len(set(axis.values)) < 2:
+        accepted = f"onset needs a range, such as {axis.name}=LOW:HIGH, or two values"
+        raise InputError("--over", Complaint("values", repr(over), accepted))
+    return axis
 
 
 def planned(scene: str | Path | Scene, over: Over) -> tuple[Scene, SweepAxis]:

@@ -33,27 +33,6 @@ def half_width(until: str | float | None) -> float | None:
     return value
 
 
-def look_at_corners(file: str, corners: Iterable[str]) -> None:
-    """Refuse corners of what the board of a scene does not have, before it is verified.
-
-    Raises
-    ------
-    InputError
-        See `deviations_of` and `refuse_unknown`; or the scene cannot be built.
-    """
-    asked = [deviations_of(corner)[1] for corner in corners]
-    if not asked:
-        return
-    from taction.netlist_gen.board.synthesis import synthesise
-    from taction.netlist_gen.board.variation import parameters
-    from taction.verification.reference.lambda_rule import read_scene
-
-    scene = read_scene(file)
-    varied = parameters(synthesise(scene), scene.tolerances)
-    for ends in asked:
-        refuse_unknown(varied, ends)
-
-
 def refuse_unknown(varied: Collection[Parameter], ends: Iterable[str]) -> None:
     """Refuse a key that names neither a component of `varied` nor a kind of these.
 

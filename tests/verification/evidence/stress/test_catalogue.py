@@ -10,8 +10,8 @@ import pytest
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
-from taction.verification.evidence.stress.case_names import FOLDER
 from taction.verification.evidence.stress.catalogue import (
+    FOLDER,
     OUTCOMES,
     TRUE_VALUES,
     Case,
