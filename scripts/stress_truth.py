@@ -1,6 +1,6 @@
-"""Compute the true values of the stress cases, or measure how long their runs take.
+"""Compute the true values of the stress cases, and measure how long their runs take.
 
-    python scripts/stress_truth.py [NAME ...] [--again | --times]
+    python scripts/stress_truth.py [NAME ...] [--again]
 
 Names are those of cases or families; without names, all cases. Only cases whose tables or deck have
 changed since their values were stored are computed, with --again the others, too. The oracle is
@@ -19,7 +19,6 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
 from taction.verification.evidence.stress.catalogue import (  # noqa: E402
-    FOLDER,
     TRUE_VALUES,
     Case,
     load_catalogue,
@@ -28,34 +27,28 @@ from taction.verification.evidence.stress.catalogue import (  # noqa: E402
 from taction.verification.evidence.stress.run import run_case  # noqa: E402
 from tests.support.true_values import deck_digest, true_values  # noqa: E402
 
-FILE = FOLDER / TRUE_VALUES
-
 
 def main() -> int:
     """Compute or measure, and write the file after every case."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--again", action="store_true", help="compute stored values, too")
-    parser.add_argument("--times", action="store_true", help="measure the times of the runs")
     asked = parser.parse_args()
     cases = load_catalogue()
     for case in select(cases, tuple(asked.names)):
         record = _stored().get(case.name)
-        if asked.times and record is not None:
-            record["seconds"] = _seconds(case)
-        elif asked.again or _stale(case, record):
-            record = _record(case)
-        else:
+        if not asked.again and not _stale(case, record):
             continue
+        record = _record(case)
         print(f"{case.name}: {record}"[:200], flush=True)
         stored = _stored() | {case.name: record}  # another process may have written, too
         ordered = {c.name: stored[c.name] for c in cases if c.name in stored}
-        FILE.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
+        TRUE_VALUES.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
     return 0
 
 
 def _stored() -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(FILE.read_text("utf-8")) if FILE.exists() else {}
+    found: dict[str, Any] = json.loads(TRUE_VALUES.read_text("utf-8"))
     return found
 
 
@@ -72,11 +65,8 @@ def _record(case: Case) -> dict[str, Any]:
     truth = None
     if not case.refused:
         truth = true_values(case.scene()).record()
-    return {"tables": case.digest, "deck": deck_digest(case), "truth": truth, "seconds": {}}
-
-
-def _seconds(case: Case) -> dict[str, float]:
-    return {engine: round(run_case(case, engine).seconds, 2) for engine in case.engines}
+    seconds = {engine: round(run_case(case, engine).seconds, 2) for engine in case.engines}
+    return {"tables": case.digest, "deck": deck_digest(case), "truth": truth, "seconds": seconds}
 
 
 if __name__ == "__main__":

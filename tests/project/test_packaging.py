@@ -95,7 +95,7 @@ def sources() -> dict[str, Path]:
     files = [path for path in files if place / "scenes" not in path.parents]
     assert files
     assert scenes
-    files += [*scenes, place / "scenes" / "stress" / "true-values.json"]
+    files += scenes
     return {path.relative_to(ROOT).as_posix(): path for path in files}
 
 

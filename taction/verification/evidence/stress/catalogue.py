@@ -1,4 +1,4 @@
-"""The catalogue of stress cases: TOML files of one family each, and their true values.
+"""The catalogue of stress cases: TOML files of one family each.
 
 A file has a table ``[base]`` with the tables of a scene, and tables ``[case.NAME]`` whose tables of
 a scene are laid over the base. Beside them a case has the fields of
@@ -26,7 +26,8 @@ from taction.verification.evidence.stress.true_values import TrueValues
 from taction.verification.verdict.checks import Outcome
 
 FOLDER = Path(__file__).parents[3] / "scenes" / "stress"
-TRUE_VALUES = "true-values.json"
+TRUE_VALUES = Path(__file__).parents[4] / "tests" / "data" / "true-values.json"
+"""The true values of a checkout; an installed taction has none, and judges outcomes only."""
 ENGINES = ("ngspice", "statespace")
 REFUSALS = frozenset(
     name
@@ -58,9 +59,7 @@ class Case:
     tables : dict
         The tables of the scene.
     truth : TrueValues or None
-        None where the scene is refused.
-    seconds : dict of str to float
-        By engine: the time that a run took where the true values were computed, s.
+        None where the scene is refused, or where they are not stored.
     """
 
     name: str
@@ -71,7 +70,6 @@ class Case:
     decided: Mapping[str, str]
     tables: Mapping[str, Any]
     truth: TrueValues | None
-    seconds: Mapping[str, float]
 
     @property
     def engines(self) -> tuple[str, ...]:
@@ -122,14 +120,12 @@ def load_catalogue(folder: Path = FOLDER) -> tuple[Case, ...]:
 
 
 @cache
-def read_true_values(folder: Path) -> dict[str, tuple[TrueValues | None, dict[str, float]]]:
-    """Return true values and run times of every case of `folder`, as far as they are stored."""
-    path = folder / TRUE_VALUES
-    stored = json.loads(path.read_text("utf-8")) if path.exists() else {}
-    return {
-        name: (record["truth"] and TrueValues.from_record(record["truth"]), record["seconds"])
-        for name, record in stored.items()
-    }
+def stored_values() -> dict[str, dict[str, Any]]:
+    """Return the records of the true values by the names of their cases; empty if installed."""
+    stored: dict[str, dict[str, Any]] = {}
+    if TRUE_VALUES.exists():
+        stored = json.loads(TRUE_VALUES.read_text("utf-8"))
+    return stored
 
 
 def select(cases: tuple[Case, ...], names: tuple[str, ...]) -> tuple[Case, ...]:
@@ -168,8 +164,9 @@ def _cases(path: Path) -> Iterator[Case]:
             text = f"expected one of {', '.join(sorted(OUTCOMES))}"
             raise InputError(path, Complaint(f"case.{name}.outcome", repr(word), text))
         tables = _laid_over(document.get("base", {}), own)
-        truth, seconds = read_true_values(path.parent).get(name, (None, {}))
-        yield Case(name, path.stem, why, known, by_engine, decided, tables, truth, seconds)
+        record = stored_values().get(name, {}).get("truth")
+        truth = record and TrueValues.from_record(record)
+        yield Case(name, path.stem, why, known, by_engine, decided, tables, truth)
 
 
 def _laid_over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:

@@ -18,14 +18,12 @@ from taction.verification.evidence.stress.compare import (
     wrong_checks,
 )
 from taction.verification.studies.running.collecting import collected
-from taction.verification.studies.running.executors import cores, local
+from taction.verification.studies.running.executors import local
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.verify import Verdict, verify
 
 Progress = Callable[[str], None]
-TYPICAL = 0.5  # s: a run of unknown length
-SHORT = 0.01  # s: no run is shorter
 VERSIONS = ("taction", "numpy", "scipy", "ngspice")
 STOPPED = "interrupted"
 NO_NGSPICE = "ngspice was not found, or it is too old; `taction self doctor` says more"
@@ -148,10 +146,10 @@ class StressReport(Result):
 def run_catalogue(
     cases: Sequence[Case], progress: Progress = lambda stage: None, jobs: int | None = None
 ) -> StressReport:
-    """Run every case on every one of its engines, and announce the time that is left.
+    """Verify every case on every one of its engines.
 
     Without ngspice its runs are `CaseJudgement.NOT_RUN`, and after Ctrl-C all remaining runs are.
-    `jobs` runs are computed at a time, by default one per core, the longest first.
+    `jobs` runs are computed at a time, by default one per core.
     """
     machine = describe_machine()
     versions = tuple((name, str(machine[name])) for name in VERSIONS)
@@ -160,17 +158,11 @@ def run_catalogue(
     if machine["ngspice"] is None:
         runs |= {(c.name, e): _not_run(c, e, NO_NGSPICE) for c, e in todo if e == "ngspice"}
         todo = [(case, engine) for case, engine in todo if engine != "ngspice"]
-    todo.sort(key=lambda key: -usual_seconds(*key))
-    left, done = sum(usual_seconds(*key) for key in todo), 0.0
-    began = time.perf_counter()
     with local(jobs) as workers, suppress(KeyboardInterrupt):
         calls = ((key, key) for key in todo)
         for number, ((case, engine), run) in enumerate(collected(workers, run_case, calls)):
             runs[case.name, engine] = run if isinstance(run, CaseRun) else _killed(case, engine)
-            done += usual_seconds(case, engine)
-            seconds = (time.perf_counter() - began) * (left / done - 1.0)
-            name = f"{number + 1} of {len(todo)}: {case.name}, {engine}"
-            progress(f"{name}; {seconds:.0f} s left")
+            progress(f"{number + 1} of {len(todo)}: {case.name}, {engine}")
     return StressReport(tuple(runs.values()), versions)
 
 
@@ -180,17 +172,6 @@ def _not_run(case: Case, engine: str, reason: str) -> CaseRun:
 
 def _killed(case: Case, engine: str) -> CaseRun:
     return CaseRun(case, engine, "-", CaseJudgement.WRONG_OUTCOME, reason="its process was killed")
-
-
-def usual_seconds(case: Case, engine: str) -> float:
-    """Return the time of a run where the times were measured, s."""
-    return max(case.seconds.get(engine, TYPICAL), SHORT)
-
-
-def expected_seconds(cases: Sequence[Case], jobs: int | None = None) -> float:
-    """Return about how long `run_catalogue` takes, s."""
-    runs = [usual_seconds(case, engine) for case in cases for engine in case.engines]
-    return max(sum(runs) / (jobs or cores()), max(runs, default=0.0))
 
 
 def run_case(case: Case, engine: str) -> CaseRun:

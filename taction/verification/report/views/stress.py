@@ -51,9 +51,11 @@ def headline(report: StressReport) -> str:
     cases = len({run.case.name for run in report.runs})
     numbers, seconds = report.numbers, sum(run.seconds for run in report.runs)
     versions = ", ".join(f"{name} {version}" for name, version in report.versions)
+    compared = f"{report.outside} of {numbers} numbers outside their stated error"
+    if not numbers:
+        compared = "no numbers compared: a checkout has their true values"
     return (
-        f"{cases} cases, {len(report.runs)} runs: {counts}; {report.outside} of {numbers} numbers"
-        f" outside their stated error; {seconds:.0f} s; {versions}"
+        f"{cases} cases, {len(report.runs)} runs: {counts}; {compared}; {seconds:.0f} s; {versions}"
     )
 
 
@@ -121,8 +123,9 @@ missing.
 
 The cases are data: `scenes/stress/*.toml`, one file per family. Each case has the keys of a
 scene, why the scene is hard, its right outcome, and how this outcome is known.
-`scenes/stress/true-values.json` holds the true readings, which `scripts/stress_truth.py` writes;
-the tests compute a sample of them again and compare the deck of every case with the stored one.
+In a checkout `tests/data/true-values.json` holds the true readings, which `scripts/stress_truth.py`
+writes; the tests compute a sample of them again and compare the deck of every case with the stored
+one. An installed taction has no true readings and compares outcomes only.
 Boards with linear amplifiers: the deck's text is read, its poles and modes are computed with 320
 bits, and crossings and peaks are found by bounds over intervals. Boards with other amplifiers:
 equilibrium and poles with 320 bits, the transient by two integrators of SciPy. The reference

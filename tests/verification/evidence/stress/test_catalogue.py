@@ -11,7 +11,6 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
 from taction.verification.evidence.stress.catalogue import (
-    FOLDER,
     OUTCOMES,
     TRUE_VALUES,
     Case,
@@ -22,7 +21,7 @@ from tests.support.paths import CASES
 from tests.support.true_values import deck_digest
 
 ALL = load_catalogue()
-STORED = json.loads((FOLDER / TRUE_VALUES).read_text("utf-8"))
+STORED = json.loads(TRUE_VALUES.read_text("utf-8"))
 REFUSED = [case for case in ALL if case.refused]
 BOARDS = [case for case in ALL if not case.refused]
 EARLIER = (  # scenes on which taction was wrong once

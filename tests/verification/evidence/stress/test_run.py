@@ -8,21 +8,27 @@ from dataclasses import replace
 import pytest
 
 from taction.verification.evidence.stress import run as running
-from taction.verification.evidence.stress.catalogue import Case, load_catalogue, select
+from taction.verification.evidence.stress.catalogue import (
+    Case,
+    load_catalogue,
+    select,
+    stored_values,
+)
 from taction.verification.evidence.stress.run import (
     CaseJudgement,
     CaseRun,
     StressReport,
-    expected_seconds,
     run_case,
     run_catalogue,
 )
+from taction.verification.report.views.stress import headline
 from taction.verification.verdict.checks import Outcome
 from tests.support.true_values import true_values
 
 ALL = load_catalogue()
 FAST = 0.25  # s: `make stress` runs all cases
-QUICK = [c for c in ALL if c.seconds and max(c.seconds.values()) < FAST]
+SECONDS = {name: record["seconds"] for name, record in stored_values().items()}
+QUICK = [c for c in ALL if SECONDS[c.name] and max(SECONDS[c.name].values()) < FAST]
 SAMPLE = random.Random(11).sample(QUICK, 20)  # noqa: S311
 LINEAR = [c for c in QUICK if c.truth is not None and c.truth.readable and "Arb, 320" in c.truth.by]
 AGAIN = random.Random(12).sample(LINEAR, 6)  # noqa: S311
@@ -160,8 +166,7 @@ def test_exit_status(judgements: tuple[CaseJudgement, ...], status: int) -> None
     assert report_of(*judgements).exit_status == status
 
 
-def test_the_expected_time_is_that_of_the_jobs_but_no_less_than_the_longest_run() -> None:
-    case = one("two-channels")
-    cases = [replace(case, seconds={"ngspice": s, "statespace": 1.0}) for s in (1.0, 5.0)]
-    assert expected_seconds(cases, 1) == pytest.approx(8.0)
-    assert expected_seconds(cases, 2) == pytest.approx(5.0)
+def test_without_true_values_outcomes_are_judged_and_the_headline_says_so() -> None:
+    run = run_case(replace(one("two-channels"), truth=None), "statespace")
+    assert (run.judgement, run.comparisons) == (CaseJudgement.RIGHT, ())
+    assert "a checkout has their true values" in headline(StressReport((run,), ()))
