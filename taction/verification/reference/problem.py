@@ -220,3 +220,13 @@ class Solution(Result):
     def lam(self) -> float:
         """Regularisation of the problem."""
         return self.problem.lam
+
+
+def difference(one: Solution, other: Solution) -> tuple[float, float]:
+    """Return the largest difference of two solutions, and the same with the errors of both.
+
+    The second is infinite if one of them is not trusted; u has no unit.
+    """
+    change = float(np.max(np.abs(other.u - one.u)))
+    known = one.trusted and other.trusted
+    return change, change + one.error_bound + other.error_bound if known else math.inf

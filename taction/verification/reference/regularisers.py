@@ -80,7 +80,6 @@ class Pieces:
             v_from_q=v_from_q,
             largest_slope=lambda v, _: np.ones_like(v),
             slope_bound=np.ones_like,
-            steepest=1.0,
             pieces=self,
         )
 
@@ -99,7 +98,6 @@ class Regulariser:
     slope_bound: (
         Function  # ``u ->`` a bound S on the slope at u; ``S + d`` bounds the slope at u + d
     )
-    steepest: float = math.inf  # largest slope of g anywhere
     weight: float = 0.5  # ``mu = weight * lam``: 1 for linear, whose Omega is ``sum u^2``
     biased: bool = False  # whether the paper's Omega needs the bias current: eq (8) has the entropy
     pieces: Pieces | None = None  # of a g of straight pieces, whose problem is solved exactly
@@ -204,7 +202,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             v_from_q=lambda q, mu, h: q / (mu + h),
             largest_slope=lambda v, _: np.ones_like(v),
             slope_bound=np.ones_like,
-            steepest=1.0,
             weight=1.0,
         ),
         "exponential": Regulariser(
@@ -237,7 +234,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             v_from_q=_v_from_q_softplus,
             largest_slope=lambda v, d: _sigmoid(v + d),
             slope_bound=lambda u: -np.expm1(-u),
-            steepest=1.0,
         ),
         "tanh": Regulariser(
             g=np.tanh,
@@ -248,7 +244,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             v_from_q=_v_from_q_tanh,
             largest_slope=lambda v, d: _sech2(np.maximum(np.abs(v) - d, 0.0)),
             slope_bound=np.ones_like,
-            steepest=1.0,
         ),
         "deadzone": Pieces(size=1.0).regulariser(),
         "rectifier": Pieces(low=0.0).regulariser(),

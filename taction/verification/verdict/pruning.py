@@ -1,4 +1,4 @@
-"""What pruning changes and saves: the steady state, beside a proven bound, and parts."""
+"""What pruning changes and saves: the steady state, with its bound, and parts."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from taction.netlist_gen.topologies.frame.entries import pruned
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
 from taction.system.quantities import show
-from taction.verification.reference.changed_matrix import change_bound
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network
-from taction.verification.reference.problem import Solution
+from taction.verification.reference.problem import Solution, difference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +33,7 @@ class PruningEffect:
     change : float
         Largest deviation of `target` from the optimum with the whole T, V.
     bound : float
-        Proven bound on that deviation, V; infinite if there is none.
+        On that deviation, with the errors of both optima, V; infinite if one is not trusted.
     """
 
     entries: int
@@ -67,8 +66,7 @@ def pruning_effect(
     if not entries:
         return None
     after = replace(network, T=kept).rest
-    change = float(np.max(np.abs(after.u - solution.u)))
-    bound = change_bound(solution, kept)
+    change, bound = difference(solution, after)
     return PruningEffect(entries, after.u * network.U0, change * network.U0, bound * network.U0)
 
 
@@ -97,10 +95,10 @@ class Pruning:
     @property
     def text(self) -> str:
         """The numbers in words."""
-        effect, proven = self.effect, "no proven bound"
-        if math.isfinite(effect.bound):
-            proven = f"proven: at most {show(effect.bound, 'V', 3)}"
-        text = f"moves the steady state by {show(effect.change, 'V', 3)} ({proven})"
+        effect = self.effect
+        text = f"moves the steady state by {show(effect.change, 'V', 3)}"
+        if math.isinf(effect.bound):
+            text += ", without a bound: a solution is not trusted"
         if self.resistors is None:
             return f"{text}; with the whole T the board cannot be built"
         return f"{text}; saves {self.resistors} resistors and {self.opamps} op-amps"
