@@ -74,8 +74,22 @@ stress: ready ## the stiff and extreme cases as a table; ARGS="--page docs/stres
 proof: ready ## outcomes and readings of scenes, decks, stress and coverage against stored ones; ARGS=--update stores them
 	$(PYTHON_IN_VENV) scripts/proof.py $(ARGS)
 
-nightly: ready ## what takes too long for every commit (an hour or two)
-	$(PYTHON_IN_VENV) scripts/nightly.py $(ARGS)
+# Debian's testing suite (forky) has the newest Python, which no registry of packages has.
+NIGHTLY := processors pythons simulators random-scenes long-tests fuzz torture boards bare newer-debian newest-debian
+nightly-processors: ; $(MAKE) test-processors ARGS=
+nightly-pythons: ; $(MAKE) test-pythons ARGS=--all
+nightly-simulators: ; $(MAKE) test-simulators ARGS=--all
+nightly-random-scenes: ; TACTION_RANDOM_SCENES=200 TACTION_ROUNDING_SCALE=20 TACTION_RANDOM_CIRCUITS=3000 $(MAKE) test ARGS=tests/verification
+nightly-long-tests: ; TACTION_NIGHTLY=yes $(MAKE) test ARGS="-m nightly"
+nightly-fuzz nightly-torture nightly-boards: nightly-%: ; $(MAKE) $* ARGS=
+nightly-bare: ; $(MAKE) test-bare ARGS="make test-browser test-kicad test-install docs"
+nightly-newer-debian: ; $(MAKE) test-bare RELEASE=trixie ARGS="make demo test"
+nightly-newest-debian: ; $(MAKE) test-bare RELEASE=forky ARGS="make demo test"
+
+nightly: ready ## what takes too long for every commit (some hours); ARGS=fuzz runs one step
+	@red=; for step in $(or $(ARGS),$(NIGHTLY)); do \
+		CI=true $(MAKE) nightly-$$step || red="$$red $$step"; \
+	done; echo "nightly: red:$${red:- none}"; [ -z "$$red" ]
 
 fuzz: ready ## damaged inputs of every kind, for ARGS="--minutes 60"; prints how often each outcome occurred
 	$(PYTHON_IN_VENV) -m tests.fuzz $(ARGS)

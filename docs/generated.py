@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-import pictures
+import matplotlib as mpl
+import numpy as np
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
-from scripts.rooms import drawing
+import taction
 
 HERE = Path(__file__).resolve().parent
 ROOT, PLACE = HERE.parent, HERE / "_generated"
@@ -43,6 +45,24 @@ PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         "Poles and crossings over C: the board oscillates below 9.02 pF",
         "onset",
         ("onset", "scenes/paper-breadboard.toml", "--over", "C", "--no-confirm"),
+    ),
+    (
+        "Settling time: the last instant outside the band",
+        "settling",
+        ("verify", "scenes/known-readings.toml", "--engine", "statespace"),
+    ),
+    (
+        "Margin: the rightmost pole over C, positive where the board oscillates",
+        "margin",
+        ("onset", "scenes/tuned-breadboard.toml", "--over", "C=2pF:20pF:31", "--no-confirm"),
+    ),
+    (
+        "A closed-loop board over gf: it has a least value, and a fastest one a little above",
+        "feedback-conductance",
+        (
+            "onset", "scenes/least-squares.toml", "--over", "feedback_conductance=100uS:10mS:41",
+            "--no-confirm",
+        ),
     ),
     (
         "A yield: resistors of 1 % do not hold a steady state within 0.1 %",
@@ -72,8 +92,7 @@ def write_pages(app: object = None) -> None:
     _write("commands.md", "\n".join(_commands_page()))
     _write("json.md", "\n".join(_json_page()))
     _write("gallery.md", "\n".join(_gallery_page()))
-    _write("rooms.svg", drawing())
-    pictures.draw(PLACE)
+    draw_pictures()
     write_notebooks(PLACE / "notebooks")
 
 
@@ -88,6 +107,34 @@ def write_notebooks(folder: Path) -> None:
         notebook = read_myst_markdown_notebook(NOTEBOOK_LINK.sub(r"(\1.ipynb)", text))
         nbformat.validate(notebook)
         nbformat.write(notebook, folder / f"{page.stem}.ipynb")
+
+
+def draw_pictures() -> None:
+    """Draw one channel of four boards, and what lambda does, as SVG that is always the same."""
+    boards = {name: name for name in ("inverse", "least-squares", "ridge")}
+    boards["board"] = "paper-breadboard"
+    with mpl.rc_context({"svg.hashsalt": "taction"}):
+        for name, scene in boards.items():
+            circuit = taction.synthesise(taction.load_scene(ROOT / "scenes" / f"{scene}.toml"))
+            circuit.plot().savefig(PLACE / f"{name}.svg", metadata={"Date": None})
+        _regularisation().savefig(PLACE / "lambda.svg", metadata={"Date": None})
+
+
+def _regularisation() -> Figure:
+    """Return the answers of one noisy problem with three values of lambda."""
+    place = np.arange(25)
+    T = np.exp(-((place[:, None] - place[None, :]) ** 2) / 8.0)
+    u = np.where((place > 6) & (place < 12), 1.0, 0.0)
+    eps = T @ u + np.random.default_rng(3).normal(0.0, 0.1, len(u))
+    figure = Figure((6.4, 3.4), layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot(place, u, color="#808080", lw=5, alpha=0.5, label="true u")
+    for lam, colour, line in ((1e-3, "#d55e00", ":"), (0.3, "#0072b2", "-"), (100.0, "k", "--")):
+        answer = taction.solve(taction.Scene.from_arrays(T, eps, lam=lam, name="lambda")).u
+        axes.plot(place, answer, line, color=colour, label=f"lambda = {lam:g}")
+    axes.set(xlabel="channel", ylabel="u", ylim=(-1.2, 2.2))
+    axes.legend(frameon=False, fontsize=9, ncols=2)
+    return figure
 
 
 def _write(name: str, text: str) -> None:

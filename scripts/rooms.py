@@ -1,13 +1,13 @@
 """The rooms of the house, the floors they are on, and who imports whom, read from the imports.
 
-``python scripts/rooms.py`` prints the rooms and their arrows, ``python scripts/rooms.py FILE.svg``
-draws them. `tests/project/test_imports.py` holds the order; the documentation has the picture.
+``python scripts/rooms.py`` prints the rooms with their lines and arrows;
+`tests/project/test_imports.py` holds the order.
 """
 
 from __future__ import annotations
 
 import ast
-import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -35,9 +35,6 @@ ROOMS = tuple(room for floor in FLOORS for room in floor)
 
 # The command's entry point stands in `taction` for its name's sake and above all floors.
 ENTRY = "door.__main__"
-
-NAMES = {"door": "taction"}
-"""What the picture calls a room; else the last part of its name."""
 
 
 @cache
@@ -108,84 +105,11 @@ def arrows() -> dict[tuple[str, str], int]:
     return found
 
 
-def lines() -> dict[str, int]:
-    """Return the lines of every room; pages, styles and scripts of the browser count, too."""
-    found = dict.fromkeys(ROOMS, 0)
-    for module, path in modules().items():
-        room = room_of(module)
-        if room is not None:
-            found[room] += len(path.read_text("utf-8").splitlines())
-    page = PACKAGE / "verification" / "report"
-    for path in page.rglob("*"):
-        if path.suffix in {".css", ".js", ".html"}:
-            found["verification.report"] += len(path.read_text("utf-8").splitlines())
-    return found
-
-
-WIDTH, ROW, BOX, HEIGHT = 900, 74, 190, 40  # of the picture, of a floor, of a room
-STYLE = (
-    "text{font-family:sans-serif;font-size:14px;fill:#222}"
-    "rect{fill:#e8f0f8;stroke:#35618f;rx:6}"
-    "path{fill:none;stroke:#8a8a8a;stroke-width:1.2;marker-end:url(#tip)}"
-    ".lines{font-size:11px;fill:#555}"
-)
-
-
-def drawing() -> str:
-    """Return the rooms on their floors as SVG; an arrow that follows from others is left out."""
-    place, counted = {}, lines()
-    for number, floor in enumerate(reversed(FLOORS)):
-        for at, room in enumerate(floor):
-            x = WIDTH * (at + 1) / (len(floor) + 1)
-            place[room] = (x, ROW * number + HEIGHT)
-    edges = set(arrows())
-    far = {room: _reached(room, edges) for room in ROOMS}
-    direct = [
-        (a, b)
-        for a, b in sorted(edges)
-        if not any(b in far[c] for one, c in edges if one == a and c != b)
-    ]
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {ROW * len(FLOORS) + 20}">',
-        "<title>Rooms of taction: an arrow leads to what a room imports</title>",
-        f"<style>{STYLE}</style>",
-        '<defs><marker id="tip" markerWidth="8" markerHeight="8" refX="7" refY="3" orient="auto">'
-        '<path d="M0,0 L7,3 L0,6" style="marker-end:none"/></marker></defs>',
-        '<rect x="0" y="0" width="100%" height="100%" style="fill:white;stroke:none"/>',
-    ]
-    for a, b in direct:
-        (x, y), (to, end) = place[a], place[b]
-        start, end = y + HEIGHT / 2, end - HEIGHT / 2
-        middle = (start + end) / 2
-        curve = f"M{x:g},{start:g} C{x:g},{middle:g} {to:g},{middle:g} {to:g},{end:g}"
-        parts.append(f'<path d="{curve}"/>')
-    for room, (x, y) in place.items():
-        name = NAMES.get(room, room.rpartition(".")[2])
-        about = f"{counted[room]:,} lines"
-        parts += [
-            f'<rect x="{x - BOX / 2:g}" y="{y - HEIGHT / 2:g}" width="{BOX}" height="{HEIGHT}"/>',
-            f'<text x="{x:g}" y="{y - 1:g}" text-anchor="middle">{name}/</text>',
-            f'<text x="{x:g}" y="{y + 14:g}" text-anchor="middle" class="lines">{about}</text>',
-        ]
-    return "\n".join([*parts, "</svg>\n"])
-
-
-def _reached(room: str, edges: set[tuple[str, str]]) -> set[str]:
-    seen: set[str] = set()
-    todo = [room]
-    while todo:
-        new = {b for a, b in edges if a == todo[0]} - seen
-        todo = todo[1:] + sorted(new)
-        seen |= new
-    return seen
-
-
 def main() -> None:
-    """Print or draw the rooms."""
-    if len(sys.argv) > 1:
-        Path(sys.argv[1]).write_text(drawing(), encoding="utf-8")
-        return
-    counted, found = lines(), arrows()
+    """Print the rooms."""
+    counted, found = Counter[str](), arrows()
+    for module, path in modules().items():
+        counted[room_of(module) or ""] += len(path.read_text("utf-8").splitlines())
     for number, floor in enumerate(FLOORS, 1):
         for room in floor:
             below_it = sorted(b.rpartition(".")[2] for a, b in found if a == room)

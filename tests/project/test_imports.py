@@ -16,7 +16,6 @@ from scripts.rooms import (
     ROOMS,
     arrows,
     below,
-    drawing,
     imports,
     modules,
     room_of,
@@ -119,12 +118,6 @@ def test_a_layer_of_the_reports_imports_only_from_the_layers_below(layer: str) -
         if name.startswith(room + ".") and name.split(".")[2] not in (*low, "documents")
     ]
     assert not wrong, "\n".join(wrong)
-
-
-def test_the_picture_of_the_rooms_shows_every_room() -> None:
-    picture = drawing()
-    assert picture.count(" lines</text>") == len(ROOMS)
-    assert "verdict/</text>" in picture
 
 
 def test_few_arrows_lead_from_room_to_room() -> None:

@@ -1,6 +1,6 @@
 """Stated uncertainties of random boards against their true errors.
 
-The oracle reads the deck's text. `scripts/coverage_study.py` does the same for hundreds of boards.
+The oracle reads the deck's text. `make proof ARGS=coverage` does the same for 200 boards.
 """
 
 from __future__ import annotations
