@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from taction.system.foreign_text import visible_lines
 
 LINE = "1px solid rgba(127,127,127,.4)"
-LONGEST = 400  # characters of a text
+LONGEST = 500  # characters of a text
 BOX = (
     f"border:{LINE};border-left:5px solid {{}};border-radius:6px;padding:.6em .9em;"
     "margin:.4em 0;max-width:46em;font:14px/1.45 system-ui,sans-serif;overflow-x:auto"

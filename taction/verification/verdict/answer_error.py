@@ -57,8 +57,8 @@ class BuiltBoards:
         of the steady state, and the band of the settling time. The yield is at most `most`.
     limit : float
         The smaller one of these limits, a fraction of the step amplitude.
-    varies : str
-        What differs between the boards.
+    varies, counted : str
+        What differs between the boards, and what of this the check of the steady state counts.
     """
 
     distance: float
@@ -67,6 +67,16 @@ class BuiltBoards:
     most: float
     limit: float
     varies: str
+    counted: str
+
+    @property
+    def covers(self) -> str:
+        """What differs between the boards, and what of it the check of the steady state counts."""
+        if self.counted == self.varies:
+            return self.varies
+        last = self.counted.count(", ") + 1
+        count = f"only the last{f' {last}' * (last > 1)}" if self.counted else "none of these"
+        return f"{self.varies}; the check counts {count}"
 
     @classmethod
     def of(cls, design: PlannedBoard, evidence: Evidence) -> BuiltBoards | None:
@@ -80,7 +90,7 @@ class BuiltBoards:
         doubt = evidence.static_error * amplitude
         distance, error = spread.distance(targets)
         least, most = spread.within(targets, limit * amplitude)
-        return cls(distance, error + doubt, least, most, limit, design.varies)
+        return cls(distance, error + doubt, least, most, limit, *design.varies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +107,8 @@ class AnswerError:
         Bound on the error of `target`, V; infinite where the answer cannot be trusted.
     stress : ndarray (N,) or None
         The true stress as outputs, V; None where it is not known.
+    step : float
+        The step amplitude of the network, V; 0 where the board was not compared.
     board : float or None
         Largest distance of an output of the board at rest from `target`, V; None for a board that
         does not come to rest there, or that was not compared.
@@ -122,6 +134,7 @@ class AnswerError:
     target: Floats
     target_error: float
     stress: Floats | None
+    step: float = 0.0
     board: float | None = None
     board_error: float = 0.0
     built: BuiltBoards | None = None
@@ -161,6 +174,7 @@ class AnswerError:
             return self
         return replace(
             self,
+            step=amplitude,
             board=distance * amplitude,
             board_error=error * amplitude,
             built=None if design is None else BuiltBoards.of(design, evidence),

@@ -20,7 +20,7 @@ from taction.verification.engines.statespace.linearised.time_scales import TimeS
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
-from taction.verification.verdict.input_spread import InputSpread, covered
+from taction.verification.verdict.input_spread import NOTHING, InputSpread, covered
 from taction.verification.verdict.transient_plan import TransientPlan
 
 
@@ -77,9 +77,11 @@ class PlannedBoard:
         return InputSpread.of(self.board, self._drift, self.scene.tolerances)
 
     @property
-    def varies(self) -> str:
-        """What differs between built boards and moves their rest, in words."""
-        return covered(self.circuit, self.scene.tolerances, drift=bool(self._drift))
+    def varies(self) -> tuple[str, str]:
+        """What differs between the boards of `built_spread`, and of `spread`, in words."""
+        every, drift = (self.scene.tolerances, NOTHING), bool(self._drift)
+        built, alike = (covered(self.circuit, each, drift=drift) for each in every)
+        return built, alike
 
     @property
     def _drift(self) -> float:

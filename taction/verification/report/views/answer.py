@@ -7,24 +7,25 @@ from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.input_spread import SHARE
 
 
-def answer_text(answer: AnswerError, *, short: bool = False, volts: bool = True) -> str:
+def answer_text(
+    answer: AnswerError, *, short: bool = False, volts: bool = True, covers: bool = True
+) -> str:
     """Return in a sentence how far the board is from the answer, and the answer from the truth.
 
-    It is empty for a board that does not come to rest at the answer, and where the answer cannot
-    be trusted. "Within" rounds up. The `short` one has neither channel nor the kind of its unit;
-    without `volts` the largest stress is named without its value.
+    The board is measured as its check is, in shares of the step. The sentence is empty for a board
+    that does not come to rest at the answer, and where the answer cannot be trusted. "Within"
+    rounds up. The `short` one has neither channel nor the kind of its unit; without `volts` the
+    largest stress is named without its value, and without `covers` what differs between boards.
     """
     if answer.board is None or not answer.unit:
         return ""
-    near = _within(answer.board + answer.board_error, answer.unit)
-    unit = f"of {quantity(answer.unit, 'V', 3)}" if short else f"({of_unit(answer, volts=volts)})"
-    built = ""
-    if answer.built is not None and answer.built_boards is not None:
-        wide = _within(answer.built.distance + answer.built.error, answer.unit)
-        built = f", and {100 * answer.built_boards:g} % of built boards {wide}"
-        built += "" if short else f" ({answer.built.varies})"
-    far = _truth(answer, "it" if short else "that answer", short=short)
-    return f"The board as drawn finds the regularised answer {near} {unit}{built}; {far}."
+    subject = "it" if short else "that answer"
+    built, near = answer.built, _within(answer.board + answer.board_error, answer.step)
+    text = f"The board as drawn finds the regularised answer {near} of the step"
+    if built is not None:
+        wide = _within(built.distance + built.error, answer.step)
+        text += f", {100 * SHARE:g} % of built boards {wide}{f' ({built.covers})' * covers}"
+    return f"{text}; {_truth(answer, subject, short=short, volts=volts)}."
 
 
 def yield_text(answer: AnswerError) -> str:
@@ -37,34 +38,33 @@ def yield_text(answer: AnswerError) -> str:
         return ""
     at_most = percent(rounded_up(built.most, 2)) if built.most else "0 %"
     return (
-        f"passes as drawn; at most {at_most} of built boards pass ({built.varies}):"
-        f" the others rest beyond {percent(built.limit)}, by their sensitivities"
+        f"passes as drawn; at most {at_most} of built boards pass: the others rest beyond"
+        f" {percent(built.limit)} of the step ({built.covers})"
     )
 
 
 def true_error_text(answer: AnswerError, *, volts: bool = True) -> str:
     """Return in a sentence how far the answer is from the true stress, and why."""
-    text = _truth(answer, "the regularised answer")
-    share = f"; % {of_unit(answer, volts=volts)}" if " % from" in text else ""
-    return f"{text[:1].upper()}{text[1:]}{share}."
+    text = _truth(answer, "the regularised answer", volts=volts)
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def answer_heading(answer: AnswerError) -> str:
     """Return both distances without causes, those that are known."""
-    far, texts, subject = answer.true_error, [], "the regularised answer"
+    texts = []
     if answer.board is not None and answer.unit:
-        near = _within(answer.board + answer.board_error, answer.unit)
-        texts, subject = [f"{near} of {subject}"], "which"
-    if far is not None:
-        texts.append(f"{subject} is {figure(far, 'step', 3)} from the true stress")
-    return ", ".join(texts)
+        near = _within(answer.board + answer.board_error, answer.step)
+        texts.append(f"found {near} of the step")
+    if answer.true_error is not None:
+        far = figure(answer.true_error, "step", 3)
+        texts.append(f"{far} of the largest stress from the true one")
+    return f"the regularised answer is {' and '.join(texts)}" if texts else ""
 
 
-def of_unit(answer: AnswerError, *, volts: bool = True) -> str:
+def of_unit(answer: AnswerError) -> str:
     """Return what every share of an answer's error is a fraction of."""
     known = answer.stress is not None and answer.stress.any()
-    value = f", {quantity(answer.unit, 'V', 3)}" if volts else ""
-    return f"of the largest {'true ' * bool(known)}stress{value}"
+    return f"of the largest {'true ' * bool(known)}stress, {quantity(answer.unit, 'V', 3)}"
 
 
 def _within(volts: float, unit: float) -> str:
@@ -74,7 +74,7 @@ def _within(volts: float, unit: float) -> str:
     return f"within {up}"
 
 
-def _truth(answer: AnswerError, subject: str, *, short: bool = False) -> str:
+def _truth(answer: AnswerError, subject: str, *, short: bool = False, volts: bool = True) -> str:
     """Return how far the answer is from the true stress, and why."""
     stress, far, n = answer.stress, answer.true_error, answer.channel
     if stress is None:
@@ -83,10 +83,12 @@ def _truth(answer: AnswerError, subject: str, *, short: bool = False) -> str:
         return "the true stress is zero"
     if far is None or n is None:
         return f"{subject} cannot be trusted"
-    volts = far * answer.unit + answer.target_error
-    if volts <= max(2.0 * answer.target_error, LEAST_SHARE * answer.unit):
-        return f"{subject} is the true stress {_within(volts, answer.unit)}"
-    text = f"{subject} is {figure(far, 'step', 3)} from the true stress"
+    off = far * answer.unit + answer.target_error
+    if off <= max(2.0 * answer.target_error, LEAST_SHARE * answer.unit):
+        return f"{subject} is the true stress {_within(off, answer.unit)}"
+    value = quantity(answer.unit, "V", 3)
+    unit = f"of {value}" if short else f"(of the largest{f', {value}' * volts})"
+    text = f"{subject} is {figure(far, 'step', 3)} {unit} from the true stress"
     if short:
         return f"{text} by {_causes(answer)}{_lambda(answer, short=True)}"
     place = f" in channel {n + 1}" if len(stress) > 1 else ""

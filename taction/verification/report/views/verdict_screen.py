@@ -36,12 +36,9 @@ def screen(verdict: Verdict, margins: Sequence[str] = (), *, searched: bool = Fa
         Whether changes that mend the verdict follow, which need lines, too.
     """
     headline = _headline(verdict)
-    passes = verdict.outcome is Outcome.PASS
-    said = (
-        yield_text(verdict.answer) if passes else "",
-        _distance(verdict, margins),
-        answer_text(verdict.answer, short=True),
-    )
+    built = yield_text(verdict.answer) if verdict.outcome is Outcome.PASS else ""
+    answer = answer_text(verdict.answer, short=True, covers=not built)
+    said = (built, _distance(verdict, margins), answer)
     notes = tuple(filter(None, said))
     room = MOST - LAST - (CHANGES if searched else 0)
     room -= sum(map(height, (headline, *notes)))

@@ -31,55 +31,52 @@ MORE = "; a larger lambda lets less noise through, but regularises more"
 
 
 def one(eps: float, lam: float, stress: float | None, board: float | None = 1e-5) -> AnswerError:
-    """u = eps / (1 + lam), in units of 2 V."""
+    """u = eps / (1 + lam), in units of 2 V; the step has 1 V."""
     network = IdealNetwork(np.eye(1), np.array([eps]), lam, 1e-6, U0=2.0)
     known = None if stress is None else np.array([stress])
-    return replace(AnswerError.of(network, solve(network.problem), known), board=board)
+    found = AnswerError.of(network, solve(network.problem), known)
+    return replace(found, board=board, step=1.0)  # V
 
 
 @pytest.mark.parametrize(
     ("eps", "lam", "end"),
     [
         # 0.9 / 1.25 = 0.72: 0.2 lost by lambda, 0.08 by noise.
-        (0.9, 0.25, "28 % from the true stress, because of regularisation (20 %) and"
+        (0.9, 0.25, "28 % OF from the true stress, because of regularisation (20 %) and"
                      " strain noise (8 %)"),
         # 1.1 / 1.25 = 0.88: 0.2 lost by lambda, 0.08 won back.
         (
             1.1,
             0.25,
-            "12 % from the true stress, because of regularisation (20 %), partly cancelled by"
+            "12 % OF from the true stress, because of regularisation (20 %), partly cancelled by"
             " strain noise (8 %)",
         ),
         # 1.5 / 1.25 = 1.2: noise of 0.4, of which lambda takes 0.2.
         (
             1.5,
             0.25,
-            "20 % from the true stress, because of strain noise (40 %), partly cancelled by"
+            "20 % OF from the true stress, because of strain noise (40 %), partly cancelled by"
             " regularisation (20 %)",
         ),
         # 0.5 / 1.25 = 0.4.
-        (0.5, 0.25, "60 % from the true stress, because of strain noise (40 %) and"
+        (0.5, 0.25, "60 % OF from the true stress, because of strain noise (40 %) and"
                      " regularisation (20 %)"),
-        (1.0, 0.25, "20 % from the true stress, because of regularisation alone"),
-        (1.1, 1e-9, "10 % from the true stress, because of strain noise (10 %), partly cancelled by"
-                    " regularisation (under 1 ppm)"),
-        (1.0 + 1e-10, 1.0, "50 % from the true stress, because of regularisation (50 %), partly"
+        (1.0, 0.25, "20 % OF from the true stress, because of regularisation alone"),
+        (1.1, 1e-9, "10 % OF from the true stress, because of strain noise (10 %), partly"
+                    " cancelled by regularisation (under 1 ppm)"),
+        (1.0 + 1e-10, 1.0, "50 % OF from the true stress, because of regularisation (50 %), partly"
                            " cancelled by strain noise (under 1 ppm)"),
         (1.0, 1e-9, "the true stress within 1 ppm"),
         (1.25, 0.25, "the true stress within 1 ppm"),  # noise cancels lambda
     ],
 )  # fmt: skip
 def test_causes(eps: float, lam: float, end: str) -> None:
-    start = (
-        "The board as drawn finds the regularised answer within 0.0005 % (of the largest true"
-        " stress, "
-    )
-    answer = one(eps, lam, 1.0)
+    start = "The board as drawn finds the regularised answer within 0.001 % of the step"
+    answer, end = one(eps, lam, 1.0), end.replace("OF", "(of the largest, 2 V)")
     if "because" in end:
         end += MORE if abs(eps - 1.0) > lam else LESS  # 1 + lambda divides both
-    assert answer_text(answer) == f"{start}2 V); that answer is {end}."
-    unit = "; % of the largest true stress, 2 V" * ("from" in end)
-    assert true_error_text(answer) == f"The regularised answer is {end}{unit}."
+    assert answer_text(answer) == f"{start}; that answer is {end}."
+    assert true_error_text(answer) == f"The regularised answer is {end}."
 
 
 def test_lambda_trades_regularisation_against_noise_as_the_sentence_says() -> None:
@@ -99,49 +96,57 @@ def test_lambda_trades_regularisation_against_noise_as_the_sentence_says() -> No
 
 def test_what_is_known() -> None:
     assert answer_text(one(1.25, 0.25, None)) == (
-        "The board as drawn finds the regularised answer within 0.0005 % (of the largest stress,"
-        " 2 V); the true stress is not known."
+        "The board as drawn finds the regularised answer within 0.001 % of the step; the true"
+        " stress is not known."
     )
-    assert answer_heading(one(1.25, 0.25, None)) == ("within 0.0005 % of the regularised answer")
-    assert answer_text(one(1.25, 0.25, 0.0)).endswith("stress, 2 V); the true stress is zero.")
-    assert "within 1 ppm (" in answer_text(one(1.25, 0.25, None, board=0.0))
-    assert answer_heading(one(1.0, 0.25, 1.0)) == (
-        "within 0.0005 % of the regularised answer, which is 20 % from the true stress"
-    )
+    found = "the regularised answer is found within 0.001 % of the step"
+    assert answer_heading(one(1.25, 0.25, None)) == found
+    assert answer_text(one(1.25, 0.25, 0.0)).endswith("of the step; the true stress is zero.")
+    assert "within 1 ppm of the step;" in answer_text(one(1.25, 0.25, None, board=0.0))
+    far = f"{found} and 20 % of the largest stress from the true one"
+    assert answer_heading(one(1.0, 0.25, 1.0)) == far
 
 
 def test_no_board_no_sentence() -> None:
     lost = one(1.0, 0.25, 1.0, board=None)
     assert answer_text(lost) == ""
-    assert answer_heading(lost) == "the regularised answer is 20 % from the true stress"
+    far = "the regularised answer is 20 % of the largest stress from the true one"
+    assert answer_heading(lost) == far
     assert answer_heading(one(1.0, 0.25, None, board=None)) == ""
 
 
 @pytest.mark.parametrize(
     ("volts", "error", "shown"),
     [
-        (2.41e-5, 0.0, "0.0013 %"),
-        (2.4e-5, 1e-9, "0.0013 %"),
-        (6.0, 0.0, "300 %"),
+        (1.21e-5, 0.0, "0.0013 %"),
+        (1.2e-5, 1e-9, "0.0013 %"),
+        (3.0, 0.0, "300 %"),
         (1e-6, 0.0, "1 ppm"),
     ],
 )
 def test_within_is_never_too_small(volts: float, error: float, shown: str) -> None:
     answer = replace(one(1.0, 0.25, 1.0, board=volts), board_error=error)
-    assert f" within {shown} (" in answer_text(answer)
+    assert f" within {shown} of the step;" in answer_text(answer)
 
 
 def test_every_medium_has_the_sentence() -> None:
     verdict = taction.verify(SCENE, engine="statespace")
     text, page = answer_text(verdict.answer), verdict.page()
     assert text.startswith("The board as drawn finds the regularised answer within 0.00")
-    far = re.search(r"is ([\d.]+) % from the true stress in channel 1, because", text)
+    far = re.search(
+        r"is ([\d.]+) % \(of the largest, 640 mV\) from the true stress in channel 1, because", text
+    )
     assert far is not None
+    channels = verdict.measurements.channels
+    off = np.abs(verdict.steady.values - [each.target for each in channels]).max()
+    shown = re.search(r"within ([\d.]+) % of the step, 95 % of built boards within", text)
+    assert shown is not None
+    assert 0.0 <= float(shown[1]) / 100.0 - off / verdict.measurements.amplitude < 2e-7
     assert text in page_text(page)
     assert line(text) in markdown(page)
     assert text in card(page)
     assert text in page_html(page)
-    assert f"{far[1]} % from the true stress" in stress_chart(verdict).message
+    assert f"{far[1]} % of the largest stress from the true one" in stress_chart(verdict).message
 
 
 def test_the_explorer_says_the_same() -> None:

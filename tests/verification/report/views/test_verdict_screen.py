@@ -75,9 +75,12 @@ def test_the_screen_of_a_pass_names_nearest_limit_distance_answer_and_warnings()
     assert first == "PASS: paper-breadboard, 5 checks; nearest to its limit: overshoot (95.8 %)"
     assert bars[1] == "  settling to ±1 %  #####.......|     2.42 ms, at most 5 ms (48.4 %)"
     assert "Distance to oscillation: damping ratio 0.0048 at 37.3 kHz" in text
-    assert "within 0.00056 % of 955 mV, and 95 % of built boards within 0.21 %" in text
-    assert "it is 77 % from the true stress by regularisation" in text
-    assert "passes as drawn; at most 11 % of built boards pass (resistors 1 %, op-amp gains" in text
+    assert "within 0.0025 % of the step, 95 % of built boards within 0.91 %; it" in text
+    assert "it is 77 % of 955 mV from the true stress by regularisation" in text
+    assert (
+        "passes as drawn; at most 11 % of built boards pass: the others rest beyond 0.1 %" in text
+    )
+    assert "of the step (resistors 1 %, op-amp gains 50 %; the check counts none of these)" in text
     assert "more: -v (2 warnings), --report FILE" in text
 
 
