@@ -13,7 +13,6 @@ from taction.cli.running import is_of_stdout
 from taction.cli.terminal import StageLine, put, say
 from taction.system.after_result import attempt
 from taction.system.errors import Interrupted
-from taction.system.quantities import spaced
 
 if TYPE_CHECKING:
     from taction.verification.design.remedies import Remedies
@@ -44,7 +43,7 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
         settings=options["settings"],
         progress=progress,
     )
-    if text := _kept_figures(verdict.scene, options["settings"]):
+    for text in verdict.scene.written_questions * bool(options["settings"]):
         say(text)
     document: dict[str, Any] = {}
     if call.as_json or options["margins"] or options["annotate"]:
@@ -64,22 +63,6 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
     found = _searched(found, options, progress, lines.add)
     attempt("the changes", lambda: lines.end(changes_text(found)), None, say, is_of_stdout)
     return found
-
-
-def _kept_figures(scene: taction.Scene, settings: Sequence[str]) -> str:
-    """Return which figures of the scene stay where --set changes the base of its op-amp."""
-    from taction.netlist_gen.scene.keys import find_key
-
-    names = {text.partition("=")[0].strip() for text in settings} - {"design.opamp"}
-    given = {find_key(scene, name).path.removeprefix("design.opamp.") for name in names}
-    kept = sorted(scene.design.opamp.model_fields_set - given)
-    if not kept or "base" not in given:
-        return ""
-    base = scene.design.opamp.base
-    return (
-        f"op-amp {base} with the scene's own {', '.join(map(spaced, kept))};"
-        f" --set design.opamp={base} takes every figure from the part"
-    )
 
 
 def _searched(

@@ -32,7 +32,7 @@ from typing import Any, Literal
 import numpy as np
 
 from taction.netlist_gen.scene.keys import Key, Value, find_key, own_value, read_value
-from taction.netlist_gen.scene.scene import Scene, parse_scene
+from taction.netlist_gen.scene.scene import Scene, own_figures, parse_scene
 from taction.system.errors import Complaint, InputError
 
 MAX_POINTS = 100_000  # on one axis
@@ -296,7 +296,19 @@ def with_values(scene: Scene, changes: Point) -> Scene:
             section.pop(last, None)
         section, last = _section(data, path)
         section[last] = value
-    return parse_scene(data, scene.file, asked=scene.written_questions)
+    asked = (*scene.written_questions, *kept_figures(scene, changes))
+    return parse_scene(data, scene.file, asked=tuple(dict.fromkeys(asked)))
+
+
+def kept_figures(scene: Scene, paths: Iterable[str]) -> Iterator[str]:
+    """Yield which figures the op-amp keeps where the base is one of the changed `paths`, if any."""
+    changed = {path.removeprefix(f"{OPAMP}.") for path in paths}
+    kept = own_figures(scene.design.opamp) - changed
+    if kept and "base" in changed:
+        yield (
+            f"another base of the op-amp: it keeps the scene's own {', '.join(sorted(kept))};"
+            f" without them, as by --set {OPAMP}=NAME, every figure is the part's"
+        )
 
 
 def _section(data: dict[str, Any], path: str) -> tuple[dict[str, Any], str]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 
-from taction.netlist_gen.scene.axes import SweepAxis, with_value
+from taction.netlist_gen.scene.axes import SweepAxis, kept_figures, with_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.quantities import show
 from taction.system.reading_definitions import EXCURSIONS
@@ -77,8 +77,10 @@ def value_questions(scene: Scene) -> Iterator[str]:
             )
 
 
-def axis_questions(scene: Scene, groups: Iterable[Iterable[SweepAxis]]) -> Iterator[str]:
+def axis_questions(scene: Scene, groups: Sequence[Sequence[SweepAxis]]) -> Iterator[str]:
     """Yield what may be a slip in the axes of a study: falling ranges, values that no board has.
+
+    And which figures every op-amp of an axis keeps.
 
     Examples
     --------
@@ -89,6 +91,7 @@ def axis_questions(scene: Scene, groups: Iterable[Iterable[SweepAxis]]) -> Itera
     --over C: the range falls from 1 nF to 1 pF; are its bounds swapped?
     """
     own = set(value_questions(scene))
+    yield from kept_figures(scene, [axis.key.path for group in groups for axis in group])
     for axis in (axis for group in groups for axis in group):
         first, last = axis.values[0], axis.values[-1]
         if axis.scale != "list" and float(first) > float(last):

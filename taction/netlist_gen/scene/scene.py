@@ -279,8 +279,12 @@ def size_words(problem: TactileProblem | MatrixProblem) -> str:
 
 def opamp_words(choice: OpAmpChoice) -> str:
     """Return the op-amp's name, and whether its figures are those of the preset."""
-    changed = choice.model_fields_set - {"base", "file", "level", "input_errors"}
-    return f"{choice.file or choice.base}{' (changed)' if changed else ''}"
+    return f"{choice.file or choice.base}{' (changed)' if own_figures(choice) else ''}"
+
+
+def own_figures(choice: OpAmpChoice) -> set[str]:
+    """Return the figures of an op-amp that are not those of its preset."""
+    return choice.model_fields_set - {"base", "file", "level", "input_errors"}
 
 
 def check_words(checks: Checks) -> Iterator[str]:

@@ -119,6 +119,9 @@ def test_opamp_is_the_key_of_its_preset(design: dict[str, Any]) -> None:
     ((axis,),) = parse_axes(scene, "opamp=ua741,op27")
     assert axis.values == ("ua741", "op27")
     changed = with_value(scene, axis.key.path, "op27")
+    said = "\n".join((*questions(changed), *axis_questions(scene, [[axis]])))
+    own = "gbw" in scene.design.opamp.model_fields_set
+    assert said.count("another base of the op-amp: it keeps the scene's own gbw;") == 2 * own
     assert changed.design.opamp.base == "op27"
     assert changed.design.opamp.gbw == scene.design.opamp.gbw
     with pytest.raises(InputError, match="did you mean 'op27'"):

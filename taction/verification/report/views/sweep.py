@@ -94,7 +94,10 @@ def view(result: SweepResult) -> Page:
         title=plan.scene.name,
         command="taction sweep",
         summary=f"{count.done} of {count.total} points: {outcomes}.",
-        lines=(f"Over {names}; engines: {', '.join(map(ENGINES.__getitem__, plan.engines))}.",),
+        lines=(
+            f"Over {names}; engines: {', '.join(map(ENGINES.__getitem__, plan.engines))}.",
+            *map(readable, result.notes),
+        ),
         sections=(
             Section("Outcomes", (Shares("", shares),), media=(NOTEBOOK,)),
             Section("Axes", (Facts("", tuple(_axes(plan))),), media=(NOTEBOOK,)),

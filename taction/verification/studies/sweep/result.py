@@ -16,6 +16,7 @@ import numpy as np
 
 from taction.netlist_gen.scene.axes import SweepAxis
 from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.questions import axis_questions
 from taction.system.atomic_files import replacing
 from taction.system.documents import INLINE, Note, Number
 from taction.system.errors import Complaint, InputError
@@ -214,6 +215,7 @@ class SweepResult(Result):
         *("scene = plan.scene.name", "file = plan.scene.file", "database", "axes"),
         *("engines = plan.engines", "total = count.total", "done = count.done"),
         *("ran = count.ran", "outcomes", "agreement", "seconds [s]"),
+        "notes # what may be a slip in the axes, and the figures that every op-amp keeps",
         *("estimated_seconds [s] = count.estimate", "points"),
     )
 
@@ -233,6 +235,12 @@ class SweepResult(Result):
     def axes(self) -> tuple[GridAxis, ...]:
         """The axes, with the groups that change together."""
         return tuple(GridAxis(a, k) for k, group in enumerate(self.plan.groups) for a in group)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What may be a slip in the axes, and which figures of the scene every op-amp keeps."""
+        scene = self.plan.scene
+        return (*scene.written_questions, *axis_questions(scene, self.plan.groups))
 
     @property
     def outcomes(self) -> dict[str, int]:
