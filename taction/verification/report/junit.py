@@ -20,7 +20,7 @@ from taction.verification.report.views.files import Document, checks_of, reasons
 from taction.verification.report.views.regression import change_line, changes_line, remarks
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
-from taction.verification.verdict.cause import cause, causes, following
+from taction.verification.verdict.cause import band_text, cause, causes, following
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.compare import Difference
 
@@ -143,6 +143,7 @@ def _check_tests(checks: Sequence[Check]) -> Iterator[JUnitTest]:
     for check in checks:
         limit = check.expected if check.tolerance is None else check.tolerance
         value, bound = (value_text(number, check.unit, 6) for number in (check.value, limit))
+        value += f" {band_text(check)}" if check.band and check.value is None else ""
         text = f"{check.outcome.value}: {value}, limit {bound}; {check.reason}"
         end, message = ENDS[check.outcome.value], text
         if check.name in known:

@@ -6,13 +6,12 @@ for one cause. Every medium names the cause by this module.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
 from taction.system.quantities import show, spaced
-from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.checks import SPREAD, Check, Outcome
 
 FIRST = ("same_problem", "stability", "steady_state")
 """Checks whose failure explains others; of several failures the first of these is named."""
@@ -27,7 +26,6 @@ SAYING = {
     "engines_agree": "differs by {} between two engines",
 }
 """What a failed check says of the board; for another one, or without a value, its reason does."""
-BAND = re.compile(r"to ±\S+ %")  # the begin of the reason of a settling time
 VALUELESS = ("headroom",)  # the reason has the value and the limit of the op-amp
 
 
@@ -58,7 +56,7 @@ def cause(checks: Sequence[Check]) -> Cause | None:
 
     Examples
     --------
-    >>> slow = Check("settling_time", Outcome.FAIL, 3e-3, 1e-9, 2e-3, None, "s", "to ±1 %")
+    >>> slow = Check("settling_time", Outcome.FAIL, 3e-3, 1e-9, 2e-3, None, "s", band=0.01)
     >>> cause([slow]).text
     'settles to ±1 % in 3 ms (limit: at most 2 ms)'
     >>> growth = "oscillates at 38 kHz, growth rate +2 k/s"
@@ -127,13 +125,14 @@ def said(check: Check) -> str:
         return f"{text} (limit: below 0 /s)" if unstable else text
     text = SAYING.get(check.name, f"{spaced(check.name)}: {{}}")
     text = text.replace("settles", f"settles {band_text(check)}".rstrip(), 1)
+    if SPREAD in check.reason:
+        text = f"{text.replace('rests', 'rests up to')} in {SPREAD}"
     return f"{text.format(amount(check.value, check.unit))}{_missed(check, check.value)}"
 
 
 def band_text(check: Check) -> str:
-    """Return the band of a settling time: ``"to ±1 %"``; empty for another check, or without."""
-    band = BAND.match(check.reason) if check.name == "settling_time" else None
-    return band[0] if band else ""
+    """Return the band of a settling time: ``"to ±1 %"``; empty for another check."""
+    return "" if check.band is None else f"to ±{100.0 * check.band:g} %"
 
 
 def _missed(check: Check, value: float) -> str:

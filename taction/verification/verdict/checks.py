@@ -50,6 +50,8 @@ class Check:
         The expected value and the accepted deviation, or the limit in `expected` alone.
     unit : str
         ``"s"``, ``"1/s"``, ``"V"``, ``"step"`` (a fraction of the step amplitude) or ``"ratio"``.
+    band : float or None
+        Of a settling time: the half width of its band, fraction of the step amplitude.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Check:
     tolerance: float | None = None
     unit: str = ""
     reason: str = ""
+    band: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +214,7 @@ class Evidence:
         if self.spread.changes:
             differ = "their parts differ, also by temperature or supply"
         text = (
-            f"95 % of the boards are within, since {differ} (most: {self.spread.largest});"
+            f"{SPREAD} are within, since {differ} (most: {self.spread.largest});"
             f" {percent(self.static)} with all of one sign"
         )
         return volts, error + self.static_error, text
@@ -252,6 +255,7 @@ ROUNDING = (
     "nothing to judge: the step amplitude is below the rounding of the board's equilibrium,"
     " or below the error of the reference solution"
 )
+SPREAD = "95 % of the boards"  # begins the reason of a distance that one board need not have
 UNSTEADY = (ChannelState.OSCILLATING, ChannelState.CLIPPED, ChannelState.DIVERGED)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from taction.verification.verdict.cause import band_text
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import CHANNEL_FIGURES, FIGURES, Figure, Record, finite
 
@@ -38,7 +39,7 @@ class Difference:
         Magnitude of the difference over what is allowed; infinite where the two cannot be compared,
         not a number where what is allowed is unknown.
     note : str
-        More about the difference, such as where it is largest.
+        More about the difference, such as where it is largest; of a settling time its bands.
     """
 
     SHOWN: ClassVar[tuple[str, ...]] = ("beyond",)
@@ -125,7 +126,16 @@ def compare(
             if pair[0].value is not None or pair[1].value is not None:
                 found.append(numbers("figures", name, None, *pair, tolerance))
     found += _channels(first, second, tolerance, groups, channel_figures)
-    return tuple(found)
+    bands = _bands(first, second)
+    times = (each.name == "settling_time" and each.group != "checks" for each in found)
+    return tuple(replace(d, note=bands) if t else d for d, t in zip(found, times, strict=True))
+
+
+def _bands(first: Record, second: Record) -> str:
+    """Return the bands of the settling times of two records, once where they are the same."""
+    texts = ("".join(map(band_text, record.checks)) for record in (first, second))
+    known = [*dict.fromkeys(filter(None, texts))]
+    return "A {}, B {}".format(*known) if len(known) > 1 else "".join(known)
 
 
 def _checks(

@@ -20,6 +20,7 @@ from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.readings import Reading
 from taction.verification.verdict.checks import (
+    SPREAD,
     Check,
     CheckKind,
     Evidence,
@@ -36,6 +37,11 @@ from taction.verification.verdict.warnings import WELL_ABOVE
 
 def settling_time(evidence: Evidence) -> Check:
     """Check when the last channel enters its band."""
+    return replace(_settling(evidence), band=evidence.checks.settling_time.band)
+
+
+def _settling(evidence: Evidence) -> Check:
+    """Return the check of the settling time without its band."""
     limits = evidence.checks.settling_time
     reading, maximum = evidence.measurements.settling_time, limits.max
     if evidence.growth:
@@ -45,7 +51,9 @@ def settling_time(evidence: Evidence) -> Check:
     static, error, boards = evidence.resting
     band = f"±{100 * limits.band:g} % of the step amplitude"
     if static - error > limits.band:
-        reason = f"the equilibrium is {percent(static)} off the reference, outside {band}"
+        off = f"up to {percent(static)} off the reference in {SPREAD}"
+        off = off if boards else f"{percent(static)} off the reference"
+        reason = f"the equilibrium is {off}, outside {band}"
         return failed("settling_time", joined(reason, boards), maximum)
     if reading is None:
         return _unsettled(evidence)
@@ -62,7 +70,7 @@ def _unsettled(evidence: Evidence) -> Check:
         return failed("settling_time", reason, limits.max)
     outside = evidence.at_end - evidence.error.steady_state - evidence.reference_error > limits.band
     if outside and limits.max is not None and evidence.end > limits.max:
-        late = f"outside the band after {show(limits.max, 's')}, the limit"
+        late = f"outside ±{100 * limits.band:g} % after {show(limits.max, 's')}, the limit"
         reason = f"{percent(evidence.at_end)} off the reference at {show(evidence.end, 's')}"
         return failed("settling_time", f"{late}: {reason}", limits.max)
     short = evidence.too_short(0.5 * (limits.band - evidence.static))

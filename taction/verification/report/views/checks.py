@@ -60,9 +60,9 @@ def check_bars(verdict: Verdict) -> tuple[Bar, ...]:
 def bars_of_a_picture(verdict: Verdict) -> tuple[Bar, ...]:
     """Return `check_bars`, without the reasons of those that follow from another check."""
     found = cause(verdict.checks)
-    follows = () if found is None or found.check not in FIRST else tuple(map(spaced, found.follows))
-    bars = check_bars(verdict)
-    return tuple(replace(bar, reason="") if bar.name in follows else bar for bar in bars)
+    follows = () if found is None or found.check not in FIRST else found.follows
+    bars = zip(verdict.checks, check_bars(verdict), strict=True)
+    return tuple(replace(bar, reason="") if c.name in follows else bar for c, bar in bars)
 
 
 def check_bar(check: Check, smallest: float | None = None) -> Bar:
@@ -87,7 +87,8 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     side = f"{figure(centre, unit)} ±" if centre else side
     band = band_text(check)
     shown = with_error(value, check.uncertainty, unit)
-    reason = f"within {check.reason.removeprefix('to ')}" if band else check.reason
+    reason = check.reason
+    reason = f"within {reason.removeprefix('to ')}" if reason.startswith("to ±") else reason
     if value is None and check.outcome is Outcome.PASS:  # the reason says what limits the board
         limit, shown = None, readable(check.reason.partition("; ")[0])
     return Bar(

@@ -135,6 +135,7 @@ def _name(reading: Difference, outputs: tuple[str, ...]) -> str:
     if reading.group == "waveforms":
         return f"waveform {reading.name}, {reading.note}"
     name = f"check {spaced(reading.name)}" if reading.group == "checks" else spaced(reading.name)
+    name = f"{name} {reading.note}".rstrip()
     if not reading.channel:
         return name
     return f"{outputs[reading.channel - 1] if outputs else f'u_{reading.channel}'} {name}"

@@ -94,7 +94,9 @@ def _passed(document: Document) -> str:
 
 
 def _largest(document: Document, name: str) -> float | None:
-    """Return the largest `name` of the channels; None without one."""
+    """Return the largest `name` of the channels; None without one, or for a board that grows."""
+    if document.get("stability", {}).get("stable") is not True:
+        return None
     values = [channel[name] for channel in document.get("channels", ())]
     known = [value for value in values if value is not None and math.isfinite(value)]
     return max(known, default=None)

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from taction.system.quantities import counted, readable
 from taction.verification.report.blocks import TERMINAL, Bar, Bars, Notes, Page, Section
-from taction.verification.report.texts import quantity, spaced
+from taction.verification.report.texts import quantity
 from taction.verification.report.views.answer import answer_text, yield_text
 from taction.verification.report.views.checks import check_bars, decisive_text, nearest_bar
 from taction.verification.verdict.cause import cause
@@ -110,8 +110,9 @@ def _rows(verdict: Verdict, room: int) -> tuple[tuple[Bar, ...], tuple[str, ...]
     way, the farthest from its limit first.
     """
     found = cause(verdict.checks)
-    known = () if found is None else map(spaced, found.follows)
-    bars = [bar for bar in check_bars(verdict) if bar.name not in {*known}]
+    known = () if found is None else found.follows
+    pairs = zip(verdict.checks, check_bars(verdict), strict=True)
+    bars = [bar for check, bar in pairs if check.name not in known]
     if len(bars) <= room:
         return tuple(bars), ()
     kept = sorted(bars, key=lambda bar: (bar.outcome != Outcome.PASS.value, bar.share or 0.0))

@@ -33,7 +33,7 @@ from taction.verification.studies.regression.baseline import (
 from taction.verification.studies.regression.baseline_file import NO_COMMIT, Commit
 from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.studies.scene_files import find_scenes
-from taction.verification.verdict.cause import band_text, causes, named
+from taction.verification.verdict.cause import causes, named
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import (
     Difference,
@@ -200,16 +200,14 @@ class SceneResult:
     def changes(self) -> tuple[Difference, ...]:
         """Differences above their tolerance, the largest first; infinite differences lead.
 
-        The note of a settling time is its band, that of a check its cause with value and limit.
+        The note of a check is its cause with value and limit.
         """
-        band = next(filter(None, map(band_text, self.checks)), "")
         notes = {name: found.text for found in causes(self.checks) for name in named(found)}
         changed = (
-            replace(d, note=notes.get(d.name, "")) if d.group == "checks"
-            else replace(d, note=d.note or band) if d.name == "settling_time" else d
+            replace(d, note=notes.get(d.name, "")) if d.group == "checks" else d
             for d in self.differences
             if d.beyond
-        )  # fmt: skip
+        )
         return tuple(sorted(changed, key=lambda d: -d.off))
 
     @property

@@ -11,18 +11,24 @@ import pytest
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.writing import scene_text
+from taction.system.documents import plain
 from taction.verification.report.blocks import Table
 from taction.verification.report.charts import Chart
+from taction.verification.report.documents.verdict import verdict_document
+from taction.verification.report.junit import files_junit
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text
+from taction.verification.report.views.checks import check_bar
+from taction.verification.report.views.files import view as files_view
 from taction.verification.report.views.sweep import figure_cell
 from taction.verification.report.views.verdict import view
 from taction.verification.report.views.verdict_screen import screen
 from taction.verification.report.views.waveforms import outputs_chart
+from taction.verification.studies.verify_files import VerifiedFiles
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.verify import verify
+from taction.verification.verdict.verify import Effort, verify
 from tests.support.report_pages import STUDIES, page
 
 BOARD = "scenes/known-readings.toml"
@@ -51,6 +57,25 @@ def test_verdicts_in_every_medium(file: Path) -> None:
     late = cause([replace(c, outcome=Outcome.FAIL) for c in slow])
     assert late is not None
     assert late.text.startswith(f"settles {BAND} in ")
+
+
+def test_a_time_that_is_not_known_has_its_band_too(file: Path) -> None:
+    """On the screen, in JSON and in JUnit: the record is too short, or the board grows."""
+    short = with_values(load_scene(file), {"checks.settling_time.max": 1e-9})
+    grown = with_values(short, {"design.capacitance": 1e-12})
+    for scene in (short, grown):
+        verdict = verify(scene, effort=Effort(details=False))
+        found = next(c for c in verdict.checks if c.name == "settling_time")
+        lost = replace(found, value=None, reason="outside after 1 ns, the limit")
+        assert check_bar(lost).name == f"settling {BAND}"
+        document = verdict_document(verdict) | {"file": "a.toml"}
+        (row,) = next(iter(files_view(VerifiedFiles((document,))).blocks())).rows
+        overshoot = row[4].number  # the record of a board that grows has none
+        assert (overshoot is None) is verdict.poles.known_unstable
+        assert next(c["band"] for c in document["checks"] if c["name"] == "settling_time") == 0.025
+        files = VerifiedFiles((document | {"checks": [plain(lost)]},))
+        text = files_junit(files)
+        assert f">fail: - {BAND}, limit 1 ns; outside after 1 ns, the limit<" in text
 
 
 @pytest.mark.parametrize("name", STUDIES)

@@ -259,7 +259,8 @@ def test_a_terminal_shows_checks_channels_and_the_outcome(name: str) -> None:
     text = page_text(view(verdict))
     for check in verdict.checks:
         said = f"{check.name.replace('_', ' ')}: {check.reason.split(';')[0]}"
-        assert plain(said.replace("time: to ±1 %", "to ±1 %: within ±1 %")) in text
+        said = said.replace("settling time: ", "settling to ±1 %: ")
+        assert plain(said.replace(": to ±1 %", ": within ±1 %")) in text
     for each in verdict.measurements.channels:
         assert show(each.target, "V") in text
     assert text.splitlines()[-1] == verdict.outcome.value.upper()
