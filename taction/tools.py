@@ -10,9 +10,9 @@ if TYPE_CHECKING:
     from taction.spice_models.opamp import OpAmp
     from taction.system.progress import Progress
     from taction.verification.characterise.characterise import OpAmpFigures
-    from taction.verification.characterise.vendor_model import ImportedModel
     from taction.verification.evidence.demonstration import Demonstration
     from taction.verification.studies.running.installation import Installation
+    from taction.verification.studies.vendor_model import ImportedModel
 
 
 def demo(
@@ -183,7 +183,7 @@ def import_model(
     from taction.netlist_gen.scene.field_values import BOTH_SIGNS
     from taction.netlist_gen.scene.imported_opamps import to_document
     from taction.system.atomic_files import write_atomically
-    from taction.verification.characterise.vendor_model import ImportedModel, import_opamp
+    from taction.verification.studies.vendor_model import ImportedModel, import_opamp
 
     volts = _quantity("supply", BOTH_SIGNS.sub("", str(supply)), "V", 1e6)
     farads = _quantity("compensation", str(compensation), "F", 1.0) if compensation else 0.0

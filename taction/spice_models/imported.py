@@ -5,13 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from taction.spice_models.foreign_netlist import Subcircuit
-
 ROLES = ("inp", "inn", "vcc", "vee", "out")
 """What a port of the subcircuit is: inputs, supplies, output; `REST` for a port left open."""
 REST = "nc"
+DEVICE = "xdevice"
+"""The instance of a subcircuit on its bench, and in the deck of a board."""
 COMPENSATION = "comp"
 """Role of two ports between which a part needs its compensation capacitor."""
+
+
+@dataclass(frozen=True, slots=True)
+class Subcircuit:
+    """A subcircuit that was checked: its ports, and its text with those that it calls."""
+
+    name: str
+    ports: tuple[str, ...]
+    lines: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,10 +112,15 @@ class ImportedOpAmp:
         )
 
 
+def port_nodes(pins: tuple[str, ...]) -> list[str]:
+    """Return the nodes of the ports, named after their roles."""
+    return [f"{role}{k}" if role in (REST, COMPENSATION) else role for k, role in enumerate(pins)]
+
+
 def instance(subcircuit: Subcircuit, pins: tuple[str, ...], compensation: float = 0.0) -> str:
     """Return the card that calls a subcircuit with nodes named after the roles of its ports."""
-    nodes = [f"{role}{k}" if role in (REST, COMPENSATION) else role for k, role in enumerate(pins)]
-    cards = [" ".join(("Xdevice", *nodes, subcircuit.name))]
+    nodes = port_nodes(pins)
+    cards = [" ".join((DEVICE.capitalize(), *nodes, subcircuit.name))]
     cards += [f"R{node} {node} 0 1e12" for node in nodes if node.startswith(REST)]
     if COMPENSATION in pins:
         both = " ".join(node for node in nodes if node.startswith(COMPENSATION))

@@ -99,7 +99,7 @@ def last_instant(path: Path) -> float | None:
                 return None
             file.seek(header.size + (points - 1) * header.width)
             return float(np.frombuffer(file.read(DOUBLE.itemsize), DOUBLE)[0])
-    except (BadEvidence, UnusableFileError, OSError, ValueError):
+    except (BadEvidence, OutOfDisk, UnusableFileError, OSError, ValueError):
         return None
 
 

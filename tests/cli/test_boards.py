@@ -236,7 +236,7 @@ def test_a_netlist_becomes_a_file_for_scenes(ngspice: str, tmp_path: Path) -> No
     assert found["supply"] == 12.0
     assert 1e5 < found["figures"]["dc_gain"] < 3e5
     assert found["linear"]["error"] < 1e-6
-    assert json.loads(target.read_text())["netlist"][0] == ".subckt m_fet100 1 2 3 4 5"
+    assert json.loads(target.read_text())["netlist"][0] == ".subckt m_fet100 inp pin vcc vee out"
 
 
 def test_a_hostile_netlist_is_bad_input_and_names_its_line(tmp_path: Path) -> None:

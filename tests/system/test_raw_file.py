@@ -161,5 +161,6 @@ def test_a_file_that_is_still_written_has_its_last_whole_instant(tmp_path: Path)
     for cut, instant in ((0, 3e-6), (8, 1e-6), (16, 1e-6), (24, 0.0), (40, None), (48, None)):
         path.write_bytes(whole[: len(whole) - cut])
         assert last_instant(path) == instant
-    path.write_bytes(b"\x00" * 4096)
-    assert last_instant(path) is None
+    for begun in (b"", whole[:20], b"\x00" * 4096):  # while ngspice looks for where it rests
+        path.write_bytes(begun)
+        assert last_instant(path) is None

@@ -74,7 +74,7 @@ class Element:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SortedCards:
-    """Flat cards: linear ones, elements, and the models of the elements by name."""
+    """Flat cards: linear ones with their models, elements, and all models by name."""
 
     linear: tuple[str, ...]
     elements: tuple[Element, ...]
@@ -131,7 +131,7 @@ def sorted_cards(cards: Iterable[str]) -> SortedCards:
     >>> found.linear, found.elements[0].pattern, found.elements[0].held
     (('r1 a 0 1k',), 'b~ {o0} {o1} v=tanh(v({0}))', ('c',))
     """
-    every = tuple(_spelt(card) for card in cards)
+    every = tuple(spelt_card(card) for card in cards)
     models = {m[1]: (m[2], card) for card in every if (m := _MODEL.match(card))}
     passive = [card for kind, card in models.values() if kind in ("r", "res", "c", "l")]
     linear, elements = list[str](), list[Element]()
@@ -146,12 +146,13 @@ def sorted_cards(cards: Iterable[str]) -> SortedCards:
             if element is None:
                 raise
             elements.append(element)
-    return SortedCards(tuple(linear), tuple(elements), models)
+    return SortedCards((*passive, *linear), tuple(elements), models)
 
 
-def _spelt(card: str) -> str:
+def spelt_card(card: str) -> str:
     """Return a card of a listing as ngspice reads it again."""
     card = re.sub(r"\s*=\s*", "=", " ".join(card.split()))
+    card = re.sub(r"(?<=[a-z_0-9]) \(", "(", card) if card[0] in "begrcl" else card
     return re.sub(r"(?<=[\s=])\(\s*([-+\w.]+)\s*\)(?=\s|$)", r"\1", card)
 
 
@@ -203,7 +204,7 @@ def _passive(kind: str, words: list[str], rest: str) -> Element:
 
 def _placed(text: str, held: list[str], currents: list[str]) -> str:
     """Return an expression with places for its nodes and currents, which are added to the lists."""
-    text = re.sub(r"(?<=[a-z_0-9]) \(", "(", text.replace("{", "(").replace("}", ")"))
+    text = text.replace("{", "(").replace("}", ")")
 
     def place(node: str) -> str:
         if node == "0":

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from taction.spice_models.foreign_lines import (
     Line,
     RefusedError,
     beyond,
+    called,
     logical_lines,
     physical_lines,
 )
@@ -182,11 +183,52 @@ def read_deck(file: str | Path) -> ForeignDeck:
         raise InputError(path, Complaint("file", repr(path.name), text))
     reading = _DeckReading(path)
     reading.file(path)
-    if not any(not card.word.startswith(".") for card in reading.cards):
+    deck = reading.checked(reading.found)
+    if not any(not card.word.startswith(".") for card in deck.cards):
         text = "the deck has no parts; expected cards such as 'R1 in out 10k'"
         raise InputError(path, Complaint("file", repr(path.name), text))
-    check_functions(reading.cards)
-    return ForeignDeck(path, tuple(reading.cards), tuple(reading.left), tuple(reading.remarks))
+    return deck
+
+
+def read_library(file: str | Path, name: str) -> ForeignDeck:
+    """Read a subcircuit of a library, with those that it calls, and check every card of them.
+
+    Models, parameters and functions outside of subcircuits stay; all else there is left out.
+
+    Raises
+    ------
+    InputError
+        The file, or one that it includes, cannot be read, or has no such subcircuit; a card is not
+        accepted, with its line.
+    """
+    path = Path(file)
+    reading = _DeckReading(path)
+    reading.file(path)
+    top, blocks, open_ones = list[Card](), dict[str, list[Card]](), list[str]()
+    for card in reading.found:
+        if card.word == ".subckt":
+            open_ones.append([*card.text.split(), ""][1])
+            if len(open_ones) == 1 and open_ones[0] in blocks:
+                raise card.refused("a second subcircuit of this name")
+        if open_ones:
+            blocks.setdefault(open_ones[0], []).append(card)
+        elif card.word in (".model", ".param", ".func"):
+            top.append(card)
+        if card.word == ".ends":
+            if not open_ones:
+                raise card.refused("no subcircuit is open")
+            open_ones.pop()
+    if open_ones:
+        raise blocks[open_ones[0]][0].refused("this subcircuit has no .ends")
+    if name.lower() not in blocks:
+        known = ", ".join(sorted(blocks)[:10]) or "none"
+        text = f"the file has no subcircuit {name!r}; it has {known}"
+        raise InputError(path, Complaint("netlist", "", text))
+    wanted = [name.lower()]
+    for each in wanted:  # which grows
+        inner = dict.fromkeys(called(card.text) for card in blocks[each] if card.word[0] == "x")
+        wanted += [one for one in inner if one in blocks and one not in wanted]
+    return reading.checked([*top, *(card for each in wanted for card in blocks[each])])
 
 
 @dataclass(slots=True)
@@ -194,6 +236,7 @@ class _DeckReading:
     """A deck and its files, read in place."""
 
     deck: Path
+    found: list[Card] = field(default_factory=list)  # as they stand in the files
     cards: list[Card] = field(default_factory=list)
     left: list[Card] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
@@ -230,10 +273,18 @@ class _DeckReading:
             if isinstance(card, _Include):
                 self._include(card, path)
             else:
-                self._take(card)
-            if len(self.cards) > MOST_CARDS:
-                raise card.refused(beyond(len(self.cards), "cards", MOST_CARDS))
+                self.depth += (card.word == ".subckt") - (card.word == ".ends")
+                self.found.append(card)
+            if len(self.found) > MOST_CARDS:
+                raise card.refused(beyond(len(self.found), "cards", MOST_CARDS))
         self.open.pop()
+
+    def checked(self, found: Iterable[Card]) -> ForeignDeck:
+        """Return the deck of some cards, each checked and in plain words."""
+        for card in found:
+            self._take(card)
+        check_functions(self.cards)
+        return ForeignDeck(self.deck, tuple(self.cards), tuple(self.left), tuple(self.remarks))
 
     def _text(self, path: Path) -> str:
         """Return the text of a file: UTF-8, UTF-16 as LTspice writes, or Latin-1; u for micro."""
@@ -275,7 +326,6 @@ class _DeckReading:
 
     def _take(self, card: Card) -> None:
         word = card.word
-        self.depth += (word == ".subckt") - (word == ".ends")
         if word in LEFT:
             self.left.append(card)
         elif word[1:].startswith(OWN):
@@ -287,9 +337,8 @@ class _DeckReading:
             raise card.refused(f"a device {word[0].upper()!r} is not accepted; {LINEAR}")
         else:
             text = card.text
-            for pattern, reason in REFUSED:
-                if match := pattern.search(_NODE.sub("0", text)):
-                    raise card.refused(reason.format(match[1]))
+            if reason := forbidden(text):
+                raise card.refused(reason)
             for beginning, pattern, name in DROPPED:
                 if text.startswith(beginning) and pattern.search(text):
                     text = pattern.sub("", text)
@@ -300,6 +349,14 @@ class _DeckReading:
             except ValueError as error:
                 raise card.refused(str(error)) from None
             self.cards += [card.with_text(each) for each in written]
+
+
+def forbidden(text: str) -> str:
+    """Return why no card may hold this text; empty if it may."""
+    for pattern, reason in REFUSED:
+        if match := pattern.search(_NODE.sub("0", text)):
+            return reason.format(match[1])
+    return ""
 
 
 LINEAR = (

@@ -1,4 +1,4 @@
-"""Expressions of B, E, F, G and H cards that are linear: polynomials, and sums of voltages."""
+"""Expressions of B, E, F, G and H cards: polynomials, tables, and sums of voltages."""
 
 from __future__ import annotations
 
@@ -6,18 +6,22 @@ import ast
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 
-from taction.spice_models.foreign_expressions import DEEPEST, number, piecewise, polynomial
-from taction.spice_models.foreign_lines import LONGEST
+from taction.spice_models.foreign_expressions import number
+from taction.spice_models.foreign_lines import LONGEST, beyond
 
+DEEPEST = 50  # parentheses within one another
 Probe = tuple[str, ...]
 """``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source."""
 _POLY = re.compile(r"([efgh])(\S+) (\S+) (\S+) poly ?\( ?(\d+) ?\) ?(.*)")
 _TABLE = re.compile(
     r"([egi])(\S+) (\S+) (\S+) (?:([^\s{}]+ [^\s{}]+) )?(?:table|tbl) ?(?:\{([^{}]*)\})? ?=? ?(.*)"
 )
+_CALL = re.compile(r"(?<![\w.])(?:table|tbl) ?\((?=[^()]*[(,])")
 _POINT = re.compile(r"\{[^{}]*\}|[^\s(),{}]+")
 _PROBE = re.compile(r"\b([vi])\s*\(\s*([^\s(),]+)\s*(?:,\s*([^\s(),]+)\s*)?\)")
+_PLAIN = re.compile(r"-?[0-9.]+(?:e[+-]?[0-9]+)?")
 _TOKEN = re.compile(r"[a-z_]\w*|(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?[a-z]*")
 
 
@@ -57,6 +61,43 @@ def without_poly(text: str) -> str:
     return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
 
 
+def without_calls(text: str) -> str:
+    """Return a card with each call of ``table`` or ``tbl`` as an expression of straight lines.
+
+    Raises
+    ------
+    ValueError
+        No pairs of numbers, one that is not above the one before, or too long.
+
+    Examples
+    --------
+    >>> without_calls("b1 s 0 v=1+tbl(v(a,b), 0, 1, 2, 5)")
+    'b1 s 0 v=1+(1.0+((5.0)-(1.0))/((2.0)-(0.0))*(max(min((v(a,b)),2.0),0.0)-(0.0)))'
+    """
+    for _ in range(DEEPEST):
+        every = list(_CALL.finditer(text))
+        if not every:
+            return text
+        begin, depth = every[-1], 0  # the innermost one, or one after it
+        words = [""]
+        for end in range(begin.end(), len(text)):
+            letter = text[end]
+            if letter == ")" and depth == 0:
+                break
+            depth += (letter == "(") - (letter == ")")
+            if letter == "," and depth == 0:
+                words.append("")
+            else:
+                words[-1] += letter
+        else:
+            raise ValueError("parentheses that do not match")
+        value, points = f"({words[0].strip()})", map(_point, words[1:])
+        text = f"{text[: begin.start()]}{piecewise(value, *points)}{text[end + 1 :]}"
+        if len(text) > LONGEST:
+            raise ValueError(beyond(len(text), "characters with tables written anew", LONGEST))
+    raise ValueError(f"more than {DEEPEST} tables in an expression")
+
+
 def without_table(text: str) -> str:
     """Return a card with a table, of PSpice or LTspice, as a B card with its expression.
 
@@ -78,10 +119,78 @@ def without_table(text: str) -> str:
     across = across or (f"v({a},{b})" if letter == "i" else "")
     if not (inner or across):
         raise ValueError("a table needs its expression: TABLE {expression} = (x,y) (x,y) ...")
-    words = [w.replace("{", "(").replace("}", ")") for w in _POINT.findall(points)]
-    words = [w if w[0] == "(" else f"{number(w)!r}" for w in words]
-    made = piecewise(f"({inner or across})", *words)
+    made = piecewise(f"({inner or across})", *map(_point, _POINT.findall(points)))
     return f"b{letter}{name} {a} {b} {'v' if letter in 'eh' else 'i'}={made}"
+
+
+def piecewise(value: str, *points: str) -> str:
+    """Return the function of straight lines through points x0, y0, x1, y1, ..., level beyond them.
+
+    Raises
+    ------
+    ValueError
+        No pairs, or an x that is not above the one before.
+
+    Examples
+    --------
+    >>> piecewise("v(a)", "0.0", "1.0", "2.0", "5.0")
+    '(1.0+((5.0)-(1.0))/((2.0)-(0.0))*(max(min(v(a),2.0),0.0)-(0.0)))'
+    """
+    x, y = points[::2], points[1::2]
+    if not y or len(x) != len(y):
+        raise ValueError("a table needs pairs of numbers")
+    terms = [y[0]]
+    for k in range(1, len(x)):
+        if all(map(_PLAIN.fullmatch, x[k - 1 : k + 1])) and not float(x[k]) > float(x[k - 1]):
+            raise ValueError(f"a table in which {x[k]} follows {x[k - 1]}")
+        rise, run = f"(({y[k]})-({y[k - 1]}))", f"(({x[k]})-({x[k - 1]}))"
+        terms.append(f"{rise}/{run}*(max(min({value},{x[k]}),{x[k - 1]})-({x[k - 1]}))")
+    return f"({'+'.join(terms)})"
+
+
+def polynomial(inputs: list[str], coefficients: list[float]) -> str:
+    """Return SPICE's POLY as an expression of its inputs, ``v(a,b)`` or ``i(source)``.
+
+    The coefficients are those of 1, then of each input, then of each product of two inputs in the
+    order ``x1 x1, x1 x2, ..., x2 x2, ...``. With one input they are those of all its powers, and a
+    single coefficient is that of the input itself.
+
+    Raises
+    ------
+    ValueError
+        More coefficients than those of the second degree of several inputs, or too long.
+
+    Examples
+    --------
+    >>> polynomial(["v(3,0)", "v(4,0)"], [0.0, 0.5, 0.5])
+    '0.5*v(3,0)+0.5*v(4,0)'
+    """
+    if len(inputs) == 1 and len(coefficients) == 1:
+        coefficients = [0.0, *coefficients]
+    several = len(inputs) > 1
+    most = 1 + len(inputs) + len(inputs) * (len(inputs) + 1) // 2
+    if several and len(coefficients) > most:
+        text = f"{len(coefficients)} coefficients of {len(inputs)} inputs: only degree 2 is read"
+        raise ValueError(text)
+    pairs = ((x, y) for k, x in enumerate(inputs) for y in inputs[k:])
+    powers = (inputs * k for k in range(len(coefficients)))
+    factors = chain([()], ((x,) for x in inputs), pairs) if several else powers
+    terms, length = list[str](), 0
+    for value, each in zip(coefficients, factors, strict=False):
+        if value != 0.0:
+            terms.append("*".join((repr(value), *each)))
+            length += len(terms[-1]) + 1
+        if length > LONGEST:
+            raise ValueError(beyond(length, "characters in a polynomial written anew", LONGEST))
+    return "+".join(terms).replace("+-", "-") or "0.0"
+
+
+def _point(text: str) -> str:
+    """Return a number in plain digits, or an expression in parentheses."""
+    try:
+        return repr(number(text.strip()))
+    except ValueError:
+        return f"({text.strip().strip('{}')})"
 
 
 @dataclass(frozen=True, slots=True)

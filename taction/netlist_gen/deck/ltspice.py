@@ -80,7 +80,9 @@ _GIVEN = re.compile(r"\s+([a-z]\w*)\s*=\s*(\{[^{}]*\}|\S+)")
 _CATALOGUE = re.compile(r"\s(?:mfg|pn|type)=\"[^\"\n]*\"", re.I)
 _MARKED = re.compile(r"(\d+)(meg|[tgkmunpfr])(\d+)(?:f|h|ohm)?")  # such as 2k2
 _MARKED_PARAM = re.compile(r"= ?(\d+)(meg|[tgkmunpf])(\d+)(?= |$)")
-_THERMAL = re.compile(r" tc ?= ?[^ ,{}]+(?: ?, ?[^ ,{}]+)?(?= |$)")  # no effect at 27 degrees C
+_THERMAL = re.compile(
+    r" (?:noiseless|tc ?= ?[^ ,{}]+(?: ?, ?[^ ,{}]+)?)(?= |$)"
+)  # no effect at 27 degrees C, or on poles
 _COMMA = re.compile(r"(\{[^{}]*\})|,")  # those within braces stay
 _PORT = re.compile(r" portnum ?=? ?\d+(?: z0 ?=? ?(\S+))?")
 DROPPED = (

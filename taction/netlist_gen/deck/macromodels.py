@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from taction.netlist_gen.deck.foreign_deck import Card, ForeignDeck
-from taction.netlist_gen.deck.linear_expressions import without_poly, without_table
+from taction.netlist_gen.deck.linear_expressions import without_calls, without_poly, without_table
 from taction.netlist_gen.deck.ltspice import OPAMPS, missing_cards, opamp_cards, plain_name
+from taction.spice_models.foreign_expressions import number
 from taction.spice_models.foreign_lines import called, check_expanded
 
 NOT_LINEAR = re.compile(
     r"^(?:[dqjmswb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
 )
+
+
+_VSWITCH = re.compile(r"\.model (\S+) vswitch\b(.*)")
+_FIELD = re.compile(r"(\w+) ?= ?([^\s(),]+)")
+_RANGE = {"ron": 1.0, "roff": 1e6, "von": 1.0, "voff": 0.0}  # of PSpice's switch
 
 
 @dataclass(slots=True)
@@ -52,8 +59,8 @@ def _blocks(deck: ForeignDeck) -> tuple[dict[str, _Block], list[Card]]:
     return blocks, top
 
 
-def check_size(deck: ForeignDeck) -> None:
-    """Refuse a deck that is too large with all subcircuits expanded.
+def check_size(deck: ForeignDeck, called_one: str = "") -> None:
+    """Refuse a deck, or one subcircuit of it, that is too large with all subcircuits expanded.
 
     Raises
     ------
@@ -61,7 +68,10 @@ def check_size(deck: ForeignDeck) -> None:
         The card at which a limit is passed.
     """
     blocks, top = _blocks(deck)
-    check_expanded({name: block.cards for name, block in blocks.items()}, top, tuple(blocks))
+    if called_one:
+        top = [deck.cards[-1].with_text(f"x {called_one}")]
+    known = () if called_one else tuple(blocks)
+    check_expanded({name: block.cards for name, block in blocks.items()}, top, known)
 
 
 def is_plain(deck: ForeignDeck) -> bool:
@@ -70,20 +80,52 @@ def is_plain(deck: ForeignDeck) -> bool:
 
 
 def ready_lines(deck: ForeignDeck) -> Iterator[str]:
-    """Yield the text for ngspice: no POLY and no table, and what others define before it."""
+    """Yield the text for ngspice: no POLY, table or VSWITCH, and what others define before it."""
     yield from missing_cards(deck.lines)[0]
     known = ltspice_opamps(deck)
     for opamp in dict.fromkeys(known.values()):
         yield from opamp_cards(opamp)
+    switches = _switches(deck)
     for card in deck.cards:
         if card in known:
             place = rf"(?<=\s){re.escape(known[card])}(?=\s|$)"
             yield re.sub(place, plain_name(known[card]), card.text)
-        else:
+        elif not (card.word == ".model" and card.text.split()[1] in switches):
             try:
-                yield without_table(without_poly(_at_27(card.text)))
+                text = _smooth_switch(_at_27(card.text), switches)
+                yield without_calls(without_table(without_poly(text)))
             except ValueError as error:
                 raise card.refused(str(error)) from None
+
+
+def _switches(deck: ForeignDeck) -> dict[str, dict[str, str]]:
+    """Return the fields of PSpice's smooth switches, by the name of their model."""
+    found = dict[str, dict[str, str]]()
+    for card in deck.cards:
+        if match := _VSWITCH.match(card.text):
+            fields = dict(_FIELD.findall(match[2]))
+            if not {"vt", "vh"} & fields.keys() and found.setdefault(match[1], fields) != fields:
+                raise card.refused("a second model of this name, which differs")
+    return found
+
+
+def _smooth_switch(text: str, models: Mapping[str, Mapping[str, str]]) -> str:
+    """Return PSpice's switch as a resistance that changes smoothly between two voltages."""
+    words = text.split()
+    if text[0] != "s" or len(words) != 6 or words[5] not in models:
+        return text
+    name, a, b, c, d, model = words
+    given = {key: number(value) for key, value in models[model].items()}
+    if unknown := given.keys() - _RANGE.keys():
+        raise ValueError(f"{min(unknown)} of a vswitch is not accepted")
+    ron, roff, von, voff = (_RANGE | given).values()
+    if not (ron > 0.0 and roff > 0.0 and von != voff):
+        raise ValueError("a vswitch needs resistances above 0, and different von and voff")
+    # ln R = ln sqrt(Ron Roff) + ln(Ron/Roff) (1.5 x - 2 x³), x from -1/2 to 1/2
+    place = f"max(min((v({c},{d})-({0.5 * (von + voff)!r}))/({von - voff!r}),0.5),-0.5)"
+    middle, ratio = 0.5 * math.log(ron * roff), math.log(ron / roff)
+    power = f"({middle!r})+({ratio!r})*{place}*(1.5-2.0*{place}*{place})"
+    return f"b{name} {a} {b} i=v({a},{b})*exp(-({power}))"
 
 
 def _at_27(text: str) -> str:

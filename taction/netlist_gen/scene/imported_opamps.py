@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from taction.netlist_gen.board.linear_models import check_parts
+from taction.netlist_gen.deck.vendor_subcircuit import stored_subcircuit
 from taction.spice_models.foreign_lines import RefusedError
-from taction.spice_models.foreign_netlist import read_subcircuit
 from taction.spice_models.imported import (
     Figures,
     ImportedOpAmp,
@@ -78,8 +78,7 @@ def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
     if stored.linear is not None:
         _check_linear(stored.linear)
     try:
-        content = "\n".join(stored.netlist).encode()
-        subcircuit = read_subcircuit(content, stored.subcircuit, stored.name)
+        subcircuit = stored_subcircuit(stored.netlist, stored.subcircuit, stored.name)
     except RefusedError as error:
         raise ValueError(f"netlist: {error}") from None
     try:

@@ -15,8 +15,7 @@ from taction.netlist_gen.analysis import (
 )
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.measures import noise_cards
-from taction.spice_models.foreign_netlist import Subcircuit
-from taction.spice_models.imported import instance
+from taction.spice_models.imported import Subcircuit, instance
 from taction.system.array_types import Floats
 
 IN, OUT = "in", "out"
@@ -56,31 +55,31 @@ class VendorBench:
     options: str = VENDOR[0]
     middle: float = 0.0  # of the supplies: the non-inverting input at rest, V
 
-    def deck(self, analysis: Analysis, excited: str = "", step: str = "") -> Deck:
-        """Return the deck of an analysis.
+    @property
+    def wired(self) -> tuple[str, ...]:
+        """The role of each port, with the node behind the probe of the inverting input."""
+        return tuple("pin" if role == "inn" else role for role in self.pins)
+
+    def lines(self, excited: str = "", step: str = "") -> list[str]:
+        """Return the cards, without those of an analysis.
 
         Parameters
         ----------
-        analysis : Analysis
-            What ngspice computes.
         excited : str
             Where a small signal of 1 V or 1 A is: ``"inn"``, ``"inp"`` or ``"out"``.
         step : str
             The voltage at the non-inverting input over the time; then the output has a load, to
             the middle of the supplies.
         """
-        wired = tuple("pin" if role == "inn" else role for role in self.pins)
         size = {place: float(place == excited) for place in ("inp", "inn", "out")}
-        lines = [
-            "* test bench of an imported op-amp",
+        return [
             *self.subcircuit.lines,
             f"Vcc vcc 0 dc {self.middle + self.supply!r}",
             f"Vee vee 0 dc {self.middle - self.supply!r}",
             f"Vmid mid 0 dc {self.middle!r}",
             f"Vinp {'far' if step else 'inp'} mid dc 0.0 ac {size['inp']!r} {step}".rstrip(),
-            instance(self.subcircuit, wired, self.compensation),
+            instance(self.subcircuit, self.wired, self.compensation),
             "Vinn inn pin dc 0.0",  # its current is that of the pin
-            self.options,
             *SERVO,
             "Eservo inn drive slow 0 1.0",
             f"Vdrive drive 0 dc 0.0 ac {size['inn']!r}",
@@ -88,7 +87,13 @@ class VendorBench:
             *([f"Rload out mid {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
             *(f"H{node} {node} 0 {source}" for node, source in PROBES.items()),
         ]
-        return bench_deck(lines, analysis, (OUT, "inn", *PROBES))
+
+    def deck(self, analysis: Analysis, excited: str = "", step: str = "") -> Deck:
+        """Return the deck of an analysis; see `lines`."""
+        title = "* test bench of an imported op-amp"
+        return bench_deck(
+            [title, *self.lines(excited, step), self.options], analysis, (OUT, "inn", *PROBES)
+        )
 
 
 def bench_deck(lines: list[str], analysis: Analysis, saved: tuple[str, ...]) -> Deck:

@@ -17,6 +17,7 @@ from taction.verification.engines.ngspice.listing import listed_cards
 
 TRIED = (TIGHT, "reltol=1e-6 abstol=1e-13 vntol=1e-10")
 TIGHT_SECONDS = 4.0
+AT_ONCE = "optran 1 1 1 0 0 0"  # no transient to the operating point
 MODES = ("psa", "")  # PSpice's ways first; what they break is read in ngspice's own
 _STEPPED = ("gmin stepping", "source stepping", "Transient op")
 
@@ -86,7 +87,7 @@ def find_point(
         f"@{each.name}[{key}]" for each in found.elements if each.name[0] == "q" and 1 in each.inner
         for key in ("gx", "cbx")
     ]  # fmt: skip
-    commands = ["optran 1 1 1 0 0 0", f"save all {' '.join(asked)}", "op", f"write {RESULT}"]
+    commands = [AT_ONCE, f"save all {' '.join(asked)}", "op", f"write {RESULT}"]
     limits = "reltol=1e-3"
     for tighter in TRIED:
         text = [*lines, f".options {tighter} {options}", *_starts(volts)]

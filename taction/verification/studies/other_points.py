@@ -14,7 +14,7 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
-from taction.verification.characterise.operating_point import DeckPoint, read_volts
+from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint, read_volts
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
 from taction.verification.studies.ac_witness import stepping
@@ -62,7 +62,7 @@ def points_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) ->
         tried += 1
         cards = [f".nodeset v({n})={v!r}" for n, v in zip(nodes, start.tolist(), strict=True)]
         limits = f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"
-        commands = ["optran 1 1 1 0 0 0", "save all", "op", f"write {RESULT}"]
+        commands = [AT_ONCE, "save all", "op", f"write {RESULT}"]
         text = [*point.lines, limits, *cards]
         volts = read_volts(
             run_commands(text, commands, simulator, mode=point.mode, seconds=SECONDS)

@@ -18,9 +18,9 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.spice_models.imported import ImportedOpAmp
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import InputError
-from taction.verification.characterise.vendor_model import import_opamp
 from taction.verification.engines.ngspice.process import find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.studies.vendor_model import import_opamp
 from tests.support.opamp_bench import (
     UNITS,
     Bench,
@@ -247,8 +247,9 @@ def test_wrong_pins_are_refused(
 def test_a_missing_file_and_a_hostile_one_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nowhere.cir.*No such file"):
         import_opamp(str(tmp_path / "nowhere.cir"), "amp", PINS, 15.0)
-    with pytest.raises(InputError, match=r"amp.cir.*line 3 '.control'"):
-        imported(tmp_path, "* x\n* y\n.control\nquit\n.endc\n")
+    text = "* x\n.subckt amp 1 2 3 4 5\na1 1 2 m\n.model m d_process(process_file=x)\n.ends\n"
+    with pytest.raises(InputError, match=r"amp.cir: line 3 = 'a1 1 2 m': a device 'A' is not"):
+        imported(tmp_path, text)
 
 
 # Stages of transistors and of the expressions of PSpice; the gain from `half` to the output is 1.

@@ -20,10 +20,10 @@ from taction.netlist_gen.scene.imported_opamps import from_document, to_document
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import InputError
-from taction.verification.characterise.vendor_model import import_opamp
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.onset.onset import onset, parse_onset_axis
+from taction.verification.studies.vendor_model import import_opamp
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
 
@@ -90,7 +90,7 @@ def test_both_engines_have_one_rest_with_offset(write: Callable[..., Scene]) -> 
     board = LinearBoard(replace(synthesise(write()), currents=()))
     nodes = [output.node for output in board.circuit.outputs]
     deck = write_deck(board.circuit, OperatingPoint())
-    assert "j1 11 2 10 jx" in deck.text
+    assert "j.xdevice.j1 xdevice.11 pin xdevice.10 xdevice:jx" in deck.text
     with start(deck, find_simulator(), timeout=60.0) as run:
         found = run.result().values[-1]
     np.testing.assert_allclose(found, [board.rest[node] for node in nodes], atol=1e-7)

@@ -17,8 +17,8 @@ from taction.system.documents import (
     taken,
 )
 from taction.verification.characterise.characterise import OpAmpFigures
-from taction.verification.characterise.vendor_model import ImportedModel
 from taction.verification.report.views.opamp import TITLES, stated_figures
+from taction.verification.studies.vendor_model import ImportedModel
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,6 @@ from taction.verification.characterise.characterise import (
     open_loop,
     supply_of,
 )
-from taction.verification.characterise.vendor_model import ImportedModel
 from taction.verification.report.blocks import (
     EVERYWHERE,
     Cell,
@@ -30,6 +29,7 @@ from taction.verification.report.blocks import (
 )
 from taction.verification.report.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.verification.report.texts import quantity
+from taction.verification.studies.vendor_model import ImportedModel
 
 TITLES = {
     "dc_gain": ("DC gain", ""),

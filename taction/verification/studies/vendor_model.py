@@ -7,27 +7,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from taction.spice_models.foreign_lines import LARGEST, RefusedError
-from taction.spice_models.foreign_netlist import read_subcircuit
+from taction.netlist_gen.deck.flat_cards import CardError
+from taction.netlist_gen.deck.vendor_subcircuit import flat_subcircuit, vendor_subcircuit
 from taction.spice_models.imported import (
     COMPENSATION,
     Figures,
     ImportedOpAmp,
     check_pins,
+    port_nodes,
 )
 from taction.system.errors import Complaint, InputError, SimulationError, one_line
-from taction.system.foreign_files import UnusableFileError, read_bounded
 from taction.system.results import Result
 from taction.verification.characterise.bench import VendorBench
 from taction.verification.characterise.characterise import RAMP, Bode, slope
-from taction.verification.characterise.vendor_linear import linear_model
+from taction.verification.characterise.operating_point import find_point
 from taction.verification.characterise.witnesses import Responses, Simulation
 from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.studies.vendor_linear import linear_model
 
 JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
 CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
@@ -96,23 +97,26 @@ def import_opamp(
     SimulationError
         ngspice is missing, or does not simulate the model.
     """
+    found = vendor_subcircuit(file, subcircuit)
     try:
-        checked = read_subcircuit(read_bounded(file, LARGEST), subcircuit, "m")
-    except (UnusableFileError, RefusedError) as error:
-        raise InputError(file, Complaint("netlist", "", str(error))) from None
-    try:
-        check_pins(pins, checked.ports)
+        check_pins(pins, found.ports)
     except ValueError as error:
         raise InputError(file, Complaint("--pins", ",".join(pins), str(error))) from None
     if (COMPENSATION in pins) != (compensation > 0.0):
         text = f"a capacitor and two ports {COMPENSATION!r} belong together"
         raise InputError(file, Complaint("--compensation", f"{compensation:g} F", text))
     simulation = Simulation(find_simulator())
-    measured = simulation.responses(VendorBench(checked, pins, supply, compensation, middle=middle))
+    bench = VendorBench(found, pins, supply, compensation, middle=middle)
+    try:
+        point = find_point(bench.lines(), "", simulation.simulator)
+    except CardError as error:
+        raise InputError(file, Complaint("netlist", "", str(error))) from None
+    checked = flat_subcircuit(point.cards, port_nodes(bench.wired), subcircuit)
+    measured = simulation.responses(replace(bench, subcircuit=checked))
     if reason := _no_opamp(measured):
         raise InputError(file, Complaint("--pins", "", reason))
     figures, doubts = _figures(measured, simulation)
-    linear, missing = linear_model(measured, figures.unity_gain_bandwidth, simulation.simulator)
+    linear, missing = linear_model(point, simulation.simulator)
     return ImportedOpAmp(
         checked,
         pins,
