@@ -12,7 +12,6 @@ from taction.cli.main import COMMANDS
 from taction.cli.terminal import SparseLines
 from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
-from taction.verification.evidence.paper.reproduce import PaperTask
 from taction.verification.studies.running import collecting
 from taction.verification.studies.running.collecting import Pace
 from tests.support.command_lines import LINES
@@ -110,8 +109,7 @@ def quick_paper(monkeypatch: pytest.MonkeyPatch) -> None:
         found = (Finding(c.id, "-3.3e-05 in 12 runs", "custom-matrix", c.expected) for c in wanted)
         return Chapter(tuple(found), ())
 
-    task = PaperTask("A title", chapter, 1.0, 1.0)
-    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": task})
+    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": ("A title", chapter)})
 
 
 def test_every_command_is_named_here() -> None:

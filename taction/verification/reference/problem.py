@@ -80,45 +80,7 @@ class Problem:
         _check(self, shape, T=self.T, eps=self.eps)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ToeplitzProblem:
-    """A `Problem` with a square Toeplitz matrix that is never formed; dimensionless.
-
-    Attributes
-    ----------
-    column, row : ndarray (N,)
-        First column and first row of T; their first entries agree.
-    eps : ndarray (N,)
-        Finite.
-    lam, regulariser, bias
-        As in `Problem`; lam must be positive.
-
-    Raises
-    ------
-    InputError
-        Every wrong value at once.
-    """
-
-    column: Floats
-    row: Floats
-    eps: Floats
-    lam: float
-    regulariser: str = "linear"
-    bias: bool = False
-
-    def __post_init__(self) -> None:
-        _freeze(self, "column", "row", "eps")
-        shape = []
-        shapes = (self.column.shape, self.row.shape, self.eps.shape)
-        if self.column.ndim != 1 or len(set(shapes)) > 1 or 0 in self.column.shape:
-            shape.append(Complaint("column, row, eps", str(shapes), "all of one shape (N,)"))
-        elif self.column[0] != self.row[0]:
-            value = f"{float(self.row[0])!r}"
-            shape.append(Complaint("row[0]", value, f"column[0] = {float(self.column[0])!r}"))
-        _check(self, shape, column=self.column, row=self.row, eps=self.eps)
-
-
-def _check(problem: Problem | ToeplitzProblem, shape: list[Complaint], **arrays: Floats) -> None:
+def _check(problem: Problem, shape: list[Complaint], **arrays: Floats) -> None:
     """Raise InputError for complaints about the shape, the arrays and the regularisation."""
     object.__setattr__(problem, "lam", float(problem.lam))
     lam, linear = problem.lam, problem.regulariser == "linear"
@@ -133,9 +95,8 @@ def _check(problem: Problem | ToeplitzProblem, shape: list[Complaint], **arrays:
     if problem.regulariser not in REGULARISERS:
         accepted = f"one of {', '.join(REGULARISERS)}"
         complaints.append(Complaint("regulariser", problem.regulariser, accepted))
-    may_be_zero = linear and isinstance(problem, Problem)
-    if not math.isfinite(lam) or lam < 0.0 or (lam == 0.0 and not may_be_zero):
-        accepted = "at least 0" if may_be_zero else "positive"
+    if not math.isfinite(lam) or lam < 0.0 or (lam == 0.0 and not linear):
+        accepted = "at least 0" if linear else "positive"
         complaints.append(Complaint("lam", repr(lam), f"must be finite and {accepted}"))
     if problem.bias and linear:
         complaints.append(Complaint("bias", "True", "the linear regulariser has no bias current"))
@@ -149,7 +110,7 @@ class Solution(Result):
 
     Attributes
     ----------
-    problem : Problem or ToeplitzProblem
+    problem : Problem
         The problem, so that every figure below can be computed again.
     u : ndarray (N,)
         The minimiser.
@@ -167,8 +128,7 @@ class Solution(Result):
     error_bound : float
         Upper bound on ``max |u - u*|``; infinite if no bound is known.
     trusted : bool
-        The certificate is below its bound, so the error is below ``1e-12 max |u|``, or below the
-        requested tolerance of a Toeplitz problem.
+        The certificate is below its bound, so the error is below ``1e-12 max |u|``.
     condition : float
         Condition number of the equations that were solved last.
     iterations : int
@@ -187,7 +147,7 @@ class Solution(Result):
         *("reason", "seconds [s]"),
     )
 
-    problem: Problem | ToeplitzProblem
+    problem: Problem
     u: Floats
     v: Floats | None
     objective: float

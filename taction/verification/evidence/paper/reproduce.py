@@ -29,34 +29,22 @@ from taction.verification.evidence.paper.simnon import simnon
 from taction.verification.evidence.paper.speed import speed
 from taction.verification.studies.running.versions import describe_machine
 
-
-@dataclass(frozen=True, slots=True)
-class PaperTask:
-    """One chapter: what runs, and its processor time on one core of 2.5 GHz, s."""
-
-    title: str
-    run: Callable[[bool], Chapter]
-    seconds: float
-    quick_seconds: float
-
-    def expected(self, *, quick: bool) -> float:
-        """Return the expected time of the chapter, s."""
-        return self.quick_seconds if quick else self.seconds
-
-
-CHAPTERS: dict[str, PaperTask] = {
-    "reconstruction": PaperTask("Stress from noisy strain", reconstruction, 43.0, 3.1),
-    "breadboard": PaperTask("The seven-channel breadboard", breadboard, 5.9, 5.1),
-    "console": PaperTask("The design step", console, 3.2, 0.2),
-    "hardware": PaperTask("Other hardware", hardware, 2.2, 2.0),
-    "speed": PaperTask("Analog against digital", speed, 3.3, 2.5),
-    "simnon": PaperTask("Simulation", simnon, 10.0, 2.5),
-    "energy": PaperTask("Energy and stability", energy, 8.0, 3.8),
-    "conditioning": PaperTask("Ill-posedness", conditioning, 25.0, 1.5),
-    "kernels": PaperTask("Kernel and load as printed", kernels, 0.1, 0.1),
-    "equations": PaperTask("The network's equations as printed", equations, 0.1, 0.1),
-    "closed-loops": PaperTask("Boards of one loop, after the paper", closed_loops, 1.3, 1.0),
+Run = Callable[[bool], Chapter]
+CHAPTERS: dict[str, tuple[str, Run]] = {
+    "reconstruction": ("Stress from noisy strain", reconstruction),
+    "breadboard": ("The seven-channel breadboard", breadboard),
+    "console": ("The design step", console),
+    "hardware": ("Other hardware", hardware),
+    "speed": ("Analog against digital", speed),
+    "simnon": ("Simulation", simnon),
+    "energy": ("Energy and stability", energy),
+    "conditioning": ("Ill-posedness", conditioning),
+    "kernels": ("Kernel and load as printed", kernels),
+    "equations": ("The network's equations as printed", equations),
+    "closed-loops": ("Boards of one loop, after the paper", closed_loops),
 }
+"""Title and function of every chapter; the function gets whether the run is quick."""
+WHOLE, SHORT = 75, 22  # s, of all chapters on one core of 2.5 GHz
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,27 +123,23 @@ def reproduce(
 ) -> Reproduction:
     """Run every claim; `progress` receives a line before the run and before each chapter.
 
-    The first line says how long the run takes, the others which chapter runs and what is left. A
-    quick run uses fewer seeds and sizes, and leaves out the claims that are not `quick`.
+    The first line says how long the run takes, the others which chapter runs. A quick run uses
+    fewer seeds and sizes, and leaves out the claims that are not `quick`.
     """
     began = time.perf_counter()
     claims = load_claims()
     selected = [claim for claim in claims if claim.quick or not quick]
-    expected = {name: task.expected(quick=quick) for name, task in CHAPTERS.items()}
-    total = sum(expected.values())
-    progress(f"{len(selected)} claims in {len(CHAPTERS)} chapters: about {total:.0f} s")
+    about = SHORT if quick else WHOLE
+    progress(f"{len(selected)} claims in {len(CHAPTERS)} chapters: about {about} s")
     sections: list[PaperSection] = []
-    for name, task in CHAPTERS.items():
+    for name, (title, function) in CHAPTERS.items():
         start = time.perf_counter()
-        left = remaining(list(expected.values()), start - began, len(sections))
-        progress(f"{task.title} ({len(sections) + 1} of {len(CHAPTERS)}), about {left:.0f} s left")
+        progress(f"{title} ({len(sections) + 1} of {len(CHAPTERS)})")
         of_chapter = [claim for claim in selected if claim.chapter == name]
-        chapter = _run(task.run, of_chapter, quick=quick)
+        chapter = _run(function, of_chapter, quick=quick)
         findings = {finding.id: finding for finding in chapter.findings}
         judged = tuple(Judged(claim, findings[claim.id]) for claim in of_chapter)
-        sections.append(
-            PaperSection(task.title, judged, chapter.pictures, time.perf_counter() - start)
-        )
+        sections.append(PaperSection(title, judged, chapter.pictures, time.perf_counter() - start))
     return Reproduction(
         tuple(sections),
         tuple(claim for claim in claims if claim not in selected),
@@ -164,23 +148,7 @@ def reproduce(
     )
 
 
-def remaining(expected: list[float], elapsed: float, done: int) -> float:
-    """Return the time that is left after the first `done` chapters took `elapsed`, s.
-
-    The chapters that are left are as slow, compared with the expected times, as those done.
-
-    Examples
-    --------
-    >>> remaining([10.0, 30.0, 5.0], 20.0, 1)
-    70.0
-    >>> remaining([10.0, 30.0, 5.0], 0.0, 0)
-    45.0
-    """
-    slower = elapsed / sum(expected[:done]) if done else 1.0
-    return slower * sum(expected[done:])
-
-
-def _run(function: Callable[[bool], Chapter], claims: list[Claim], *, quick: bool) -> Chapter:
+def _run(function: Run, claims: list[Claim], *, quick: bool) -> Chapter:
     """Run one chapter; a chapter that gives no verdict has the reason as finding of each claim."""
     try:
         return function(quick)

@@ -12,7 +12,6 @@ from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
-from taction.verification.evidence.paper.reproduce import PaperTask
 from taction.verification.report.charts import SERIES, Curve
 from taction.verification.report.views.paper import panel_chart, write_paper
 
@@ -33,9 +32,7 @@ def chapter(quick: bool) -> Chapter:
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """One chapter that costs nothing."""
-    monkeypatch.setattr(
-        reproduce, "CHAPTERS", {"reconstruction": PaperTask("A <title>", chapter, 1.0, 1.0)}
-    )
+    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": ("A <title>", chapter)})
 
 
 @pytest.mark.usefixtures("short")
