@@ -140,7 +140,7 @@ def _at_once(network: AtOnce, problem: InverseProblem, scene: Scene) -> IdealNet
 
 
 NETWORKS: Mapping[str, AtOnce] = plugins.OpenTable(
-    "taction.networks", plugins.Modules(networks, "NETWORK"), AtOnce
+    "taction.networks", plugins.objects_of(networks, "NETWORK"), AtOnce
 )
 """Networks without capacitors by their topologies; all others follow the flow of eq (9)."""
 

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from taction.netlist_gen import topologies
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.topology import Topology
-from taction.system.plugins import Modules, OpenTable
+from taction.system.plugins import OpenTable, objects_of
 
 TOPOLOGIES: Mapping[str, Topology] = OpenTable(
-    "taction.topologies", Modules(topologies, "TOPOLOGY"), Topology
+    "taction.topologies", objects_of(topologies, "TOPOLOGY"), Topology
 )
 """The topologies by the word in a scene."""
 

@@ -73,13 +73,13 @@ def constraint_plane(circuit: Circuit) -> ConstraintPlane:
 
 def _rise(above: Polynomial, below: Polynomial) -> tuple[float, float] | None:
     """Return rise time and overshoot of the step of a transfer function; None if it grows."""
-    poles = below.trim().roots()
+    poles = np.asarray(below.trim().roots(), dtype=np.complex128)
     if not np.all(poles.real < 0.0):
         return None
     time = np.linspace(0.0, SPAN / float(np.min(np.abs(poles.real))), POINTS)
     parts = above(poles) / (poles * below.deriv()(poles))
     final = above(0.0) / below(0.0)
-    step = 1.0 + (np.exp(np.outer(time, poles)) @ parts).real / final
+    step = 1.0 + (np.exp(time[:, None] * poles) @ parts).real / final
     early, late = (_first(time, step, level) for level in (0.1, 0.9))
     return late - early, max(float(step.max()) - 1.0, 0.0)
 

@@ -164,7 +164,7 @@ def own_versions(ngspice: bool) -> Versions:
         No ngspice was found, or it is too old.
     """
     name = simulator_name(find_simulator()) if ngspice else ""
-    added = sorted({f"{offer.distribution} {offer.version}" for offer in plugins.offers()})
+    added = sorted(set(map(plugins.distribution, plugins.offers())))
     return Versions(metadata.version("taction"), own_code(), name, ", ".join(added))
 
 
