@@ -7,13 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from taction.system.time_limit import one_limit
+
 if TYPE_CHECKING:
     from taction.system.progress import Progress
     from taction.verification.studies.board_check import BoardCheck
     from taction.verification.studies.foreign_board import ForeignBoard
     from taction.verification.studies.wanted_checks import Wanted
 
+SECONDS = 60.0  # of all runs of ngspice of one check
 
+
+@one_limit(SECONDS)
 def check(
     deck: str | Path,
     *,

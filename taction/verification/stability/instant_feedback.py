@@ -119,7 +119,7 @@ def _delayed(circuit: Circuit) -> Circuit:
         branches.append(VoltageByVoltage(part.name, part.a, part.b, 1.0, (node, GROUND)))
         resistors.append(Resistor(node, node, GROUND, 1.0))
         capacitors.append(Capacitor(node, node, GROUND, DELAY))
-    capacitors += [Capacitor(NODE.format(node), node, GROUND, STRAY) for node in _nodes(circuit)]
+    capacitors += [Capacitor(NODE.format(node), node, GROUND, STRAY) for node in nodes_of(circuit)]
     return replace(
         circuit,
         knobs=(),
@@ -129,7 +129,8 @@ def _delayed(circuit: Circuit) -> Circuit:
     )
 
 
-def _nodes(circuit: Circuit) -> Iterator[str]:
+def nodes_of(circuit: Circuit) -> Iterator[str]:
+    """Yield the nodes of a circuit without ground."""
     plain: list[Resistor | Capacitor] = [*circuit.resistors, *circuit.capacitors]
     nodes = [node for part in plain for node in (part.a, part.b)]
     nodes += [node for part in circuit.branches for node in part.nodes]

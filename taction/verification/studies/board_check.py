@@ -11,10 +11,13 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
-from taction.system.documents import Hertz, Number, Rate, Seconds, Steps, Volts
+from taction.system.documents import Hertz, Note, Number, Rate, Seconds, Steps, Volts
 from taction.system.results import Result
 from taction.verification.engines.ngspice.process import Run
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -46,6 +49,7 @@ class PoleRow:
     frequency: Hertz
     damping: Number
     bound: Rate
+    hidden: Annotated[bool, Note("no output shows it: it does not decide")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,11 +139,15 @@ class BoardCheck(Result):
 
     @property
     def pole_rows(self) -> tuple[PoleRow, ...]:
-        """Poles with Im >= 0, rightmost first."""
-        pairs = zip(self.poles.poles.tolist(), self.poles.errors.tolist(), strict=True)
+        """Poles with Im >= 0, rightmost first; those that no output shows come last."""
+        apart = self.measured.apart
         return tuple(
-            PoleRow(p.real, p.imag / math.tau, -p.real / abs(p) if p else 0.0, bound)
-            for p, bound in pairs
+            PoleRow(p.real, p.imag / math.tau, -p.real / abs(p) if p else 0.0, bound, hidden)
+            for values, errors, hidden in (
+                (self.poles.poles, self.poles.errors, False),
+                (apart.hidden, apart.hidden_errors, True),
+            )
+            for p, bound in zip(values.tolist(), errors.tolist(), strict=True)
             if p.imag >= 0.0
         )
 
@@ -243,13 +251,13 @@ def check_board(
     middle = clock()
     progress("ngspice")
     agreement, why = None, "" if ac is not None else "without ngspice"
-    if witness is not None:
+    if witness is not None and not len(found.apart.far):
         agreement, why = witnessed(found, witness, asked.limits.engines_agree.tolerance, waiting)
     checks = list(found.checks(asked, noise, margin, agreement))
     if agreement is None and "engines_agree" in asked.names:
         checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))
     if ac is not None:
-        checks.append(ac.check(board, found.poles.poles))
+        checks.append(ac.check(board, np.append(found.poles.poles, found.apart.hidden)))
     progress("sweeps")
     sweeps = tuple(
         sweep_board(board, each, initial, band, None if deck is None else deck.at) for each in over
@@ -261,7 +269,7 @@ def check_board(
         )
     return BoardCheck(
         found,
-        (*notes, *([why] if why else ())),
+        (*found.apart.sentences, *notes, *([why] if why else ())),
         rows,
         noise,
         agreement,

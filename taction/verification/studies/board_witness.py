@@ -12,6 +12,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.checks import AGREE
 from taction.system.errors import EngineError, SimulationError, StepTooSmall, one_line
+from taction.system.time_limit import time_left
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import Run, simulate
@@ -27,6 +28,7 @@ from taction.verification.verdict.step_forecast import StepModel
 MOST_STEPS = 200_000.0  # of ngspice: a longer record is cut, and says so
 SHORTEST = 2e-11  # of ngspice's longest step: below half of it a step is too short for it
 SPARSE = "noopiter"  # the matrix solver that every ngspice has
+LEAST_SECONDS = 0.1  # of a run for which no time is left
 TIMEOUT = 20.0  # of ngspice, s; what takes longer is not compared, and says so
 Witness = Callable[[Transient, str], Deck]
 
@@ -109,14 +111,19 @@ def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
 
 def _simulated(witness: Witness, plan: Transient, bound: float, waiting: Run | None) -> Waveforms:
     """Run ngspice, again with its other matrix solver where the first one does not converge."""
-    simulator = find_simulator()
+    simulator, seconds = find_simulator(), max(time_left(TIMEOUT), LEAST_SECONDS)
     try:
         deck = witness(plan, simulator.solver_option)
         if waiting is not None:
-            return waiting.go_on(deck, timeout=TIMEOUT, bound=bound)
-        return simulate(deck, simulator, timeout=TIMEOUT, bound=bound)
+            return waiting.go_on(deck, timeout=seconds, bound=bound)
+        return simulate(deck, simulator, timeout=seconds, bound=bound)
     except StepTooSmall:
-        return simulate(witness(plan, SPARSE), simulator, timeout=TIMEOUT, bound=bound)
+        return simulate(
+            witness(plan, SPARSE),
+            simulator,
+            timeout=seconds,
+            bound=bound,
+        )
 
 
 def _after(record: Waveforms, instant: float) -> Waveforms:

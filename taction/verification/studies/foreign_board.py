@@ -46,6 +46,7 @@ from taction.netlist_gen.deck.stimuli import FIXED, REMARKS
 from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
+from taction.system.time_limit import more_time
 from taction.verification.characterise.element_bench import MISFIT, TIGHT, measured
 from taction.verification.characterise.element_parts import add_measured
 from taction.verification.characterise.operating_point import DeckPoint, find_point
@@ -58,6 +59,7 @@ MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a t
 RELATIVE = 1e-6  # reltol of the witness
 EDGE = 0.01  # of the first step: the edge of a step in ngspice
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
+VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
 NAMED = 12  # elements in a note
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
 _OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
@@ -160,7 +162,8 @@ class ForeignBoard:
             ngspice does not expand the deck with one of them.
         """
         if self.point is not None:
-            return [self._measured_at(changed) for changed in changes]
+            with more_time(VALUE_SECONDS * len(changes)):
+                return [self._measured_at(changed) for changed in changes]
         try:
             return [
                 self._circuit(cards) for cards in expand(self._ready, find_simulator(), changes)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -31,6 +31,7 @@ from taction.verification.readings.settling import ChannelState, Settlement
 from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles, poles
+from taction.verification.stability.shown_poles import PolesApart, told_apart
 from taction.verification.studies.wanted_checks import Wanted
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import (
@@ -61,6 +62,7 @@ DRAWN = 1000  # instants of a drawn response, early and late
 EARLIEST = 1e-4  # of a drawn response: its first instant after 0
 NO_RISE = "the output returns to where it was: it has no step"
 UNSTABLE = "the board is not stable"
+FAR = "the model itself grows beyond the band of 10 GHz"
 OSCILLATOR = "for an oscillator: --check oscillates"
 LATCH = "positive feedback makes it latch, as exchanged inputs of an op-amp do"
 Start = Literal["zero", "rest"]
@@ -78,6 +80,8 @@ class MeasuredBoard:
         Outputs before the step and at rest, V.
     rest_error : float
         Bound on the error of `rest`, V.
+    apart : PolesApart
+        Poles that do not decide: no output shows them, or they are those of a model.
     """
 
     board: LinearBoard
@@ -87,6 +91,7 @@ class MeasuredBoard:
     before: Floats
     rest: Floats
     rest_error: float
+    apart: PolesApart = field(default_factory=PolesApart)
 
     @cached_property
     def scales(self) -> TimeScales:
@@ -98,7 +103,7 @@ class MeasuredBoard:
 
         Where one output has none, the others are known by themselves, and this one is NaN.
         """
-        if not self.poles.known_stable:
+        if not self.poles.known_stable or len(self.apart.far):
             return OutputNoise(unknown="only a board that is known to be stable has noise at rest")
         models = self.board.circuit.models.values()
         low = lowest or (LOWEST if any(model.flicker_noise > 0.0 for model in models) else 0.0)
@@ -164,7 +169,8 @@ class MeasuredBoard:
     @property
     def remedy(self) -> str:
         """What to look at where the board is not stable."""
-        return OSCILLATOR if self.poles.rightmost.imag else LATCH
+        hint = OSCILLATOR if self.poles.rightmost.imag else LATCH
+        return f"no node that you look at shows it; {hint}" if self.apart.unseen else hint
 
     def _expected(self, node: str, volts: float, tolerance: float) -> Check:
         """Compare the equilibrium of a node with an expected value."""
@@ -323,16 +329,16 @@ def _alone(board: MeasuredBoard, response: _Response) -> MeasuredBoard | Excepti
 
 def _begun(board: LinearBoard, initial: Start, band: float) -> tuple[MeasuredBoard, _Response]:
     """Return a board without readings, and the step that has to be read; None if not stable."""
-    found, places = poles(board), ends(board, initial)
+    (found, apart), places = told_apart(board, poles(board)), ends(board, initial)
     if found.known_stable and (doubt := latching(board.circuit)):
         found = replace(found, doubt=doubt)
     before, rest, error = places
     response, returns = step_response(board, initial, band, places)
-    if not found.known_stable:
+    if not found.known_stable or len(apart.far):
         still = _without_rest(response, found)
-        return MeasuredBoard(board, initial, found, still, before, rest, error), None
+        return MeasuredBoard(board, initial, found, still, before, rest, error, apart), None
     unread_yet = Measurements(response.step.amplitude, band, (), {}, "", ())
-    measured = MeasuredBoard(board, initial, found, unread_yet, before, rest, error)
+    measured = MeasuredBoard(board, initial, found, unread_yet, before, rest, error, apart)
     return measured, (response, returns)
 
 
@@ -369,9 +375,10 @@ def _without_rest(response: ExactResponse, found: Poles) -> Measurements:
     """Return the measurements of a board that does not come to rest."""
     step, nothing = response.step, unread(len(response.target))
     state = ChannelState.OSCILLATING if found.known_unstable else ChannelState.UNDECIDED
-    still = Settlement(state, None, UNSTABLE)
+    why = FAR if found.known_stable else UNSTABLE
+    still = Settlement(state, None, why)
     channels = [
-        channel_measure(n, end, step, nothing, still, None, UNSTABLE)
+        channel_measure(n, end, step, nothing, still, None, why)
         for n, end in enumerate(response.target.tolist())
     ]
     return _without(summary(step.amplitude, response.band, (), channels), tuple(READINGS))

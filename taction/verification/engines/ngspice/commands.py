@@ -16,6 +16,7 @@ from taction.system.array_types import Complexes
 from taction.system.errors import BadEvidence, OutOfDisk, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
 from taction.system.raw_file import read_tables
+from taction.system.time_limit import time_left
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end, longest
 from taction.verification.engines.ngspice.executable import Simulator
@@ -36,6 +37,7 @@ _COMPLAINT = re.compile(
     re.M,
 )
 SHOWN = 5  # lines of a complaint
+OVER = "error: the time that all runs of ngspice have together is over"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +84,10 @@ def run_commands(
     mode : str
         Of ngspice's ``ngbehavior``, such as ``"psa"``; empty for its own.
     seconds : float
-        Time allowed, s.
+        Time allowed, s; less where `taction.system.time_limit` leaves less.
     """
+    if not (seconds := time_left(seconds)):
+        return Answers((), "", OVER)
     lines = ["* deck", *cards, ".control", *commands, "quit", ".endc", ".end", ""]
     start = f"set ngbehavior={mode}\n" if mode else "* no code models are loaded\n"
     deck = CommandDeck("\n".join(lines), {"spinit": start})

@@ -15,6 +15,7 @@ from pathlib import Path
 from taction.netlist_gen.analysis import Analysis, OperatingPoint
 from taction.system.errors import DidNotLoad
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
+from taction.system.time_limit import time_left
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end, longest
 from taction.verification.engines.ngspice.executable import Simulator
@@ -115,6 +116,8 @@ def _listing(
     waits: bool = False,
 ) -> Run:
     """Start ngspice with a deck and commands."""
+    if not (seconds := time_left(seconds)):
+        raise DidNotLoad("the time that all runs of ngspice have together is over")
     deck = _Listing("\n".join(["* deck", *lines, ".control", *commands, ".endc", ".end", ""]))
     place = make_folder(deck, command_line(simulator), None)
     return Run(

@@ -109,6 +109,8 @@ def _stability(found: BoardCheck) -> str:
     if found.poles.stable is None:
         return f"Not decided: a pole is on the imaginary axis to within rounding{at}."
     if not len(found.poles.poles):
+        if len(found.measured.apart.hidden):
+            return "Stable: no output shows a pole, the outputs follow the sources at once."
         return "The board has no poles: it follows its sources at once."
     if found.poles.stable is False:
         if any(
@@ -186,6 +188,8 @@ def _poles(found: BoardCheck) -> Table:
         ),
         "damping ratio": lambda each: f"{each.damping:.4g}",
     }
+    if any(each.hidden for each in found.pole_rows):
+        columns["shown"] = lambda each: "by no output" if each.hidden else ""
     return Table.of("", found.pole_rows, columns, most={"terminal": POLES}, more="--json has all")
 
 
