@@ -23,9 +23,7 @@ from taction.verification.reference import networks
 from taction.verification.reference.dynamics import (
     AtOnce,
     IdealNetwork,
-    Response,
     ScaledNetwork,
-    Trust,
     ideal_linear,
     ideal_transient,
     lambda_times_resistance,
@@ -33,16 +31,7 @@ from taction.verification.reference.dynamics import (
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
 
-ENERGY_STRIDE = 20  # every 20th instant of the response, whose instants are 1 % apart
 CACHED_SOLUTIONS = 64  # the points of a grid with one lambda share one solution
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TransientFigures:
-    """Figures of the ideal transient."""
-
-    settling_time: float  # to the scene's band, s; NaN if the transient cannot be trusted
-    energy_residual: float  # see `taction.verification.reference.dynamics.ScaledNetwork`
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,18 +64,17 @@ class IdealAnswer:
     problem: str
 
     @functools.cached_property
-    def transient(self) -> TransientFigures:
-        """Figures of the transient, computed at the first use: no check needs them."""
+    def settling_time(self) -> float:
+        """Settling time of the transient to the scene's band, s; computed at the first use.
+
+        Not a number where the transient cannot be integrated.
+        """
         if not self.network.flows:
-            return TransientFigures(0.0, 0.0)
+            return 0.0
         if self.network.amplifier == "linear":
-            response = ideal_linear(self.network, self.start, self.solution)
-            residual = _linear_residual(self.network, response)
-            return TransientFigures(response.settling_time(self.band), residual)
+            return ideal_linear(self.network, self.start, self.solution).settling_time(self.band)
         found = ideal_transient(self.network, self.initial, rest=self.solution)
-        if found.response is None or found.outcome is not Trust.TRUSTED:
-            return TransientFigures(np.nan, found.energy_residual)
-        return TransientFigures(found.response.settling_time(self.band), found.energy_residual)
+        return np.nan if found is None else found.settling_time(self.band)
 
 
 def ideal_network(problem: InverseProblem, scene: Scene) -> IdealNetwork:
@@ -211,16 +199,6 @@ def _solve_content(
 ) -> Solution:
     matrix = np.frombuffer(T).reshape(shape)
     return solver(Problem(matrix, np.frombuffer(eps), lam, regulariser, bias, ridge))
-
-
-def _linear_residual(network: IdealNetwork, response: Response) -> float:
-    unit = network.RC
-
-    def dense(t: Floats) -> Floats:
-        return response.outputs(t * unit).T / network.U0
-
-    steps = response.time[::ENERGY_STRIDE] / unit
-    return ScaledNetwork(network).energy_residual(steps, dense)
 
 
 INSTANTS = 2000

@@ -89,7 +89,7 @@ def test_the_network_of_a_topology_is_at_rest_at_once(topology: str) -> None:
     answer = ideal_answer(network, one)
     wanted = 2.0 * np.linalg.solve(T.T @ T + lam * np.eye(2), T.T @ eps)
     assert answer.target == pytest.approx(wanted, rel=1e-12)
-    assert (answer.transient.settling_time, answer.problem) == (0.0, "")
+    assert (answer.settling_time, answer.problem) == (0.0, "")
     assert energy_rise(network, np.array([0.0, 1.0]), np.zeros((2, 2))) is None
 
 

@@ -109,7 +109,7 @@ def test_the_settling_time_is_that_of_the_matrix_exponential(topology: str) -> N
     target = -np.linalg.lstsq(X, amps, rcond=None)[0]
     reading = found.measurements.settling_time
     assert reading.value == pytest.approx(settled(A, drive, target, 0.01), rel=1e-9)
-    assert found.ideal.transient.settling_time == 0.0
+    assert found.ideal.settling_time == 0.0
 
 
 @pytest.mark.parametrize("seed", [*range(9), 15, 34])

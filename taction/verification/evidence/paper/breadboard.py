@@ -138,7 +138,7 @@ def _negligible(scene: Scene) -> Finding:
         slow = with_values(scene, {"design.capacitance": farads, "analysis.engine": "statespace"})
         verdict = verify(slow, effort=Effort(details=False))
         settling = seconds(verdict.measurements.settling_time)
-        differences[name] = abs(settling / verdict.ideal.transient.settling_time - 1.0)
+        differences[name] = abs(settling / verdict.ideal.settling_time - 1.0)
     outcome = weigh(differences["at_100nF"] < 0.02 and differences["at_10pF"] > 1.0)
     shown = list(differences.values())
     return finding("slow-signal-plane", differences, outcome, differences=shown)

@@ -57,7 +57,7 @@ class VerdictBody:
         "step_amplitude [V] = record.figures.step_amplitude",
         "step_amplitude_uncertainty [V] = record.uncertainties.step_amplitude",
         "settling_time [s] = record.figures.settling_time",
-        "settling_time_ideal [s] = verdict.ideal.transient.settling_time",
+        "settling_time_ideal [s] = verdict.ideal.settling_time",
         "stability.stable = verdict.poles.stable",
         "stability.rightmost_pole [1/s] = verdict.poles.rightmost # real and imaginary part",
         "stability.rightmost_pole_uncertainty [1/s] = verdict.poles.resolution",
@@ -66,7 +66,6 @@ class VerdictBody:
         *("stability.states = states", "stability.margin = record.figures.margin"),
         "stability.margins? = margins # with --margins: of C and of the gain; of an unstable board"
         " the nearest stable ranges",
-        "energy.identity_residual = verdict.ideal.transient.energy_residual",
         *("energy.rise = verdict.energy.rise", "energy.rise_time [s] = verdict.energy.time"),
         "answer = verdict.answer",
         "error_budget = verification.report.documents.verdict:budget_parts(verdict.budget)",

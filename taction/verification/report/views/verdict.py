@@ -430,14 +430,13 @@ def _effort(verdict: Verdict) -> Facts:
         ),
         (
             f"{banded('settling_time', verdict.measurements.band)} of the ideal network",
-            quantity(ideal.transient.settling_time, "s"),
+            quantity(ideal.settling_time, "s"),
         ),
     ]
     if energy is not None:
         text = (
             f"rises by {100 * energy.rise:.2g} % of its fall, at {quantity(energy.time, 's')}; that"
-            " of an ideal network never rises (identity to"
-            f" {ideal.transient.energy_residual:.1g})"
+            " of an ideal network never rises"
         )
         rows.append(("energy", text))
     stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
