@@ -322,11 +322,12 @@ def ideal_transient(
             scaled.slope, (0.0, float(end)), x0, "Radau", dense_output=True,
             jac=scaled.jacobian, rtol=TOLERANCE, atol=TOLERANCE,
         )  # fmt: skip
-    if not run.success or not np.all(np.isfinite(run.y)):
+    dense = run.sol
+    if not run.success or dense is None or not np.all(np.isfinite(run.y)):
         return None
 
     def outputs(t: Floats) -> Floats:
-        return np.asarray(network.U0 * scaled.g.g(run.sol(np.asarray(t) / unit)).T)
+        return np.asarray(network.U0 * scaled.g.g(dense(np.asarray(t) / unit)).T)
 
     inner = np.linspace(0.0, 1.0, 8, endpoint=False)
     grid = (run.t[:-1, None] + np.diff(run.t)[:, None] * inner).ravel()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -86,7 +87,10 @@ def _runge_kutta(scaled: ScaledNetwork, instants: Floats, step: float) -> tuple[
 
 
 def _by_scipy(
-    scaled: ScaledNetwork, instants: Floats, tolerance: float, method: str = "Radau"
+    scaled: ScaledNetwork,
+    instants: Floats,
+    tolerance: float,
+    method: Literal["Radau", "LSODA"] = "Radau",
 ) -> tuple[Floats, int]:
     from scipy.integrate import solve_ivp
 
