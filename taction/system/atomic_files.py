@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
 import re
 import shutil
 import stat
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from taction.system.own_folders import own_folder
 
 PREFIX = ".taction-"  # of a file that is being written, beside the file that it will replace
 LONGEST_ENDING = 16  # characters
+ABANDONED = 3600.0  # s since the last write to a file: nobody writes to it any more
 UNCHANGED = "expected a file that can be written. An older file is unchanged"
 _DESCRIPTOR = re.compile(r"/dev/(?:stdin|stdout|stderr|fd/(\d+))|/proc/self/fd/(\d+)")
 _STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
@@ -87,11 +88,13 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _beside(target: Path) -> Iterator[Path]:
-    """Give a new, locked file in the folder of `target`, and move it there when it is complete."""
+    """Give a new file in the folder of `target`, and move it there when it is complete."""
     if target.exists() and not os.access(target, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     clear_unfinished(target.parent)
-    number, temporary = _unfinished(target)
+    number, name = tempfile.mkstemp(prefix=PREFIX, suffix=_ending(target), dir=target.parent)
+    os.close(number)
+    temporary = Path(name)
     try:
         yield temporary
         _take_over(target, temporary)
@@ -101,38 +104,15 @@ def _beside(target: Path) -> Iterator[Path]:
         _sync(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
-        os.close(number)
-
-
-def _unfinished(target: Path) -> tuple[int, Path]:
-    """Make a locked file beside `target`; return its file descriptor and its path."""
-    while True:
-        number, name = tempfile.mkstemp(prefix=PREFIX, suffix=_ending(target), dir=target.parent)
-        with contextlib.suppress(OSError):  # a file system without locks: nobody else clears there
-            fcntl.flock(number, fcntl.LOCK_EX)
-        if Path(name).exists():
-            return number, Path(name)
-        os.close(number)  # another process cleared it before the lock
 
 
 def clear_unfinished(folder: Path) -> None:
-    """Remove the files in `folder` that killed processes of this user left unfinished."""
-    with contextlib.suppress(OSError):
-        for name in os.listdir(folder):  # noqa: PTH208 - names are enough
-            if name.startswith(PREFIX):
-                with contextlib.suppress(OSError):
-                    _clear(folder / name)
-
-
-def _clear(file: Path) -> None:
-    number = os.open(file, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        status = os.fstat(number)
-        if stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid():
-            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)  # BlockingIOError: in use
-            file.unlink()
-    finally:
-        os.close(number)
+    """Remove the files in `folder` that killed processes left unfinished, after an hour."""
+    for file in folder.glob(f"{PREFIX}*"):
+        with contextlib.suppress(OSError):
+            status = file.lstat()
+            if stat.S_ISREG(status.st_mode) and time.time() - status.st_mtime > ABANDONED:
+                file.unlink()
 
 
 def _stream(path: str) -> int | None:

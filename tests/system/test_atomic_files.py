@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from taction.system.atomic_files import write_atomically
+from taction.system.atomic_files import ABANDONED, write_atomically
 from taction.system.errors import InputError
 
 # A limit on the size of files is the kernel's own "no space": the write fails half way.
@@ -155,12 +155,12 @@ def test_a_read_only_folder_and_a_read_only_file(tmp_path: Path) -> None:
     assert (tmp_path / "open" / "old").read_text() == "old"
 
 
-def test_the_next_writer_clears_what_a_killed_writer_left(tmp_path: Path) -> None:
+def test_a_later_writer_clears_what_a_killed_writer_left(tmp_path: Path) -> None:
     left, used, foreign = (tmp_path / f".taction-{name}.csv" for name in ("left", "used", "link"))
     left.write_text("half")
     used.write_text("half")
     foreign.symlink_to(tmp_path / "elsewhere")
-    with used.open() as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        write_atomically(tmp_path / "new", "text")
+    os.utime(left, times=(0.0, time.time() - 2.0 * ABANDONED))
+    os.utime(foreign, times=(0.0, 0.0), follow_symlinks=False)
+    write_atomically(tmp_path / "new", "text")
     assert {path.name for path in tmp_path.iterdir()} == {"new", used.name, foreign.name}

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from taction.system.atomic_files import PREFIX
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import NO_BYTECODE
 
@@ -112,11 +113,15 @@ class Place:
         return without_times(json.loads(text)), rows(self.database) if study.stores else {}
 
     def leftovers(self) -> list[str]:
-        """What no run may leave: temporary folders without an owner, and unfinished files."""
+        """What no run may leave: temporary folders without an owner, and files of another name.
+
+        A file that was being written at the kill is hidden, and goes after an hour.
+        """
         kept = ("taction-kept-",)  # named in a message, for the user
         found = [p.name for p in self.temporary.iterdir() if not p.name.startswith(kept)]
         expected = {SCENE, "scenes", "base.json", DATABASE}
-        return found + [p.name for p in self.work.iterdir() if p.name not in expected]
+        others = [p.name for p in self.work.iterdir() if p.name not in expected]
+        return found + [name for name in others if not name.startswith(PREFIX)]
 
 
 def rows(database: Path) -> dict[str, Any]:
