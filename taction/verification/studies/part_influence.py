@@ -26,6 +26,7 @@ BESIDE = (1e-10, 1e-7, 1e-4, 1e-2)  # of the inverse iteration: relative distanc
 ITERATIONS = 3
 MORE = 1.001  # of the largest factor: an edge at it is found with certainty
 MOVED = 1e-5  # relative change of a value for a sensitivity
+LOST = 1e-9  # of the pole: a smaller rate is not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,7 @@ def sensitivities(
     With ``(p M - K) v = 0`` and ``w (p M - K) = 0`` the pole moves by
     ``w (dK - p dM) v / (w M v)``. The matrices are linear in capacitances, conductances and gains;
     a central difference of `MOVED` errs by 1e-10 where they are not. `families` are the boards over
-    each knob, where these are known.
+    each knob, where these are known. A rate that is lost in rounding beside the pole is zero.
 
     Examples
     --------
@@ -89,7 +90,7 @@ def sensitivities(
                 there = linear_matrices(moved.descriptor, point)
                 both.append(left @ (there.stiffness - p * there.mass) @ right)
             rates[knob.name] = complex((both[0] - both[1]) / (2.0 * MOVED * scale))
-    return rates
+    return {name: rate if abs(rate) > LOST * abs(p) else 0j for name, rate in rates.items()}
 
 
 def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:

@@ -213,6 +213,16 @@ def test_sensitivities_are_differences_of_poles(read: Read) -> None:
         )
 
 
+def test_a_part_that_does_not_move_the_pole_moves_it_by_zero(read: Read) -> None:
+    """Two RC networks without a connection: the second has no part in the slower pole."""
+    cards = ("R1 in out 1k", "C1 out 0 1n", "R2 in b 3.3k", "C2 b 0 7p", "R3 in c 777", "L3 c 0 3u")
+    rows = {row.name: row for row in checked(read(deck("two", *cards))).parts}
+    assert rows["R1"].real == pytest.approx(1e6, rel=1e-8)
+    assert {name: rows[name].real for name in ("R2", "C2", "R3", "L3")} == dict.fromkeys(
+        ("R2", "C2", "R3", "L3"), 0.0
+    )
+
+
 def _with(board: ForeignBoard, name: str, factor: float) -> list[str]:
     """Return the flat cards with one value changed."""
     path, dot, last = name.lower().rpartition(".")
