@@ -15,7 +15,7 @@ op-amps some more figures, and the last board is the one that is simulated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any
@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.wired_arrays import without_wires
 from taction.netlist_gen.scene.design import Design
 from taction.netlist_gen.topologies.frame.antilog import with_ideal_stages
@@ -32,7 +31,6 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.reference.ideal_answer import IdealAnswer
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.input_spread import InputSpread
@@ -75,16 +73,21 @@ class OpAmpLink:
         Of the part.
     figures : tuple of str
         Fields of `OpAmp`; without these a field has its default, the gain `IDEAL_GAIN`.
-    how : str
-        The comparison that gives the part.
+    what : str
+        The figures in words.
     switch : str
         Field that has to be true for these figures to be in the macromodel, or empty.
     """
 
     name: str
     figures: tuple[str, ...]
-    how: str
+    what: str
     switch: str = ""
+
+    @property
+    def how(self) -> str:
+        """The comparison that gives the part."""
+        return f"{self.what} of the op-amps: equilibrium with against without"
 
     @property
     def fields(self) -> set[str]:
@@ -97,36 +100,15 @@ class OpAmpLink:
         return on and any(getattr(model, name) != _NEUTRAL[name] for name in self.figures)
 
 
+GAIN = ("dc_gain", "gbw", "second_pole", "input_resistance", "output_resistance", "imported")
+CURRENTS = ("bias_current", "offset_current")
+LIMITS = ("slew_rate", "saturation", "output_current", "limits_current")
 LINKS = (
-    OpAmpLink(
-        "opamps",
-        ("dc_gain", "gbw", "second_pole", "input_resistance", "output_resistance", "imported"),
-        "finite gain and impedances of the op-amps: equilibrium with against without",
-    ),
-    OpAmpLink(
-        "offset_voltage",
-        ("offset_voltage",),
-        "offset voltage of the op-amps: equilibrium with against without",
-        switch="input_errors",
-    ),
-    OpAmpLink(
-        "input_currents",
-        ("bias_current", "offset_current"),
-        "bias and offset current of the op-amps: equilibrium with against without",
-        switch="input_errors",
-    ),
-    OpAmpLink(
-        "common_mode",
-        ("common_mode_rejection",),
-        "common-mode rejection of the op-amps: equilibrium with against without",
-        switch="input_errors",
-    ),
-    OpAmpLink(
-        "limits",
-        ("slew_rate", "saturation", "output_current", "limits_current"),
-        "limits of the op-amps: equilibrium with against without",
-        switch="large_signal",
-    ),
+    OpAmpLink("opamps", GAIN, "finite gain and impedances"),
+    OpAmpLink("offset_voltage", ("offset_voltage",), "offset voltage", "input_errors"),
+    OpAmpLink("input_currents", CURRENTS, "bias and offset current", "input_errors"),
+    OpAmpLink("common_mode", ("common_mode_rejection",), "common-mode rejection", "input_errors"),
+    OpAmpLink("limits", LIMITS, "limits", "large_signal"),
 )
 _NEUTRAL: dict[str, Any] = {f.name: f.default for f in fields(OpAmp)} | {"dc_gain": IDEAL_GAIN}
 
@@ -170,52 +152,6 @@ def _with_links(circuit: Circuit, links: list[OpAmpLink]) -> Circuit:
     return replace(circuit, models=models)
 
 
-def predicted_change(design: PlannedBoard) -> Floats | None:
-    """Return how far the resistors of a board move the optimum, to first order, V, (N,).
-
-    The board with the exact resistors that the scene asks for, and with ideal op-amps, rests at the
-    optimum. Its sensitivities, with the conductances' deviations, predict the outputs of the board
-    as built: rounded to a series, or varied.
-
-    Returns
-    -------
-    ndarray (N,) or None
-        None where no resistor deviates, and for a board with other resistors than the scene's.
-
-    Raises
-    ------
-    InputError
-        The board with exact resistors cannot be built.
-    EngineError
-        It has no equilibrium.
-    """
-    chosen = design.scene.design.model_copy(update={"resistor_series": "exact"})
-    given = design.scene
-    plain = {"wires": type(given.wires)(), "devices": type(given.devices)()}
-    scene = given.model_copy(update={"design": chosen, **plain})
-    exact = with_ideal_stages(synthesise(scene, design.problem))
-    built = with_ideal_stages(without_wires(design.circuit))
-    wanted, found = resistances(exact), resistances(built)
-    if wanted.keys() != found.keys():
-        return None
-    if all(np.array_equal(ohms, found[name]) for name, ohms in wanted.items()):
-        return None
-    sensitivity = RestSensitivity.of(LinearBoard(with_ideal_opamps(exact)))
-    return sensitivity.towards(with_ideal_opamps(built))
-
-
-def resistances(circuit: Circuit) -> dict[Hashable, Floats]:
-    """Return the resistances of the parts and of the matrices, ohm, by what they connect."""
-    found: dict[Hashable, Floats] = {part.name: np.array(part.ohms) for part in circuit.resistors}
-    for each in circuit.matrices:
-        present = np.isfinite(each.ohms)
-        found[each.name, present.shape, present.tobytes()] = each.ohms
-    return found
-
-
-Predict = Callable[[], Floats | None]
-
-
 @dataclass(frozen=True, slots=True)
 class ErrorPart:
     """One part: how far it moves the outputs, and the comparison that gives it.
@@ -228,8 +164,6 @@ class ErrorPart:
         Proven bound on the value, V, where there is one.
     channels : tuple of float
         Signed deviation of every channel, V; empty for a part that has no sign or is not known.
-    predicted : tuple of float
-        The same from first-order sensitivities, where they were computed.
     """
 
     name: str
@@ -237,7 +171,6 @@ class ErrorPart:
     how: str
     bound: float | None = None
     channels: tuple[float, ...] = ()
-    predicted: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,13 +182,10 @@ class ErrorBudget:
     total : ErrorPart or None
         End of the record less true stress, or less the answer where the stress is not known; None
         for a verification without details.
-    solves : int
-        Solutions that only the budget needed.
     """
 
     parts: tuple[ErrorPart, ...] = ()
     total: ErrorPart | None = None
-    solves: int = 0
 
     def __iter__(self) -> Iterator[ErrorPart]:
         """Return an iterator over the parts."""
@@ -277,46 +207,30 @@ class ErrorChain:
         The first and the latest known solution, V.
     parts : list of ErrorPart
         One for each step of the chain.
-    solves : int
-        Solutions that `solve` computed.
     """
 
     def __init__(self, first: Floats | None) -> None:
         self.first = self.last = first
         self.parts: list[ErrorPart] = []
-        self.solves = 0
 
     def link(
-        self,
-        name: str,
-        how: str,
-        u: Floats,
-        *,
-        bound: float | None = None,
-        predicted: Floats | None = None,
+        self, name: str, how: str, find: Callable[[], Floats] | Floats, bound: float | None = None
     ) -> None:
-        """Add the part between the last solution and `u` (N,), V; unknown without a last one."""
+        """Add the part between the last solution and the next (N,), V; unknown without a last one.
+
+        If the next one cannot be found, the part after it contains this one.
+        """
+        try:
+            u = find() if callable(find) else find
+        except EngineError as error:
+            self.parts.append(ErrorPart(name, None, f"{how}: {error}"))
+            return
         before, self.last = self.last, u
         if before is None:
             self.first = u
             self.parts.append(ErrorPart(name, None, how))
-            return
-        part = difference(name, how, before, u)
-        forecast = () if predicted is None else tuple(predicted.tolist())
-        self.parts.append(ErrorPart(name, part.value, how, bound, part.channels, forecast))
-
-    def solve(
-        self, name: str, how: str, find: Callable[[], Floats], predict: Predict = lambda: None
-    ) -> None:
-        """Add the part up to the solution of `find`; if that fails, the next part contains it."""
-        self.solves += 1
-        try:
-            u, predicted = find(), predict()
-        except EngineError as error:
-            self.parts.append(ErrorPart(name, None, f"{how}: {error}"))
-            return
-        self.solves += predicted is not None
-        self.link(name, how, u, predicted=predicted)
+        else:
+            self.parts.append(replace(difference(name, how, before, u), bound=bound))
 
 
 def difference(name: str, how: str, before: Floats, after: Floats) -> ErrorPart:
@@ -386,7 +300,7 @@ def error_budget(
         whole = difference(
             "total", f"end of the record against the {start}", chain.first, recording.u[-1]
         )
-    return ErrorBudget(tuple(chain.parts), whole, chain.solves)
+    return ErrorBudget(tuple(chain.parts), whole)
 
 
 def _add_answer(
@@ -399,7 +313,6 @@ def _add_answer(
     else:
         how = "regularised answer for a strain without noise against the true stress"
         chain.link("regularisation", how, answer.clean)
-        chain.solves += answer.has_noise
         noisy = "regularised answer against that without noise"
         how = noisy if answer.has_noise else "the strain is T times the true stress"
         chain.link("strain_noise", how, ideal.target)
@@ -407,8 +320,7 @@ def _add_answer(
     if pruning is not None:
         bound = pruning.bound if math.isfinite(pruning.bound) else None
         how = f"answer without {pruning.entries} entries of T against the requested answer"
-        chain.link("pruning", how, pruning.target, bound=bound)
-        chain.solves += 1
+        chain.link("pruning", how, pruning.target, bound)
 
 
 def _add_board(chain: ErrorChain, design: PlannedBoard) -> None:
@@ -416,24 +328,17 @@ def _add_board(chain: ErrorChain, design: PlannedBoard) -> None:
     stages = with_ideal_stages(design.circuit)
     plain = design.board if stages is design.circuit else LinearBoard(stages)
     straight = without_wires(stages)
-    chain.solve(
-        "resistors",
-        "board as built, with ideal op-amps, against that answer",
-        partial(outputs_at_rest, LinearBoard(with_ideal_opamps(straight))),
-        partial(predicted_change, design),
-    )
+    how = "board as built, with ideal op-amps, against that answer"
+    ideal = LinearBoard(with_ideal_opamps(straight))
+    chain.link("resistors", how, partial(outputs_at_rest, ideal))
     if straight is not stages:
         how = "wires of the arrays: equilibrium with against without"
         if design.scene.wires.compensate:
             how = f"{how}, after their compensation"
         board = LinearBoard(with_ideal_opamps(stages))
-        chain.solve("wires", how, partial(outputs_at_rest, board))
+        chain.link("wires", how, partial(outputs_at_rest, board))
     for link, board in opamp_stages(plain):
-        find = partial(outputs_at_rest, board)
-        if board is design.board:  # its equilibrium is known
-            chain.link(link.name, link.how, find())
-        else:
-            chain.solve(link.name, link.how, find)
+        chain.link(link.name, link.how, partial(outputs_at_rest, board))
     if plain is not design.board:
         how = (
             "equilibrium with transistors against that with ideal antilog stages; the stages are"
@@ -459,4 +364,4 @@ def _transient(chain: ErrorChain, recording: Recording, least: float) -> None:
     how = "end of the record against that transient"
     if bound is not None:
         how += f"; error at most {'1 ppb' if bound <= least else show(bound, 'V', 3)}"
-    chain.link("simulator", how, recording.u[-1], bound=bound)
+    chain.link("simulator", how, recording.u[-1], bound)

@@ -110,24 +110,13 @@ def test_a_finite_gain_is_the_opamps_part() -> None:
     assert sizes[0] / sizes[1] == pytest.approx(10.0, rel=0.01)
 
 
-def test_exact_resistors_have_no_part_and_no_prediction() -> None:
+def test_exact_resistors_have_no_part() -> None:
     budget = verify(a_scene(resistor_series="exact"), problem=problem(known=True)).budget
     part = next(part for part in budget if part.name == "resistors")
     assert part.value < 1e-13
-    assert part.predicted == ()
 
 
-@pytest.mark.parametrize("amplifier", ["linear", "exponential", "softplus"])
-@pytest.mark.parametrize("series", ["E96", "E192"])
-def test_first_order_predicts_the_effect_of_rounding(amplifier: str, series: str) -> None:
-    scene = a_scene(amplifier, resistor_series=series)
-    budget = verify(scene, problem=problem(known=True)).budget
-    part = next(part for part in budget if part.name == "resistors")
-    assert np.abs(np.array(part.predicted) - part.channels).max() < 0.1 * part.value
-    assert part.value > 1e-4
-
-
-def test_the_prediction_of_the_passive_topology_has_each_resistor_of_its_own() -> None:
+def test_rounding_in_the_passive_topology_has_each_resistor_of_its_own() -> None:
     """There every R_n has another value, and its own rounding."""
     design = {"topology": "passive", "opamp": {"base": "ideal", "dc_gain": 1e9}}
     scene = a_scene(**design, **{"lambda": None, "resistance": "20kohm"})
@@ -135,7 +124,6 @@ def test_the_prediction_of_the_passive_topology_has_each_resistor_of_its_own() -
     values = {part.name: part.ohms for part in verdict.circuit.resistors}
     assert len({values[f"r_{n}"] for n in (1, 2, 3)}) == 3
     part = next(part for part in verdict.budget if part.name == "resistors")
-    assert np.abs(np.array(part.predicted) - part.channels).max() < 0.1 * part.value
     # The equations of the network with a conductance of its own for each channel.
     G = verdict.circuit.realised * 1e-5
     load = np.array([1.0 / values[f"r_{n}"] for n in (1, 2, 3)]) + np.abs(G).sum(axis=0)
@@ -159,7 +147,6 @@ def test_an_inverter_that_is_off_counts_with_the_resistors() -> None:
     rest = np.linalg.solve(T.T @ forward + LAM * np.eye(3), T.T @ EPS) * U0
     part = next(part for part in verdict.budget if part.name == "resistors")
     assert part.channels == pytest.approx((rest - verdict.ideal.target).tolist(), abs=1e-10)
-    assert part.predicted == pytest.approx(part.channels, rel=0.1, abs=1e-5)
 
 
 def test_offset_and_input_currents_are_links_of_their_own() -> None:
@@ -217,7 +204,7 @@ def test_a_solution_that_fails_says_so_and_the_next_part_contains_it() -> None:
         raise EngineError("no equilibrium")
 
     chain = ErrorChain(np.array([1.0, 2.0]))
-    chain.solve("a", "first against second", fails)
+    chain.link("a", "first against second", fails)
     chain.link("b", "third", np.array([1.5, 1.0]))
     assert chain.parts[0] == ErrorPart("a", None, "first against second: no equilibrium")
     assert chain.parts[1].channels == (0.5, -1.0)
@@ -229,14 +216,9 @@ def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
     record = verdict_document(verdict)["error_budget"]
     total = record["total"]
     assert total["sum"] == pytest.approx(total["channels"], rel=1e-9)
-    # The optimum without noise, the board as built with ideal op-amps, and the sensitivities.
-    assert total["solves"] == 3
     assert verdict.timing["error budget"] > 0.0
     added = np.sum([record[part.name]["channels"] for part in verdict.budget], axis=0)
     assert added == pytest.approx(np.array(total["sum"]), rel=1e-12)
-    assert record["resistors"]["predicted"] == pytest.approx(
-        record["resistors"]["channels"], rel=0.1, abs=2e-5
-    )
     assert record["simulator"]["bound"] > 0.0
     both = np.add(record["regularisation"]["channels"], record["strain_noise"]["channels"])
     whole = verdict.ideal.target - STRESS * U0
@@ -245,8 +227,7 @@ def test_table_and_document_have_every_part_the_sum_and_the_total() -> None:
     assert record["ill_posedness"]["value"] == pytest.approx(np.abs(whole).max(), rel=1e-9)
     (table,) = budget_blocks(verdict)
     assert isinstance(table, Table)
-    assert sum("first order predicts" in row[-1].text for row in table.rows) > 0
-    assert table.note == "% of the largest true stress, 450 mV; 3 solutions of its own."
+    assert table.note == "% of the largest true stress, 450 mV."
     place, largest = table.columns.index("of the largest stress"), U0 * np.abs(STRESS).max()
     shares = {row[0].text: row[place].text for row in table.rows}
     assert shares["whole"] == f"{100 * np.abs(total['channels']).max() / largest:.3g} %"

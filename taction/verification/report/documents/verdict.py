@@ -30,19 +30,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class BudgetPart:
-    """One part of the error budget, V; the total has `sum` and `solves`, too.
+    """One part of the error budget, V; the total has `sum`, too.
 
     `ill_posedness` is the sum of `regularisation` and `strain_noise`.
     """
 
     DOCUMENT = (
         *("value = part.value", "unit = 'V'", "how = part.how", "bound = part.bound"),
-        *("channels = part.channels", "predicted = part.predicted", "sum", "solves"),
+        *("channels = part.channels", "sum"),
     )
 
     part: ErrorPart
     sum: tuple[float, ...] = ()
-    solves: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +164,7 @@ def budget_parts(budget: ErrorBudget) -> dict[str, BudgetPart]:
         parts = {whole.name: whole} | parts
     found = {name: BudgetPart(part) for name, part in parts.items()}
     if budget.total is not None:
-        found["total"] = BudgetPart(budget.total, budget.summed, budget.solves)
+        found["total"] = BudgetPart(budget.total, budget.summed)
     return found
 
 

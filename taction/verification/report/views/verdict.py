@@ -29,7 +29,6 @@ from taction.verification.report.blocks import (
 from taction.verification.report.charts import Axis, Chart, Columns, Limit, View
 from taction.verification.report.texts import (
     banded,
-    counted,
     figure,
     number_cell,
     quantity,
@@ -302,7 +301,7 @@ def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
             else None
         )
     columns["how it was found"] = _how
-    note = f"% {of_unit(verdict.answer)}; {counted(budget.solves, 'solution')} of its own."
+    note = f"% {of_unit(verdict.answer)}."
     if worst is None:
         note += " The parts do not add up: a solution between them is not known."
     return (Table.of("Parts of the error", parts, columns, note),)
@@ -334,10 +333,7 @@ def _share_of(part: ErrorPart, unit: float, least: float) -> Cell | None:
 
 
 def _how(part: ErrorPart) -> str:
-    how = part.how
-    if part.predicted:
-        how += f"; first order predicts {quantity(max(map(abs, part.predicted)), 'V', 3)}"
-    return readable(how)
+    return readable(part.how)
 
 
 def _volts(value: float, unit: float, least: float) -> str:
