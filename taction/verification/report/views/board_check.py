@@ -46,7 +46,7 @@ from taction.verification.studies.board_check import BoardCheck
 from taction.verification.studies.board_sweep import Sweep
 from taction.verification.studies.measured_board import MeasuredBoard
 from taction.verification.studies.part_influence import PartRow
-from taction.verification.verdict.checks import overall
+from taction.verification.verdict.checks import Check, overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
 BESIDE = 3  # values on either side of a crossing that come first
@@ -88,15 +88,25 @@ def view(found: BoardCheck) -> Page:
 
 
 def _summary(found: BoardCheck) -> str:
-    text = _stability(found)
-    if any(check.name != "stability" or check.unit == "ratio" for check in found.checks):
-        text += f" {decisive_text(found.checks, overall(found.checks).value)}"
+    text, stable = _stability(found), found.poles.stable is True
+    said = {"stability"} if stable else {"stability", "margin"}
+    others = [check for check in found.checks if _kind(check) not in said]
+    undecided = any(_kind(c) in said and c.outcome.value != "pass" for c in found.checks)
+    counted = others if undecided else found.checks  # the text says why it is not stable
+    if others and not (undecided and overall(others).value == "pass"):
+        decided = decisive_text(counted, overall(counted).value).rstrip(".")
+        text += f" {'It ' + decided[3:] if decided.startswith('it ') else decided}."
     if found.corners is None or found.yields is None:
         return text
     worst = {name: None for corner in found.corners.corners for name in corner.result.failed}
     failing = f"{', '.join(map(spaced, worst))} not kept" if worst else "all checks pass"
     share = found.yields
     return f"{text} Worst cases: {failing}; {share.sentence}."
+
+
+def _kind(check: Check) -> str:
+    """Return the name of a check; a margin has that of stability, and a ratio for its unit."""
+    return "margin" if check.name == "stability" and check.unit == "ratio" else check.name
 
 
 def _stability(found: BoardCheck) -> str:
