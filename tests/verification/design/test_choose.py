@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import taction
@@ -16,6 +17,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.writing import scene_text
 from taction.system.errors import InputError
 from taction.verification.design.choice_plan import (
     CAPACITANCE,
@@ -32,7 +34,7 @@ from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.run import computed
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
-from taction.verification.verdict.verify import verify
+from taction.verification.verdict.verify import Effort, verify
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
 from tests.support.sweeping import make_record, store_records
@@ -323,3 +325,48 @@ def test_the_table_says_what_verify_says_of_every_design() -> None:
             assert each.worst >= 1.0
             lacking = [c for c in verdict.checks if c.name in bad and c.value is None]
             assert (each.worst_share is None) or not lacking
+
+
+TWO_CHANNELS = """
+name = "two"
+problem = { kind = "matrix", matrix = [[1.0, 0.3], [-0.2, 0.8]], strain = [0.6, -0.4] }
+[analysis]
+engine = "statespace"
+[design]
+lambda = 0.1
+gain = "30kohm"
+unit_conductance = "30uS"
+opamp = "opa189"
+capacitance = "47pF"
+[checks]
+steady_state = { tolerance = 0.02 }
+settling_time = { band = 0.04, max = "15us" }
+overshoot = { max = 0.05 }
+stability = { margin = 1.5 }
+"""
+
+
+def test_a_worst_value_below_1_is_a_written_scene_that_passes(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """Twenty drawn designs; those of a failed check other than headroom do not pass."""
+    file = tmp_path / "two.toml"
+    file.write_text(TWO_CHANNELS, encoding="utf-8")
+    start = load_scene(file)
+    plan = choice_plan(start, ChoiceRequest(["tl084", "opa189"], "20pF:300pF", "20k:100k", 4))
+    with Store(":memory:") as store:
+        computed(plan, store, jobs=1)
+        found = designs(plan, store)
+    passed = []
+    for rank, place in enumerate(rng.permutation(len(found))[:20]):
+        each = found[place]
+        written = tmp_path / f"{rank}.toml"
+        written.write_text(scene_text(design_scene(plan, start, each, rank)), encoding="utf-8")
+        verdict = verify(load_scene(written), effort=Effort(details=False))
+        passed.append(verdict.outcome is Outcome.PASS)
+        if each.worst < 1.0:
+            assert passed[-1], each.values
+        elif set(each.left) - {"headroom"}:
+            # Beyond 90 % of an op-amp's limit the written board is simulated with the limit.
+            assert not passed[-1], each.values
+    assert 4 <= sum(passed) <= 16

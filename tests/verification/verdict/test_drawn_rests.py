@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,9 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.views.answer import answer_text, yield_text
 from taction.verification.verdict.input_spread import InputSpread
+from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
 
 T, STRAIN, LAMBDA = np.array([[1.0, 0.3], [-0.2, 0.8]]), np.array([0.6, -0.4]), 0.1
@@ -101,6 +104,37 @@ def at_rest(cards: list[tuple[str, list[str], float]], values: list[Floats]) -> 
                 A[:, j, at[3]] += value
     found = np.linalg.solve(A[:, :size, :size], b[:, :size, None])[:, :, 0]
     return found[:, [place["v_1"], place["v_2"]]]
+
+
+@pytest.mark.parametrize("distribution", ["normal", "uniform"])
+@pytest.mark.parametrize("tolerance", [0.02, 0.05])
+def test_the_sentence_about_the_yield_is_true_of_drawn_boards(
+    distribution: str, tolerance: float
+) -> None:
+    """Both numbers that a verdict says of built boards, in the unit of its check."""
+    tolerances = {"resistor": 0.01, "opamp_gain": 0.0, "distribution": distribution}
+    problem = {"kind": "matrix", "matrix": T.tolist(), "strain": STRAIN.tolist()}
+    checks = {"steady_state": {"tolerance": tolerance}, "settling_time": {"band": 0.5}}
+    scene = make_scene(
+        problem=problem, design=DESIGN, tolerances=tolerances, checks=checks,
+        analysis={"engine": "statespace"},
+    )  # fmt: skip
+    verdict = verify(scene)
+    cards = expanded(write_deck(synthesise(scene), OperatingPoint()).text)
+    target = np.linalg.solve(T.T @ T + LAMBDA * np.eye(2), T.T @ STRAIN)
+    away = np.abs(at_rest(cards, drawn(cards, distribution == "uniform")) - target).max(axis=1)
+    share = float((away <= tolerance * np.abs(target).max()).mean())
+    said = re.search(r"at most ([\d.]+) % of built boards pass: the others rest beyond ([\d.]+) %",
+                     yield_text(verdict.answer))  # fmt: skip
+    assert said is not None
+    assert float(said[2]) == 100.0 * tolerance
+    beside = SIGMAS * math.sqrt(share * (1.0 - share) / BOARDS)
+    assert -beside <= float(said[1]) / 100.0 - share < 0.1 + beside
+    wide = re.search(r"95 % of built boards within ([\d.]+) %", answer_text(verdict.answer))
+    assert wide is not None
+    beside = SIGMAS * math.sqrt(0.95 * 0.05 / BOARDS)
+    low, high = np.quantile(away / np.abs(target).max(), [0.95 - beside, 0.95 + beside])
+    assert low < float(wide[1]) / 100.0 < 1.1 * high  # it rounds up, and has a bound on its error
 
 
 @pytest.mark.parametrize("distribution", ["normal", "uniform"])
