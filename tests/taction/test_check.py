@@ -109,6 +109,17 @@ def test_an_oscillator_is_named_with_its_frequency_and_the_nearest_stable_values
     assert 0.0 < check.uncertainty < 1e-6
 
 
+def test_of_two_oscillators_no_single_part_is_named(tmp_path: Path) -> None:
+    """One part stops one of two equal oscillators; the other goes on."""
+    place = tmp_path / "two.cir"
+    one = "R1{n} a{n} 0 10k\nR2{n} a{n} b{n} 10k\nC1{n} a{n} out{n} 10n\nC2{n} b{n} 0 10n\n"
+    twice = "".join((one + "E1{n} out{n} 0 b{n} 0 3.1\n").format(n=n) for n in "xy")
+    place.write_text(f"two\nVin in 0 1\nRin in ax 1meg\n{twice}.tran 1u 1m\n.end\n")
+    text = " ".join(run(str(place), "--no-ngspice")[1].split())
+    assert "Not stable: oscillates at 1.59" in text
+    assert "No value of one part alone, within a factor of 100, makes it stable." in text
+
+
 def test_an_ldo_is_stable_from_an_esr() -> None:
     """The poles at both sides are those of nodal analysis with 100 digits."""
     place = CASES / "ldo.cir"

@@ -74,16 +74,18 @@ def with_error(value: float | None, error: float | None, unit: str) -> str:
     return f"{text} ± {figure(error, unit, 2) if known else 'unknown'}"
 
 
-def is_small(error: float | None, value: float, unit: str) -> bool:
-    """Whether the bound on the error of a value is too small for a number.
+def is_small(error: float | None, value: float, unit: str, whole: float = 0.0) -> bool:
+    """Whether the bound on the error of a value, or of the `whole` step, is too small for a number.
 
     Examples
     --------
     >>> is_small(1.2e-18, 1e-6, "s"), is_small(2e-9, 1e-6, "s"), is_small(None, 1.0, "s")
     (True, False, False)
+    >>> is_small(1.2e-15, 0.0, "V"), is_small(1.2e-15, 0.0, "V", 0.8)
+    (False, True)
     """
     rounding = LEAST_SHARE if unit == "step" else 0.0 if value else LEAST_AMOUNT
-    return error is not None and error <= max(LEAST_ERROR * abs(value), rounding)
+    return error is not None and error <= max(LEAST_ERROR * max(abs(value), whole), rounding)
 
 
 def glued(text: str, glue: str) -> str:

@@ -164,7 +164,7 @@ def _axis(chart: Chart, name: str, shown: tuple[float, float] | None) -> dict[st
         ends = known[known > 0.0] if limits is None else np.asarray(limits)
         decades = float(np.log10(ends.max() / ends.min())) if len(ends) else 0.0
         step = next((each for end, each in LABELS if decades < end), 1)
-        made |= {"type": "log", "dtick": step, "tickformat": "~g" if unit == "%" else "~s"}
+        made |= {"type": "log", "dtick": step, "tickformat": "~s" if unit.strip("%") else "~g"}
         if limits is None and len(ends) and decades < NEAR:  # Plotly would show two decades
             limits = float(ends.min()) / ROOM, float(ends.max()) * ROOM
         if unit and unit != "%":  # Plotly leaves a suffix out within a decade

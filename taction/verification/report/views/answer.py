@@ -57,8 +57,8 @@ def answer_heading(answer: AnswerError) -> str:
         texts.append(f"found {near} of the step")
     if answer.true_error is not None:
         far = figure(answer.true_error, "step", 3)
-        texts.append(f"{far} of the largest stress from the true one")
-    return f"the regularised answer is {' and '.join(texts)}" if texts else ""
+        texts.append(f"{far} (of the largest) from the true stress")
+    return f"the answer is {', and '.join(texts)}" if texts else ""
 
 
 def of_unit(answer: AnswerError) -> str:

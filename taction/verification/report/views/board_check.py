@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from taction.system.quantities import show
 from taction.verification.engines.statespace.linearised.time_scales import Ringing
 from taction.verification.report.blocks import (
     BOTH,
@@ -28,6 +27,7 @@ from taction.verification.report.charts import (
 )
 from taction.verification.report.texts import (
     KNOWN,
+    banded,
     figure,
     is_small,
     number_cell,
@@ -79,7 +79,7 @@ def view(found: BoardCheck) -> Page:
             Section("Pole map", lambda: (pole_map(found.poles),)),
             Section("Step response", lambda: (_response(found),)),
             Section("Parts", lambda: _parts(found), media=BOTH),
-            *(section for each in found.sweeps for section in _swept(each)),
+            *(section for each in found.sweeps for section in _swept(each, found)),
             *_varied(found),
         ),
         foot=(_witness(found),),
@@ -154,7 +154,9 @@ def _nearest_stable(found: BoardCheck) -> str:
         if end and each.value and not each.doubt
     ]
     if not ends:
-        return ""
+        known = found.parts and not any(each.doubt for each in found.parts)
+        text = "No value of one part alone, within a factor of 100, makes it stable."
+        return text if known else ""
     factor, name, end, part = min(ends, key=lambda each: each[0])
     values = [figure(each, part.unit or "ratio", 4) for each in (end, part.value)]
     return f"Nearest stable value: {name} {values[0]} (now {values[1]}, factor {factor:.3g})."
@@ -169,8 +171,8 @@ def _outputs(found: BoardCheck) -> Iterator[Block]:
     columns = {
         "output": lambda each: each.name,
         "before": lambda each: number_cell(each.before, "V", 6),
-        "at rest": lambda each: _with(each.rest, each.rest_bound, "V"),
-        f"settles to {100 * found.measurements.band:g} %": lambda each: _with(
+        "at rest": lambda each: _with(each.rest, each.rest_bound, "V", 5, found.amplitude),
+        banded("settles", found.measurements.band): lambda each: _with(
             each.settling_time, each.settling_bound, "s"
         ),
         "rises": lambda each: _with(each.rise_time, each.rise_bound, "s"),
@@ -185,8 +187,10 @@ def _outputs(found: BoardCheck) -> Iterator[Block]:
         yield Notes("", (f"output noise: {found.noise_unknown}",))
 
 
-def _with(value: float | None, error: float | None, unit: str, digits: int = 5) -> Cell:
-    small = value is not None and is_small(error, value, unit)
+def _with(
+    value: float | None, error: float | None, unit: str, digits: int = 5, whole: float = 0.0
+) -> Cell:
+    small = value is not None and is_small(error, value, unit, whole)
     return Cell(figure(value, unit, digits) if small else with_error(value, error, unit), value)
 
 
@@ -240,12 +244,13 @@ def _edge(part: PartRow, value: float | None) -> Cell:
     return _amount(value, part.unit)
 
 
-def _swept(found: Sweep) -> Iterator[Section]:
-    yield Section(f"Over {found.name}", lambda: _sweep(found), media=BOTH)
+def _swept(found: Sweep, board: BoardCheck) -> Iterator[Section]:
+    band = board.measurements.band
+    yield Section(f"Over {found.name}", lambda: _sweep(found, band), media=BOTH)
     yield Section(f"Step responses over {found.name}", lambda: (_family(found),))
 
 
-def _sweep(found: Sweep) -> Iterator[Block]:
+def _sweep(found: Sweep, band: float) -> Iterator[Block]:
     low, high = found.edges.low, found.edges.high
     unit = found.unit
     stable = ranges_words(found.stable_ranges, low, high, unit)
@@ -265,7 +270,7 @@ def _sweep(found: Sweep) -> Iterator[Block]:
         found.name: lambda each: number_cell(each.value, unit, 6),
         "rightmost pole": lambda each: _with(each.real, each.bound, "1/s"),
         "at": lambda each: number_cell(each.frequency, "Hz"),
-        "settles": lambda each: number_cell(each.settling_time, "s"),
+        banded("settles", band): lambda each: number_cell(each.settling_time, "s"),
         "rises": lambda each: number_cell(each.rise_time, "s"),
         "overshoot": lambda each: number_cell(each.overshoot, "step"),
         "undershoot": lambda each: number_cell(each.undershoot, "step"),
@@ -346,7 +351,9 @@ def _response(found: BoardCheck) -> Chart | None:
     )
     summary = "Outputs over time after the step at t = 0; dotted: where they come to rest."
     settled = [row.settling_time for row in found.outputs if row.settling_time is not None]
-    title = f"Step response: settled at {show(max(settled), 's')}" if settled else "Step response"
+    late = quantity(max(settled, default=0.0), "s")
+    late = f"{banded('settled', found.measurements.band)} at {late}"
+    title = f"Step response: {late}" if settled else "Step response"
     if not found.poles.stable:
         title = "Step response: " + ("it grows" if found.poles.known_unstable else "not decided")
     return Chart(title, Axis("time", "s"), Axis("output", "V"), (*curves, *rests), "", summary)

@@ -160,13 +160,13 @@ def _cost(verdict: Verdict) -> str:
     accuracy, waves = verdict.accuracy, verdict.waveforms
     error = "error unknown"
     if accuracy.achieved is not None:
-        error = f"error {figure(accuracy.achieved, 'step', 2)}"
+        error = f"error {figure(accuracy.achieved, 'step', 2)} of the step"
     allowed = ""
     if accuracy.asked:
         missed = "" if accuracy.reached else ", NOT reached"
         allowed = f", {figure(accuracy.wanted, 'step')} allowed{missed}"
     seconds = quantity(verdict.timing["total"], "s", 3)
-    return f"simulated by {waves.simulator}: {error} of the step{allowed}; {seconds} in all"
+    return f"simulated by {waves.simulator}: {error}{allowed}; {seconds} in all"
 
 
 def _changes(text: str) -> Section:

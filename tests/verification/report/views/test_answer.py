@@ -99,18 +99,18 @@ def test_what_is_known() -> None:
         "The board as drawn finds the regularised answer within 0.001 % of the step; the true"
         " stress is not known."
     )
-    found = "the regularised answer is found within 0.001 % of the step"
+    found = "the answer is found within 0.001 % of the step"
     assert answer_heading(one(1.25, 0.25, None)) == found
     assert answer_text(one(1.25, 0.25, 0.0)).endswith("of the step; the true stress is zero.")
     assert "within 1 ppm of the step;" in answer_text(one(1.25, 0.25, None, board=0.0))
-    far = f"{found} and 20 % of the largest stress from the true one"
+    far = f"{found}, and 20 % (of the largest) from the true stress"
     assert answer_heading(one(1.0, 0.25, 1.0)) == far
 
 
 def test_no_board_no_sentence() -> None:
     lost = one(1.0, 0.25, 1.0, board=None)
     assert answer_text(lost) == ""
-    far = "the regularised answer is 20 % of the largest stress from the true one"
+    far = "the answer is 20 % (of the largest) from the true stress"
     assert answer_heading(lost) == far
     assert answer_heading(one(1.0, 0.25, None, board=None)) == ""
 
@@ -146,7 +146,7 @@ def test_every_medium_has_the_sentence() -> None:
     assert line(text) in markdown(page)
     assert text in card(page)
     assert text in page_html(page)
-    assert f"{far[1]} % of the largest stress from the true one" in stress_chart(verdict).message
+    assert f"{far[1]} % (of the largest) from the true stress" in stress_chart(verdict).message
 
 
 def test_the_explorer_says_the_same() -> None:
