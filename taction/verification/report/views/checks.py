@@ -87,8 +87,6 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     side = f"{figure(centre, unit)} ±" if centre else side
     band = band_text(check)
     shown = with_error(value, check.uncertainty, unit)
-    reason = check.reason
-    reason = f"within {reason.removeprefix('to ')}" if reason.startswith("to ±") else reason
     if value is None and check.outcome is Outcome.PASS:  # the reason says what limits the board
         limit, shown = None, readable(check.reason.partition("; ")[0])
     return Bar(
@@ -98,7 +96,7 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
         doubt=doubt,
         value=shown,
         limit="" if limit is None else f"{side} {_limit(limit, unit)}",
-        reason=readable(reason),
+        reason=readable(check.reason.replace("to ±", "within ±")),
     )
 
 

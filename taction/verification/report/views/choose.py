@@ -46,7 +46,7 @@ from taction.verification.verdict.record import ERROR, finite
 if TYPE_CHECKING:
     from taction.verification.verdict.verify import Verdict
 
-LONGEST = 40  # characters of a reason in a table
+LONGEST = 60  # characters of a reason in a table
 SHOWN = 12  # op-amps in a terminal
 LISTED = 500  # designs in the table
 MAPS, ACROSS = 9, 3  # op-amps with a map, the best first; maps side by side in a picture
@@ -313,8 +313,8 @@ def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -
             *_points(others, "passes", "circle-open", 6.0),
             *_points(stars, "among the best", "star", 13.0),
         ),
-        message=f"{passing} of {len(own)} pass",
-        summary=f"{name}: {passing} of {counted(len(own), 'design')} pass.",
+        message=f"{passing} of {len(own)} pass and can be bought",
+        summary=f"{name}: {passing} of {counted(len(own), 'design')} pass and can be bought.",
         legend="",
         height=230,
         zoom=False,
