@@ -121,7 +121,7 @@ def of_the_readme(rows: int, columns: int) -> list[Figure]:
 
 def write_decks(file: Path, over: tuple[str, ...], folder: Path) -> None:
     """Write the deck of every point of the sweep into a folder of its own."""
-    plan = plan_sweep(file, over, "ngspice", fix=("lambda",), keep_waveforms=False)
+    plan = plan_sweep(file, over, "ngspice", fix=("lambda",))
     for k, values in enumerate(points(plan.groups)):
         scene = with_values(plan.scene, values).with_engine("ngspice")
         design = design_board(scene, Clock(lambda stage: None))

@@ -77,9 +77,7 @@ def sweep(
     over: Over,
     engine: str | None = None,
     fix: Fixed = (),
-    keep_waveforms: bool = False,
     strict: bool = False,
-    retry_failed: bool = False,
     output: str | Path | None = None,
     jobs: int | None = None,
     cluster: str | None = None,
@@ -87,7 +85,8 @@ def sweep(
 ) -> SweepResult:
     """Verify SCENE at every point of a grid and store the results.
 
-    A point without a verdict has its reason. The same command continues an interrupted sweep.
+    A point without a verdict has its reason. The same command continues an interrupted sweep, and
+    computes points without a verdict again.
 
     Parameters
     ----------
@@ -102,22 +101,14 @@ def sweep(
         logarithmic spacing (``("1pF", "1nF", 31, "lin")``: linear), a list holds the values.
         Strings are read as on the command line (``"C=1pF:1nF:31"``).
     engine : str, optional
-        Engine in the place of the scene's own. both: both engines at every point; hybrid: the
-        state-space engine at every point, ngspice at the decisive points.
-
-        These are next to the stability boundary, at the extremes of every reading, and a random
-        sample of 5 %.
+        Engine in the place of the scene's own.
     fix : mapping, str or iterable of str
         Hold a key at every point, by default at the scene's own value: --fix lambda holds lambda
         where the scene gives a resistance. Repeat the option for several keys.
 
         In Python ``"lambda"``, or ``{"lambda": 0.5}`` or ``"lambda=0.5"`` for another value.
-    keep_waveforms : bool
-        Store also the outputs over time.
     strict : bool
         A point that fails makes the outcome of the sweep fail.
-    retry_failed : bool
-        Compute points without a verdict again.
     output : path, optional
         Database of the results; by default the name of the scene's file with the ending .sqlite.
 
@@ -130,14 +121,12 @@ def sweep(
 
         ``"tcp://host:port"``.
     progress : callable, optional
-        Receives a line with the estimated time before the first point is computed, then the
-        number of finished points with the remaining time.
+        Receives the number of finished points with the remaining time.
 
     Returns
     -------
     SweepResult
-        `to_pandas`, `to_xarray`, `plot` and `records` give the points, `agreement` how far two
-        engines agree.
+        `to_pandas`, `to_xarray`, `plot` and `records` give the points.
 
     Raises
     ------
@@ -165,12 +154,10 @@ def sweep(
     from taction.verification.studies.sweep.result import SweepResult
     from taction.verification.studies.sweep.run import computed
 
-    plan = plan_sweep(scene, over, engine, fix=fix, keep_waveforms=keep_waveforms)
+    plan = plan_sweep(scene, over, engine, fix=fix)
     store, start = Store(":memory:" if output is None else str(output)), time.perf_counter()
-    count = computed(
-        plan, store, retry_failed=retry_failed, jobs=jobs, cluster=cluster, progress=progress
-    )
-    return SweepResult.of(plan, store, count, time.perf_counter() - start, strict=strict)
+    count = computed(plan, store, jobs=jobs, cluster=cluster, progress=progress)
+    return SweepResult(plan, store, count, time.perf_counter() - start, strict)
 
 
 def regress(

@@ -107,9 +107,6 @@ def montecarlo(
         complete = True
     except KeyboardInterrupt:
         pass
-    if tally.damaged:
-        numbers = ", ".join(map(str, tally.damaged))
-        progress(Notice(f"damaged in the database, computed again: samples {numbers}"))
     report = replace(
         summarise_samples(study, tally.samples, seed),
         remedy=found,

@@ -21,7 +21,6 @@ from taction.cli.terminal import StageLine
 from taction.system import results
 
 ENGINES = ("auto", "ngspice", "statespace")
-GRID_ENGINES = ("both", "hybrid")
 
 Target = str | Callable[..., Any]
 """A function, or its place below `taction`: "verification.report.views.onset:view"."""
@@ -277,10 +276,7 @@ def _plain(paragraphs: str) -> str:
 
 
 class EngineChoice(click.Choice[str]):
-    """An engine, also of an installed package.
-
-    Those that need a grid of points are refused with the command that has one.
-    """
+    """An engine, also of an installed package."""
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -295,9 +291,11 @@ class EngineChoice(click.Choice[str]):
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the engine, or fail with the known engines."""
-        if value in GRID_ENGINES and value not in self.choices:
-            text = f"{value!r} runs two engines over a grid of points, for `taction sweep` only"
-            self.fail(f"{text}; expected one of {', '.join(map(repr, self.choices))}", param, ctx)
+        if value in ("both", "hybrid"):
+            text = (
+                f"{value!r} was withdrawn: --engine ngspice compares every point with state space"
+            )
+            self.fail(text, param, ctx)
         return super().convert(value, param, ctx)
 
 

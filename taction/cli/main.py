@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -66,8 +67,10 @@ RENAMED = {"parts": "models", "waveforms": "simulate"}
 WITHDRAWN = {
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
     " 'Refinement' in docs/closed-loop.md has the theory.",
+    "sweep --retry": "The same command computes points without a verdict again.",
+    "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }
-"""What to do in the place of a command that is no more, by its name."""
+"""What to do in the place of a command that is no more, or of one of its options."""
 SECTIONS = {
     "Start": ("new", "verify", "netlist", "explore"),
     "Design": ("design", "onset", "sweep", "yield", "build", "export"),
@@ -89,6 +92,19 @@ def command(name: str) -> Command:
     """Return a command of `COMMANDS`; its table is loaded now."""
     found: Command = getattr(import_module(f"taction.cli.{COMMANDS[name][0]}"), name.upper())
     return found
+
+
+@contextmanager
+def naming_the_remedy() -> Iterator[None]:
+    """Say what to type in the place of an option that is no more."""
+    try:
+        yield
+    except click.NoSuchOption as error:
+        name = error.ctx.command.name if error.ctx else ""
+        if hint := WITHDRAWN.get(f"{name} {error.option_name}"):
+            text = f"No such option '{error.option_name}'. {hint}"
+            raise click.UsageError(text, error.ctx) from None
+        raise
 
 
 def print_reference(group: click.Group, names: Sequence[str]) -> None:
@@ -132,7 +148,10 @@ class LazyGroup(click.Group):
             if not words:
                 click.echo(FIRST_STEPS, nl=False)
                 return
-            with self.make_context(PROGRAM, words.copy(), **more) as context:
+            with (
+                self.make_context(PROGRAM, words.copy(), **more) as context,
+                naming_the_remedy(),
+            ):
                 self.invoke(context)
 
         sys.exit(run_command(run, as_json="--json" in words, words=words))

@@ -14,7 +14,6 @@ from taction.cli.command import (
     DATABASE,
     ENGINE,
     ENGINES,
-    GRID_ENGINES,
     JOBS,
     OUTPUT,
     REPORT,
@@ -236,14 +235,7 @@ def _check_sweep(call: Call) -> None:
     from taction.verification.studies.sweep.plan import plan_sweep
 
     given = call.arguments
-    given["retry_failed"] = given["retry_failed"] is not None
-    plan = plan_sweep(
-        given["scene"],
-        given["over"],
-        given["engine"],
-        fix=given["fix"],
-        keep_waveforms=given["keep_waveforms"],
-    )
+    plan = plan_sweep(given["scene"], given["over"], given["engine"], fix=given["fix"])
     for question in axis_questions(plan.scene, plan.groups):
         say(f"question: {question}")
     if call.options["plot"] is not None:
@@ -278,15 +270,13 @@ SWEEP = Command(
         option("over", multiple=True, metavar="KEY=LOW:HIGH:N"),
         option("fix", multiple=True, metavar="KEY[=VALUE]"),
         DATABASE,
-        option("engine", type=EngineChoice([*ENGINES, *GRID_ENGINES])),
+        ENGINE,
         option("strict", is_flag=True),
-        option("retry_failed", "--retry", type=click.Choice(["failed"]), default=None),
-        option("keep_waveforms", is_flag=True),
         JOBS,
         CLUSTER,
     ),
-    ends="Exit status: 0 if every point is stored, whatever its outcome; 1 if two engines disagree"
-    " at a point, or with --strict if a point fails; 3 if no point has a verdict.",
+    ends="Exit status: 0 if every point is stored, whatever its outcome; with --strict 1 if a point"
+    " fails; 3 if no point has a verdict.",
 )
 
 

@@ -101,7 +101,7 @@ def test_options_and_keywords_are_the_same(name: str) -> None:
         default = made[parameter.name].to_info_dict().get("default")
         if known.default is inspect.Parameter.empty:
             assert made[parameter.name].required or parameter.of
-        elif parameter.flags and parameter.name != "retry_failed":  # `--retry failed`
+        elif parameter.flags:
             assert (default or None) == (known.default or None)
     own = signature(command.function)
     given = {parameter.name for parameter in command.parameters if not parameter.of}

@@ -48,7 +48,7 @@ from taction.verification.report.views.sweep import view as sweep_report
 from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.studies.regression.baseline_file import Commit
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
-from taction.verification.studies.store import Store, StoredResult
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Requests
 from taction.verification.studies.sweep.point import failure
 from taction.verification.studies.sweep.result import SweepResult
@@ -162,10 +162,10 @@ def _sweep(*over: str) -> Page:
 
 def swept(*over: str) -> SweepResult:
     """Return the points of a sweep with every outcome, in an open store."""
-    plan = grid_plan(*over, engines=("statespace",))
+    plan = grid_plan(*over)
     outcomes = ("pass", "fail", "inconclusive", "error")
     stored = {
-        ("statespace", place): make_record(
+        place: make_record(
             outcome=outcomes[place % 4],
             settling_time=1e-6 * (1 + place),
             growth_rate=-1e4 + 3e3 * place,
@@ -173,10 +173,10 @@ def swept(*over: str) -> SweepResult:
         )
         for place in range(plan.points)
     }
-    store, count = Store(":memory:"), SweepCounts(plan.total, done=plan.total)
+    store, count = Store(":memory:"), SweepCounts(plan.points, done=plan.points)
     store_records(plan, store, stored)
     count.outcomes.update(record.outcome for record in stored.values())
-    return SweepResult.of(plan, store, count)
+    return SweepResult(plan, store, count)
 
 
 def _choice(settling: str = "1ms") -> Page:
@@ -187,10 +187,10 @@ def _choice(settling: str = "1ms") -> Page:
     with Store(":memory:") as store:
         for point in Requests(plan):
             try:
-                result = StoredResult.of(Record.of(verify(with_values(plan.scene, point.values))))
+                result = Record.of(verify(with_values(plan.scene, point.values)))
             except InputError as error:
                 result = failure(error, str(error), "statespace")
-            store.put(point.request, result, point.request)
+            store.put(point.key, result)
         ranked = designs(plan, store)
     best = best_designs(ranked)
     reading = best[0].settling_time if best else None

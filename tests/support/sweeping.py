@@ -6,19 +6,17 @@ from dataclasses import fields, replace
 from typing import Any
 
 from taction.netlist_gen.scene.axes import parse_axes
-from taction.verification.studies.store import Store, StoredResult
+from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import FIGURES, TRANSIENT_READINGS, Figure, Record
 from tests.support.studying import small_scene
 
-BOTH = ("ngspice", "statespace")
 
-
-def grid_plan(*over: str, engines: tuple[str, ...] = BOTH, hybrid: bool = False) -> Plan:
+def grid_plan(*over: str) -> Plan:
     scene = small_scene()
-    return Plan(scene, parse_axes(scene, over), engines, hybrid=hybrid)
+    return Plan(scene, parse_axes(scene, over), "statespace")
 
 
 def make_record(engine: str = "statespace", **changes: Any) -> Record:
@@ -66,9 +64,9 @@ def reading(
     return Figure(value, "", uncertainty, alternative)
 
 
-def store_records(plan: Plan, store: Store, records: dict[tuple[str, int], Record]) -> None:
-    """Store records by engine and place of the grid."""
+def store_records(plan: Plan, store: Store, records: dict[int, Record]) -> None:
+    """Store records by place of the grid."""
     for point in Requests(plan):
-        record = records.get((point.engine, point.place))
+        record = records.get(point.place)
         if record is not None:
-            store.put(point.request, StoredResult.of(record), point.request)
+            store.put(point.key, record)

@@ -353,7 +353,9 @@ def check_axes(groups: Sequence[Sequence[SweepAxis]], fixed: Mapping[str, Value]
     """
     for axis in (axis for group in groups for axis in group):
         if axis.key.path == ENGINE:
-            raise InputError("--over", Complaint(ENGINE, "", "give --engine both instead"))
+            raise InputError(
+                "--over", Complaint(ENGINE, "", "give --engine, or sweep once with each")
+            )
         if axis.key.path in fixed:
             text = "the key has one value by --fix; leave out --over or --fix"
             raise InputError("--over", Complaint("key", repr(axis.name), text))

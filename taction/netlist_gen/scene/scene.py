@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 DEFAULT_RESISTANCE = 1.786e6
-GRID_ENGINES = ("both", "hybrid")  # of a sweep, not of a scene
 ENGINES = NAMES["engine"]
 IN_MEMORY = "Scene.from_arrays"  # instead of the name of a file
 
@@ -214,8 +213,6 @@ class Scene(StatedProblem):
         known = ENGINES.names
         if engine not in known:
             text = f"expected one of {listed(known)}"
-            if engine in GRID_ENGINES:
-                text += f"; {engine!r} runs two engines over a grid of points, for sweeps only"
             raise InputError(self.file, Complaint("analysis.engine", repr(engine), text))
         analysis = self.analysis.model_copy(update={"engine": engine})
         return self.model_copy(update={"analysis": analysis})

@@ -84,7 +84,7 @@ def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
     for path in kept:
         values = tuple(row.get(path, own[path]) for row in rows)
         axes.append(SweepAxis(find_key(base, path), NAMES[path], values, "list"))
-    return Plan(at_small_signal(base), [axes], ("statespace",))
+    return Plan(at_small_signal(base), [axes], "statespace")
 
 
 def base_keys(scene: Scene) -> tuple[str, str]:

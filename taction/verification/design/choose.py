@@ -201,10 +201,9 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
     found, problem = [], make_problem(plan.scene)
     accepted = accepted or accepted_parts(plan.scene, problem)
     for point in Requests(plan):
-        data = store.record_of(point.request)
-        if data is None:
+        record, refused = store.record_of(point.key, Record), ""
+        if record is None:
             continue
-        record, refused = Record.from_plain(data), ""
         if record.outcome == "pass":
             scene = with_values(plan.scene, point.values)
             refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))

@@ -75,7 +75,7 @@ def test_the_grid_has_values_that_can_be_bought() -> None:
     assert (plan.points, len(farads), len(ohms)) == (81, 9, 9)
     assert (farads[0], farads[-1]) == (1e-12, 1e-10)
     assert all(float(f"{v:.2e}") == v for v in (*farads, *ohms))
-    assert plan.engines == ("statespace",)
+    assert plan.engine == "statespace"
     design = plan.scene.design
     assert design.lam == pytest.approx(0.0224385, rel=1e-5)
     assert design.opamp.level == "small-signal"  # above 90 % of a limit: inconclusive
@@ -154,7 +154,7 @@ def test_the_order_is_that_of_the_worst_share() -> None:
         5: record(settling=5e-4),
     }
     with Store(":memory:") as store:
-        store_records(plan, store, {("statespace", k): one for k, one in made.items()})
+        store_records(plan, store, made)
         ranked = designs(plan, store)
     assert [design.place for design in ranked] == [0, 5, 2, 1, 3]
     assert ranked[0].worst == pytest.approx(0.8)
@@ -170,7 +170,7 @@ def test_parts_that_cannot_be_bought_are_never_best() -> None:
     """R = 1/(lambda s G0²) is 16.6 Mohm at s = 2 Mohm; C = 1 pF is below the stray 2.05 pF."""
     plan = choice_plan(scene(), ChoiceRequest(["tl084"], "1pF:10pF", "2M:2.4M", 2))
     with Store(":memory:") as store:
-        store_records(plan, store, {("statespace", k): record() for k in range(4)})
+        store_records(plan, store, {k: record() for k in range(4)})
         ranked = designs(plan, store)
         every = designs(plan, store, ANY_PART)
     assert len(best_designs(every)) == 3
@@ -184,7 +184,7 @@ def test_an_unstable_design_has_no_share() -> None:
     plan = choice_plan(scene(), ChoiceRequest(["tl084"], "10pF:10pF", "1M:1M", 1))
     with Store(":memory:") as store:
         bad = replace(record(outcome="fail"), stable=False)
-        store_records(plan, store, {("statespace", 0): bad})
+        store_records(plan, store, {0: bad})
         (design,) = designs(plan, store)
     assert (design.shares, design.settling_time) == ({}, float("inf"))
     assert not best_designs([design])
@@ -193,7 +193,7 @@ def test_an_unstable_design_has_no_share() -> None:
 def test_a_picture(tmp_path: Path) -> None:
     plan, path = choice_plan(scene(), TWO), tmp_path / "choice.svg"
     with Store(":memory:") as store:
-        store_records(plan, store, {("statespace", k): record() for k in range(8)})
+        store_records(plan, store, {k: record() for k in range(8)})
         ranked = designs(plan, store)
     draw_sheet(sheet("title", ranked, best_designs(ranked)), path)
     text = path.read_text("utf-8")
@@ -203,7 +203,7 @@ def test_a_picture(tmp_path: Path) -> None:
 def test_a_written_scene_is_the_design() -> None:
     plan = choice_plan(scene(), TWO)
     with Store(":memory:") as store:
-        store_records(plan, store, {("statespace", 7): record()})
+        store_records(plan, store, {7: record()})
         (design,) = designs(plan, store)
     made = design_scene(plan, scene(), design, 1)
     assert (made.design.opamp.base, made.design.opamp.level) == ("ne5534", "auto")
@@ -233,7 +233,7 @@ def test_the_command_confirms_by_ngspice(tmp_path: Path, ngspice: str) -> None:
     assert found.exit_code == 0, found.stderr
     document = json.loads(found.stdout)
     assert len(document["designs"]) == 8
-    assert "8 points: about" in found.stderr
+    assert "computing 8 of 8 points" in found.stderr
     for best in document["best"]:
         assert best["ngspice"] == "pass"
         exact, simulated = best["settling_time"], best["ngspice_settling_time"]
@@ -258,7 +258,7 @@ def test_limits_that_look_like_a_slip_are_asked_about(tmp_path: Path) -> None:
     text = command(*words).stderr
     assert "question: checks.settling_time.max = 10 has no unit and is 10 s" in text
     assert "question: checks.overshoot: max = 5 is 500 % of the step" in text
-    assert "taction: 1 point: about" in text
+    assert "taction: computing 1 of 1 points" in text
 
 
 @pytest.mark.parametrize("option", [["--overshoot", "x"], ["--margin", "2x"], ["--plot", "a.xyz"]])

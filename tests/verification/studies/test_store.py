@@ -7,14 +7,14 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from taction.system.errors import InputError, OutOfDisk
 from taction.verification.studies import store as module
-from taction.verification.studies.store import ERROR, FORMAT, Store, StoredResult
+from taction.verification.studies.store import ERROR, FORMAT, Store
 from tests.support.paths import ROOT
 
 
@@ -22,58 +22,43 @@ def key(number: int) -> bytes:
     return number.to_bytes(32, "big")
 
 
-def record(number: int) -> dict[str, Any]:
-    return {"value": number / 7}
+@dataclass(frozen=True, slots=True)
+class Row:
+    outcome: str
+    value: float
+    text: str = ""
 
 
-def put(store: Store, number: int, request: bytes, outcome: str = "pass") -> None:
-    store.put(key(number), StoredResult(outcome, record(number)), request)
+def put(store: Store, number: int, outcome: str = "pass") -> None:
+    store.put(key(number), Row(outcome, number / 7))
 
 
 def test_a_result_comes_back_as_it_was(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        put(store, 1, b"asked")
-        assert store.record_of(b"asked") == record(1)
-        assert store.record_of(b"never asked") is None
-        assert store.key_of(b"asked") == key(1)
+        put(store, 1)
+        assert store.record_of(key(1), Row) == Row("pass", 1 / 7)
+        assert store.record_of(key(2), Row) is None
         assert store.outcome_of(key(1)) == "pass"
     with Store(str(tmp_path / "a.sqlite")) as store:
         assert store.count() == 1
-        assert store.record_of(b"asked") == record(1)
+        assert store.record_of(key(1), Row) == Row("pass", 1 / 7)
 
 
 def test_the_file_is_one_file_when_nothing_runs(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        put(store, 1, b"asked")
+        put(store, 1)
     assert [file.name for file in tmp_path.iterdir()] == ["a.sqlite"]
     (tmp_path / "copy.sqlite").write_bytes((tmp_path / "a.sqlite").read_bytes())
     with Store(str(tmp_path / "copy.sqlite")) as copy:
-        assert copy.record_of(b"asked") == record(1)
+        assert copy.record_of(key(1), Row) == Row("pass", 1 / 7)
 
 
 def test_only_an_error_is_replaced(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        put(store, 1, b"asked", ERROR)
-        put(store, 1, b"asked", "fail")
-        put(store, 1, b"asked", "pass")
+        put(store, 1, ERROR)
+        put(store, 1, "fail")
+        put(store, 1, "pass")
         assert store.outcome_of(key(1)) == "fail"
-
-
-def test_two_requests_may_come_down_to_one_point(tmp_path: Path) -> None:
-    with Store(str(tmp_path / "a.sqlite")) as store:
-        put(store, 1, b"lambda")
-        store.link(b"resistance", key(1))
-        assert store.record_of(b"resistance") == record(1)
-        assert store.count() == 1
-
-
-def test_waveforms_are_kept_beside_the_record(tmp_path: Path) -> None:
-    with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(b"k", StoredResult("pass", {}, b"data"), b"asked")
-        put(store, 2, b"other")
-        assert store.waveforms(b"k") == b"data"
-        assert store.has_waveforms(b"k")
-        assert not store.has_waveforms(key(2))
 
 
 def _truncate(path: Path) -> None:
@@ -115,7 +100,7 @@ def test_a_spoilt_database_is_named_and_left_alone(
     path = tmp_path / "a.sqlite"
     with Store(str(path)) as store:
         for number in range(50):
-            put(store, number, key(number))
+            put(store, number)
     spoil(path)
     before = path.read_bytes()
     with pytest.raises(InputError, match=says) as caught:
@@ -124,56 +109,16 @@ def test_a_spoilt_database_is_named_and_left_alone(
     assert path.read_bytes() == before
 
 
-def _flip(path: Path, table: str, column: str, byte: int) -> None:
-    """Change one byte of a stored value."""
-    with sqlite3.connect(path) as db:
-        rows = db.execute(f"select key, cast({column} as blob) from {table}").fetchall()  # noqa: S608
-        for name, content in rows:
-            data = bytearray(content)
-            data[byte % len(data)] ^= 0x11
-            query = f"update {table} set {column} = ? where key = ?"  # noqa: S608
-            db.execute(query, (bytes(data), name))
-    db.close()
-
-
-@pytest.mark.parametrize("column", ["outcome", "record", "seal"])
-@pytest.mark.parametrize("byte", [0, 3, -2])
-def test_a_damaged_row_is_not_stored_and_can_be_replaced(
-    tmp_path: Path, column: str, byte: int
-) -> None:
+def test_a_record_that_is_none_is_named(tmp_path: Path) -> None:
     path = tmp_path / "a.sqlite"
     with Store(str(path)) as store:
-        put(store, 1, b"asked")
-    _flip(path, "points", column, byte)
-    with Store(str(path)) as store:
-        assert store.record_of(b"asked") is None
-        assert store.outcome_of(key(1)) is None
-        assert store.damaged == {key(1)}
-        put(store, 1, b"asked")
-        assert store.record_of(b"asked") == record(1)
-        assert not store.damaged
-
-
-def test_damaged_waveforms_are_not_stored(tmp_path: Path) -> None:
-    path = tmp_path / "a.sqlite"
-    with Store(str(path)) as store:
-        store.put(b"k", StoredResult("pass", {}, b"data"), b"asked")
-    _flip(path, "waveforms", "data", 1)
-    with Store(str(path)) as store:
-        assert not store.has_waveforms(b"k")
-        store.put(b"k", StoredResult("pass", {}, b"data"), b"asked")
-        assert store.waveforms(b"k") == b"data"
-
-
-def test_a_request_without_a_usable_key_is_not_stored(tmp_path: Path) -> None:
-    path = tmp_path / "a.sqlite"
-    with Store(str(path)) as store:
-        put(store, 1, b"asked")
-    with sqlite3.connect(path) as db:
-        db.execute("update requests set key = 'text'")
-    db.close()
-    with Store(str(path)) as store:
-        assert store.record_of(b"asked") is None
+        put(store, 1)
+    for text in ("{", "[]", '{"outcome": 3}'):
+        with sqlite3.connect(path) as db:
+            db.execute("update points set record = ?", (text,))
+        db.close()
+        with Store(str(path)) as store, pytest.raises(InputError, match="the database is damaged"):
+            store.record_of(key(1), Row)
 
 
 def test_a_pipe_is_no_database(tmp_path: Path) -> None:
@@ -189,23 +134,23 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
 
 def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        put(store, 0, b"first")
+        put(store, 0)
         pages = store._db.execute("pragma page_count").fetchone()[0]
         store._db.execute(f"pragma max_page_count = {pages}")
         with pytest.raises(OutOfDisk, match="run the same command again"):
-            store.put(b"k", StoredResult("pass", {"text": "x" * 100_000}), b"second")
-        assert store.record_of(b"first") == record(0)
+            store.put(b"k", Row("pass", 0.0, "x" * 100_000))
+        assert store.record_of(key(0), Row) == Row("pass", 0.0)
     with Store(str(tmp_path / "a.sqlite")) as store:
-        store.put(b"k", StoredResult("pass", {"text": "x" * 100_000}), b"second")
+        store.put(b"k", Row("pass", 0.0, "x" * 100_000))
         assert store.count() == 2
 
 
 def test_a_read_only_database(tmp_path: Path) -> None:
     with Store(str(tmp_path / "a.sqlite")) as store:
-        put(store, 0, b"first")
+        put(store, 0)
         store._db.execute("pragma query_only = on")  # root may write to any file
         with pytest.raises(InputError, match="cannot be written"):
-            put(store, 1, b"second")
+            put(store, 1)
 
 
 def test_another_process_that_never_lets_go(
@@ -215,18 +160,18 @@ def test_another_process_that_never_lets_go(
     with Store(str(tmp_path / "a.sqlite")) as store, Store(str(tmp_path / "a.sqlite")) as other:
         other._db.execute("begin immediate")
         with pytest.raises(InputError, match="another process"):
-            put(store, 1, b"asked")
+            put(store, 1)
         other._db.execute("rollback")
-        put(store, 1, b"asked")
+        put(store, 1)
 
 
 WRITER = """
 import sys
-from taction.verification.studies.store import Store, StoredResult
+from taction.verification.studies.store import Store
+from taction.verification.verdict.record import Record
 with Store(sys.argv[1]) as store:
     for number in range(40):
-        key = number.to_bytes(32, "big")
-        store.put(key, StoredResult("pass", {"by": sys.argv[2]}), key)
+        store.put(number.to_bytes(32, "big"), Record("pass", sys.argv[2]))
 """
 
 
@@ -238,15 +183,15 @@ def test_two_processes_at_once(tmp_path: Path) -> None:
     assert [writer.wait(60) for writer in writers] == [0, 0]
     with Store(path) as store:
         assert store.count() == 40
-        rows = [store.record_of(key(number)) for number in range(40)]
-    assert {row["by"] for row in rows if row is not None} <= {"a", "b"}
+        rows = [store.plain_of(key(number)) for number in range(40)]
+    assert {row["engine"] for row in rows if row is not None} <= {"a", "b"}
     assert None not in rows
 
 
 def test_a_damaged_name_that_is_no_text_is_reported_as_damage(tmp_path: Path) -> None:
     path = tmp_path / "a.sqlite"
     with Store(str(path)) as store:
-        put(store, 1, b"asked")
+        put(store, 1)
     content = path.read_bytes()
     path.write_bytes(content.replace(b"TABLE points", b"TABLE p\xf1ints"))
     with pytest.raises(InputError, match="the database is damaged"):

@@ -1,4 +1,4 @@
-"""A sweep: maps over two axes, curves over one, small maps over three; engines; points."""
+"""A sweep: maps over two axes, curves over one, small maps over three; points."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from taction.system.picture import check_plot_file
 from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.blocks import (
-    EVERYWHERE,
     NOTEBOOK,
     TERMINAL,
     Block,
@@ -53,15 +52,11 @@ from taction.verification.report.views.sweep_maps import (
     Names,
     Plane,
     band_of,
-    boundary_at,
     curve_of,
     place_text,
 )
-from taction.verification.studies.sweep.boundary import solve_boundary
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.result import (
-    WORDS,
-    AgreementSummary,
     SweepResult,
     all_records,
     grids,
@@ -89,21 +84,17 @@ def view(result: SweepResult) -> Page:
     outcomes = ", ".join(f"{number} {name}" for name, number in shares)
     foot = [f"{count.ran} computed now, {count.done - count.ran} from {path}"]
     if count.outcomes["error"]:
-        foot.append("--retry failed computes the points without a verdict (error) again")
+        foot.append("the same command computes the points without a verdict (error) again")
     return Page(
         title=plan.scene.name,
         command="taction sweep",
         summary=f"{count.done} of {count.total} points: {outcomes}.",
-        lines=(
-            f"Over {names}; engines: {', '.join(map(ENGINES.__getitem__, plan.engines))}.",
-            *map(readable, result.notes),
-        ),
+        lines=(f"Over {names}; engine: {ENGINES[plan.engine]}.", *map(readable, result.notes)),
         sections=(
             Section("Outcomes", (Shares("", shares),), media=(NOTEBOOK,)),
             Section("Axes", (Facts("", tuple(_axes(plan))),), media=(NOTEBOOK,)),
             Section("Pictures", lambda: _charts(result)),
             Section("Points", lambda: _listed(result), media=(TERMINAL,)),
-            Section("Engines", lambda: _engines(result), media=EVERYWHERE),
             Section("Points", lambda: (_points(result),)),
             origin_section(plan.scene, (("database", path),)),
         ),
@@ -128,16 +119,13 @@ def check_sweep_plot(plan: Plan, path: str | Path | None) -> None:
 
 
 def result_names(result: SweepResult) -> Names:
-    """Return what each point and engine says, as words over the grid, the engine last.
+    """Return what each point says, as words over the grid.
 
     ``"pass"``, ``"fail: stability"``, ``"inconclusive: rise time"``, ``"error: TimedOut"``; empty
     for a point without a result. Of several checks the first one counts, stability before all.
     """
-    shape = (*result.plan.shape, len(result.plan.engines))
     found = [_name(record) if record else "" for record in all_records(result.plan, result.store)]
-    names = np.empty(len(found), dtype=object)
-    names[:] = found
-    return names.reshape(shape)
+    return np.array(found, dtype=object).reshape(result.plan.shape)
 
 
 def _name(record: dict[str, Any]) -> str:
@@ -209,23 +197,23 @@ def _one_or_two(
         for name in shown:
             yield curve_of(plan, name, data, names, looks)
         return
-    plane = Plane(plan, solve_boundary(plan), "", data["growth_rate"][..., -1])
+    plane = Plane(plan, data["growth_rate"])
     yield plane.outcomes(names, looks)
     for name in shown:
-        yield plane.quantity(name, data[name][..., -1])
+        yield plane.quantity(name, data[name])
 
 
 def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[tuple[Chart, Chart]]:
     """Yield what fails and the settling time over two axes, for values of the third."""
     third, looks = plan.groups[2][0], looks_of(names.ravel().tolist())
     places = chosen_places(len(third))
-    shared = data[SHOWN[0]][:, :, places, -1]
+    shared = data[SHOWN[0]][:, :, places]
     known = shared[np.isfinite(shared)]
     limits = (float(known.min()), float(known.max())) if len(known) else None
     for k in places:
         where = f" at {third.name} = {place_text(third, third.values[k])}"
-        plane = Plane(plan, boundary_at(plan, k), where, data["growth_rate"][:, :, k, -1])
-        values = data[SHOWN[0]][:, :, k, -1]
+        plane = Plane(plan, data["growth_rate"][:, :, k], where)
+        values = data[SHOWN[0]][:, :, k]
         yield plane.outcomes(names[:, :, k], looks), plane.quantity(SHOWN[0], values, limits)
 
 
@@ -240,9 +228,8 @@ def _sheet(result: SweepResult) -> Sheet:
     plan = result.plan
     check_sweep_plot(plan, None)
     data, names = _data(result)
-    passing = int((names[..., -1] == "pass").sum())
-    engines = " and ".join(ENGINES[engine] for engine in plan.engines)
-    title = f"{plan.scene.name}: {passing} of {plan.points} points pass, {engines}"
+    passing = int((names == "pass").sum())
+    title = f"{plan.scene.name}: {passing} of {plan.points} points pass, {ENGINES[plan.engine]}"
     foot = "grey: no value" if len(plan.groups) > 1 else ""
     if len(plan.groups) == MOST_AXES:
         columns = tuple(_multiples(plan, data, names))
@@ -255,35 +242,6 @@ def _sheet(result: SweepResult) -> Sheet:
     return Sheet.of(title, blocks, 3, (6.0, 0.0), (0.0, 8.6), foot)
 
 
-def _engines(result: SweepResult) -> Iterator[Block]:
-    """Yield how far two engines agree, and every disagreement."""
-    plan, found = result.plan, result.agreement
-    if found is None:
-        return
-    yield Notes("", tuple(_agreement(plan, found)))
-    if found.disagree:
-        text = f"THE ENGINES DISAGREE at {counted(found.disagree, 'point')}"
-        yield Notes("", (text,), "fail")
-    listed = (
-        f"{record['agreement']} at {_places(plan, record['values'])}: {record['disagreement']}"
-        for record in found.listed
-    )
-    yield Notes("", tuple(listed))
-
-
-def _agreement(plan: Plan, found: AgreementSummary) -> Iterator[str]:
-    reasons = ", ".join(f"{found.chosen[why]} {WORDS[why]}" for why in WORDS if why in found.chosen)
-    text = f"ngspice confirms {found.agree} of {found.points} points"
-    yield f"{text} ({reasons})" if reasons else text
-    if found.largest_difference is not None and found.at is not None:
-        yield (
-            f"largest difference of the engines: {found.largest_difference:.2g} of the error that"
-            f" the checks allow, at {_places(plan, found.at)}"
-        )
-    if found.undecided:
-        yield f"{found.undecided} not decided"
-
-
 def _places(plan: Plan, values: Mapping[str, Value]) -> str:
     return ", ".join(f"{a.name} = {place_text(a, values[a.name])}" for a in plan.axes)
 
@@ -293,7 +251,7 @@ def _listed(result: SweepResult) -> Iterator[Block]:
     whole = result.count.total <= LINES
     wanted = (r for r in result.records() if whole or r["outcome"] == "error")
     shown = list(itertools.islice(wanted, LINES))
-    yield _table(result.plan, "", shown, engine=len(result.plan.engines) > 1).folded()
+    yield _table(result.plan, "", shown).folded()
     yield Notes("", tuple(_reasons(result.plan, shown)))
 
 
@@ -312,34 +270,29 @@ def _reasons(plan: Plan, shown: Iterable[dict[str, Any]]) -> Iterator[str]:
             alike.setdefault((name, kind), []).append({**record, "reason": reason})
     for (name, _), records in alike.items():
         first = records[0]
-        place = f"{_places(plan, first['values'])}, {first['engine']}: {first['reason']}"
+        place = f"{_places(plan, first['values'])}: {first['reason']}"
         yield place if len(records) == 1 else f"{len(records)} {name}, such as {place}"
 
 
 def _points(result: SweepResult) -> Table:
     listed = list(itertools.islice(result.records(), LISTED))
-    several = len(result.plan.engines) > 1
-    made = _table(result.plan, "Points", listed, engine=several, why=True)
+    made = _table(result.plan, "Points", listed, why=True)
     more = result.count.total > LISTED
     return replace(made, note=f"The first {LISTED} points; --export writes all." * more)
 
 
-def _table(
-    plan: Plan, title: str, listed: Sequence[dict[str, Any]], *, engine: bool, why: bool = False
-) -> Table:
+def _table(plan: Plan, title: str, listed: Sequence[dict[str, Any]], *, why: bool = False) -> Table:
     figures = columns_of(plan.scene)
-    several, last = ("engine",) * engine, ("why",) * why
+    last = ("why",) * why
     titles = (
         *(a.name for a in plan.axes),
-        *several,
         "outcome",
         *(banded(name, band_of(plan)) for name in figures),
         *last,
     )
-    rows = (
+    rows: Iterator[tuple[Any, ...]] = (
         (
             *(_value(record["values"][each.name], each) for each in plan.axes),
-            *(record[name] for name in several),
             outcome_cell(record["outcome"]),
             *(figure_cell(record, name) for name in figures),
             *(_why(record) for _ in last),
@@ -347,7 +300,7 @@ def _table(
         for record in listed
     )
     cells = tuple(tuple(map(cell, row)) for row in rows)
-    return Table(title, titles, cells, heads=len(plan.axes) + engine)
+    return Table(title, titles, cells, heads=len(plan.axes))
 
 
 def figure_cell(record: Mapping[str, Any], name: str) -> Cell:

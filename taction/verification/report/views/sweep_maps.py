@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from taction.netlist_gen.scene import axes
-from taction.netlist_gen.scene.axes import with_values
 from taction.system.array_types import Floats
 from taction.system.plugins import OpenTable
 from taction.verification.report.charts import (
-    OUTCOMES,
     Axis,
     Band,
     Cells,
@@ -32,11 +30,9 @@ from taction.verification.report.texts import (
     quantity,
     titled,
 )
-from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.verdict.record import FIGURES
 
-MOST_MARKS = 2500  # points above which marks of the other engine would overlap
 LOGARITHMIC = ("settling_time", "steady_state_error")
 ENGINES = OpenTable(
     "taction.engines", {"ngspice": "ngspice", "statespace": "state space"}, str, "title"
@@ -60,13 +56,6 @@ def axis_of(where: axes.SweepAxis) -> tuple[Axis, Floats]:
     return Axis(where.name, where.key.unit, "log" if log else "linear"), places
 
 
-def boundary_at(plan: Plan, number: int) -> Boundary:
-    """Solve the stability boundary at a value of the third axis, by its place."""
-    changes = {axis.key.path: axis.values[number] for axis in plan.groups[2]}
-    scene = with_values(plan.scene, changes)
-    return solve_boundary(Plan(scene, plan.groups[:2], plan.engines))
-
-
 class Plane:
     """The first two axes of a plan, and the stability boundary over them.
 
@@ -74,79 +63,49 @@ class Plane:
     ----------
     plan : Plan
         With two axes or more.
-    boundary : Boundary
-        Over the first two.
+    growth : ndarray (n, m)
+        Growth rates, 1/s: the boundary is where they pass through 0, interpolated.
     where : str
         Where the plane is among other axes: ``" at stray_capacitance = 1 pF"``.
-    growth : ndarray (n, m) or None
-        Growth rates, 1/s, between which an unsolved boundary is interpolated.
     """
 
-    def __init__(
-        self, plan: Plan, boundary: Boundary, where: str = "", growth: Floats | None = None
-    ) -> None:
+    def __init__(self, plan: Plan, growth: Floats, where: str = "") -> None:
         (self.x, self.across), (self.y, self.down) = (axis_of(g[0]) for g in plan.groups[:2])
-        self.engines, self.boundary, self.where = plan.engines, boundary, where
-        self.growth, self.band = growth, band_of(plan)
+        self.growth, self.where, self.band = growth, where, band_of(plan)
 
     @property
     def edge(self) -> Curve | None:
-        """The boundary; across a category it is a mark, and categories are not joined."""
-        ends: list[Any] = list(self.boundary.segments)
-        if self.boundary.unsolved and self.growth is not None:
-            ends = list(zero_lines(self.across, self.down, self.growth.T))
-        elif not ends:
-            for x, y in self.boundary.points:
-                whole = ((x - 0.5, y), (x + 0.5, y))
-                ends.append(whole if self.x.scale == "names" else ((x, y - 0.5), (x, y + 0.5)))
+        """The boundary; nothing lies between two values of a list."""
+        if "names" in (self.x.scale, self.y.scale):
+            return None
+        ends: list[Any] = list(zero_lines(self.across, self.down, self.growth.T))
         return Curve(*segments(ends), "", "ink", width=2.5, label="") if ends else None
 
     @property
     def note(self) -> str:
-        """What the thick line is, for the caption."""
-        if self.boundary.unsolved:
-            what = "No stability boundary" if self.edge is None else "Thick line: interpolated"
-            return f" {what}, since {self.boundary.unsolved}."
-        if self.edge is None:
-            growth = np.full(1, np.nan) if self.growth is None else self.growth
-            if (growth > 0.0).any() and (growth < 0.0).any():
-                return (
-                    " Stable at some points, unstable at others: no line is between listed values."
-                )
-            where = "within this map" if np.isfinite(growth).all() else "where it is known"
-            return f" Stability does not change {where}."
-        return (
-            " Thick line: stability boundary, solved between the points (a pole crosses the"
-            " imaginary axis)."
-        )
+        """Where the board is stable, for the caption."""
+        if self.edge is not None:
+            return (
+                " Thick line: stability boundary, interpolated between the points; `taction onset`"
+                " finds every crossing along an axis."
+            )
+        if (self.growth > 0.0).any() and (self.growth < 0.0).any():
+            return " Stable at some points, unstable at others: no line is between listed values."
+        where = "at every point" if np.isfinite(self.growth).all() else "where it is known"
+        return f" Stability is the same {where}."
 
     def outcomes(self, names: Names, looks: dict[str, Look]) -> Chart:
-        """Return what each point says; `names` has the engine last."""
-        last = names[..., -1].T
-        marks: list[Mark] = [Cells(self.across, self.down, last, looks)]
+        """Return what each point says."""
+        marks: list[Mark] = [Cells(self.across, self.down, names.T, looks)]
         summary = (
             "The result of every point. Of several checks that fail the first one is shown,"
             f" stability before all others.{self.note}"
         )
-        if len(self.engines) > 1 and last.size <= MOST_MARKS:
-            marks += self._other(names[..., 0].T)
-            own, other = (ENGINES[self.engines[k]] for k in (-1, 0))
-            summary += f" Cells: verdicts of {own}; small marks: {other}."
         marks += [self.edge] if self.edge is not None else []
-        passing, total = int((last == "pass").sum()), int((last != "").sum())
+        passing, total = int((names == "pass").sum()), int((names != "").sum())
         verb = "passes" if passing == 1 else "pass"
         message = f"{passing} of {total} points {verb}{self.where}"
         return Chart("Outcome", self.x, self.y, tuple(marks), message, summary, (), "below", 440)
-
-    def _other(self, names: Names) -> Iterator[Curve]:
-        """Yield the outcomes of the first engine as marks on the cells."""
-        engine = ENGINES[self.engines[0]]
-        for outcome, look in OUTCOMES.items():
-            there = np.array([[n.startswith(outcome) for n in row] for row in names], np.bool_)
-            rows, columns = np.nonzero(there)
-            if len(rows):
-                x, y = self.across[columns], self.down[rows]
-                yield Curve(x, y, f"{engine}: {outcome}", "ink", "", look.mark, size=4.0)
 
     def quantity(
         self, name: str, values: Floats, limits: tuple[float, float] | None = None
@@ -192,18 +151,16 @@ def curve_of(
     unit, values = FIGURES[name].unit, data[name]
     x, places = axis_of(plan.groups[0][0])
     marks: list[Mark] = list(_unstable(data["growth_rate"], places))
-    for k, engine in enumerate(plan.engines):
-        if x.scale != "names":
-            marks.append(Curve(places, values[..., k], "", "muted", width=0.8, behind=True))
-        for kind, look in looks.items():
-            there = names[..., k] == kind
-            if there.any():
-                label = f"{kind}, {ENGINES[engine]}" if len(plan.engines) > 1 else kind
-                hover = tuple(figure(v, unit) for v in values[..., k][there].tolist())
-                marks.append(
-                    Curve(places[there], values[..., k][there], label, look.colour, "", look.mark,
-                          size=7.0 - 3.0 * k, hover=hover)
-                )  # fmt: skip
+    if x.scale != "names":
+        marks.append(Curve(places, values, "", "muted", width=0.8, behind=True))
+    for kind, look in looks.items():
+        there = names == kind
+        if there.any():
+            hover = tuple(figure(v, unit) for v in values[there].tolist())
+            marks.append(
+                Curve(places[there], values[there], kind, look.colour, "", look.mark,
+                      size=7.0, hover=hover)
+            )  # fmt: skip
     known = np.abs(values[np.isfinite(values)])
     wide = len(known) and known.min() > 0.0 and known.max() > 10.0 * known.min()
     log = wide and name != "growth_rate"
@@ -220,7 +177,7 @@ def curve_of(
 
 def _unstable(growth: Floats, places: Floats) -> Iterator[Band]:
     """Yield the parts of an axis whose points are unstable by their poles."""
-    grows = np.nanmax(growth, axis=-1, initial=-np.inf) > 0.0
+    grows = growth > 0.0
     between = 0.5 * (places[1:] + places[:-1])
     edges = [places[0], *between, places[-1]]
     for _, run in itertools.groupby(enumerate(grows.tolist()), key=lambda pair: pair[1]):

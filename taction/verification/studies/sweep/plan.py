@@ -1,4 +1,4 @@
-"""The grid of a sweep, and the digest under which the store finds each of its points."""
+"""The grid of a sweep, and the key under which the store finds each of its points."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.axes import (
 from taction.netlist_gen.scene.keys import Value, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Ints
-from taction.system.errors import Complaint, InputError, SimulatorNotFound, SimulatorTooOld
+from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.reference.lambda_rule import read_scene
@@ -45,16 +45,12 @@ class Plan:
 
     scene: Scene
     groups: Sequence[Sequence[SweepAxis]]  # they span the grid; the axes of a group change together
-    engines: tuple[str, ...]  # "ngspice", "statespace" or both
-    keep_waveforms: bool = False  # store the outputs over time
-    hybrid: bool = (
-        False  # ngspice only at the points of `taction.verification.studies.sweep.hybrid`
-    )
+    engine: str
 
     def __post_init__(self) -> None:
-        if self.total > MAX_POINTS:
+        if self.points > MAX_POINTS:
             text = f"at most {MAX_POINTS} points in one sweep"
-            raise InputError("--over", Complaint("points", repr(self.total), text))
+            raise InputError("--over", Complaint("points", repr(self.points), text))
 
     @property
     def axes(self) -> tuple[SweepAxis, ...]:
@@ -70,11 +66,6 @@ class Plan:
     def points(self) -> int:
         """Number of points of the grid."""
         return math.prod(self.shape)
-
-    @property
-    def total(self) -> int:
-        """Number of verifications, each engine counts; a hybrid sweep adds those of ngspice."""
-        return self.points * (1 if self.hybrid else len(self.engines))
 
     @property
     def order(self) -> Ints:
@@ -93,50 +84,20 @@ class Plan:
         return {axis.key.path: axis.values[k] for group, k in at for axis in group}
 
 
-def engines_of(scene: Scene, engine: str | None) -> tuple[str, ...]:
-    """Return the engines of a sweep: the requested engine, or by default the scene's.
-
-    ``"both"`` and ``"hybrid"`` stand for ngspice and the state-space engine.
-
-    Raises
-    ------
-    InputError
-        There is no such engine.
-    SimulatorNotFound, SimulatorTooOld
-        ``"hybrid"``, and no ngspice was found or the ngspice is too old.
-    """
-    if engine == "hybrid":
-        _require_ngspice()
-    if engine in ("both", "hybrid"):
-        return ("ngspice", "statespace")
-    return (choose_engine(scene if engine is None else scene.with_engine(engine)),)
-
-
-def _require_ngspice() -> None:
-    try:
-        find_simulator()
-    except (SimulatorNotFound, SimulatorTooOld) as error:
-        text = "the hybrid engine confirms points by ngspice; without ngspice: --engine statespace"
-        raise type(error)(f"{text}. {error}") from None
-
-
 @dataclass(frozen=True, slots=True)
 class GridPoint:
-    """One point of the grid for one engine; `request` is the digest of the scene at the point."""
+    """One point of the grid."""
 
     place: int  # in the order of the grid, from 0
     values: dict[str, Value]
-    engine: str
-    request: bytes
+    key: bytes  # digest of the scene at the point, and of all else that its result depends on
 
 
 class Requests:
-    """Points of a plan, each with its engines.
+    """Points of a plan.
 
     Parameters
     ----------
-    engines : tuple of str, optional
-        By default all engines of the plan.
     places : ndarray (P,), optional
         Places of the grid; by default all, in its order.
 
@@ -146,17 +107,13 @@ class Requests:
         The plan needs ngspice, and no ngspice was found or the ngspice is too old.
     """
 
-    def __init__(
-        self, plan: Plan, engines: tuple[str, ...] | None = None, places: Ints | None = None
-    ) -> None:
+    def __init__(self, plan: Plan, places: Ints | None = None) -> None:
         self._plan, self._places = plan, places
         self._file_digests: dict[str, bytes] = {}
         scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
         analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
-        base = digest(own_code(), scene, analysis)
-        self._bases = {
-            engine: digest(base, simulator_of(engine), engine) for engine in engines or plan.engines
-        }
+        simulator = simulator_name(find_simulator()) if plan.engine == "ngspice" else ""
+        self._base = digest(own_code(), scene, analysis, simulator, plan.engine)
         self._files = files_of(plan.scene)
 
     def __iter__(self) -> Iterator[GridPoint]:
@@ -164,8 +121,7 @@ class Requests:
         for place in every:
             values = self._plan.values_at(place)
             files = [self._digest(values.get(path, name)) for path, name in self._files.items()]
-            for engine, base in self._bases.items():
-                yield GridPoint(place, values, engine, digest(base, values, files))
+            yield GridPoint(place, values, digest(self._base, values, files))
 
     def _digest(self, name: object) -> bytes:
         """Digest a file that a scene names; a missing file raises its error at the point."""
@@ -180,24 +136,13 @@ class Requests:
         return self._file_digests[name]
 
 
-def simulator_of(engine: str) -> str:
-    """Return the name and version of the program on which an engine's results depend."""
-    return simulator_name(find_simulator()) if engine == "ngspice" else engine
-
-
 def plan_sweep(
-    scene: str | Path | Scene,
-    over: Over,
-    engine: str | None,
-    *,
-    fix: Fixed = (),
-    keep_waveforms: bool,
+    scene: str | Path | Scene, over: Over, engine: str | None, *, fix: Fixed = ()
 ) -> Plan:
     """Return the grid of a sweep; arguments and errors are those of `sweep`."""
     scene = read_scene(scene)
     fixed = fixed_values(scene, fix)
     scene = with_values(scene, fixed) if fixed else scene
-    axes, engines = parse_axes(scene, over), engines_of(scene, engine)
+    axes = parse_axes(scene, over)
     check_axes(axes, fixed)
-    hybrid = engine == "hybrid"
-    return Plan(scene, axes, engines, keep_waveforms=keep_waveforms, hybrid=hybrid)
+    return Plan(scene, axes, choose_engine(scene if engine is None else scene.with_engine(engine)))

@@ -1,4 +1,4 @@
-"""The result of a sweep: its points as records, how far two engines agree, tables and files."""
+"""The result of a sweep: its points as records, tables and files."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import csv
 import importlib.util
 import itertools
 import math
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -18,31 +17,16 @@ from taction.netlist_gen.scene.axes import SweepAxis
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.questions import axis_questions
 from taction.system.atomic_files import replacing
-from taction.system.documents import INLINE, Note, Number
+from taction.system.documents import INLINE
 from taction.system.errors import Complaint, InputError
 from taction.system.results import Result
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.export_file import check_sweep_export
-from taction.verification.studies.sweep.hybrid import (
-    BOUNDARY,
-    EXTREME,
-    SAMPLE,
-    compare_point,
-    confirmed_points,
-)
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.studies.sweep.run import SweepCounts
-from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import FIGURES, Record
 
-LINES = 20  # points that are listed
-WORDS = {
-    BOUNDARY: "next to the stability boundary",
-    EXTREME: "with an extreme reading",
-    SAMPLE: "of the random sample",
-}
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
-COMPARED = ("agreement", "chosen", "disagreement")  # columns of a sweep by two engines
 OUTCOMES = ("pass", "fail", "inconclusive", "error")
 BATCH = 5000  # rows in memory at a time
 UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions of netCDF
@@ -51,41 +35,21 @@ UNITS = {"step": "1", "": "1"}  # the unit of a plain number in the conventions 
 def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
     """Yield the record of every stored point of `plan`, in the order of the grid.
 
-    ``values`` holds the values on the axes by name. A point with results of both engines has
-    ``agreement`` (pass, fail or inconclusive), ``difference`` and ``disagreement``, see
-    `verification.studies.sweep.hybrid`; a point that a hybrid sweep confirms by ngspice has
-    ``chosen``, the reason. The other keys are those of a `Record`.
+    ``values`` holds the values on the axes by name. The other keys are those of a `Record`.
     """
     return (record for record in all_records(plan, store) if record is not None)
 
 
 def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
-    """Yield as `records` does, with None for a point that has no result of an engine."""
+    """Yield as `records` does, with None for a point that is not stored."""
     names = {axis.key.path: axis.name for axis in plan.axes}
-    confirmed = confirmed_points(plan, store) if plan.hybrid else {}
-    requests = iter(Requests(plan))
-    while points := list(itertools.islice(requests, len(plan.engines))):
-        found = {point.engine: store.record_of(point.request) for point in points}
-        place, why = points[0].place, None
-        if plan.hybrid:
-            why = confirmed.get(place)
-            found["ngspice"] = found["ngspice"] if place in confirmed else None
-        rest = {
-            "values": {names[path]: value for path, value in points[0].values.items()},
-            "chosen": why,
-            **_comparison(*found.values()),
-        }
-        for engine, record in found.items():
-            yield record and {**rest, **record, "engine": engine, "rightmost_pole": _pole(record)}
-
-
-def _comparison(*found: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the comparison of two engines at a point as plain data, None where only one ran."""
-    names = ("agreement", "difference", "disagreement")
-    if len(found) < 2 or found[0] is None or found[1] is None:
-        return dict.fromkeys(names)
-    result = compare_point(*(Record.from_plain(each) for each in found))
-    return dict(zip(names, (result.outcome.value, result.difference, result.reason), strict=True))
+    for point in Requests(plan):
+        record = store.plain_of(point.key)
+        if record is None:
+            yield None
+            continue
+        values = {names[path]: value for path, value in point.values.items()}
+        yield {"values": values, **record, "rightmost_pole": _pole(record)}
 
 
 def _pole(record: dict[str, Any]) -> list[float] | None:
@@ -96,84 +60,11 @@ def _pole(record: dict[str, Any]) -> list[float] | None:
 
 @dataclass(frozen=True, slots=True)
 class SweepPoint:
-    """A point of a sweep on one engine; `values` by the names of the axes."""
+    """A point of a sweep; `values` by the names of the axes."""
 
     values: dict[str, Value]
     record: Annotated[Record, INLINE]
     rightmost_pole: Annotated[tuple[float, ...] | None, "1/s"]
-    chosen: Annotated[str | None, Note("why a hybrid sweep confirms the point by ngspice")]
-    agreement: Annotated[Outcome | None, Note("of both engines")]
-    difference: Number
-    disagreement: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class AgreementSummary:
-    """How many points have results of both engines, and how far these agree.
-
-    Attributes
-    ----------
-    points, agree, disagree, undecided : int
-        Points with results of both engines, and how many of them have which agreement.
-    chosen : mapping of str to int
-        Points that a hybrid sweep confirms, by the reason.
-    largest_difference : float or None
-        Largest difference of any output at any time and point, divided by the error that the run of
-        ngspice was allowed.
-    at : dict of str to float, int, str or bool, or None
-        The values of that point, by the names of the axes.
-    listed : list of dict
-        Records of ngspice at points without agreement, disagreements first, at most `LINES`.
-    """
-
-    DOCUMENT = (
-        *("points", "agree", "disagree", "undecided", "chosen", "largest_difference", "at"),
-        "listed = listed_points",
-    )
-
-    points: int
-    agree: int
-    disagree: int
-    undecided: int
-    chosen: Mapping[str, int]
-    largest_difference: float | None
-    at: dict[str, Value] | None
-    listed: list[dict[str, Any]] = field(repr=False)
-
-    @property
-    def listed_points(self) -> list[SweepPoint]:
-        """`listed`, which is plain data already."""
-        return cast(list[SweepPoint], self.listed)
-
-
-def summarise(plan: Plan, store: Store) -> AgreementSummary:
-    """Return the agreement of the stored points of `plan`."""
-    outcomes: Counter[str] = Counter()
-    chosen: Counter[str] = Counter()
-    listed: dict[str, list[dict[str, Any]]] = {"fail": [], "inconclusive": []}
-    largest, at = None, None
-    for record in records(plan, store):
-        outcome = record["agreement"]
-        if outcome is None or record["engine"] != "ngspice":
-            continue
-        outcomes[outcome] += 1
-        if record["chosen"] is not None:
-            chosen[record["chosen"]] += 1
-        if outcome in listed and len(listed[outcome]) < LINES:
-            listed[outcome].append(record)
-        difference = record["difference"]
-        if difference is not None and (largest is None or difference > largest):
-            largest, at = difference, record["values"]
-    return AgreementSummary(
-        points=outcomes.total(),
-        agree=outcomes[Outcome.PASS.value],
-        disagree=outcomes[Outcome.FAIL.value],
-        undecided=outcomes[Outcome.INCONCLUSIVE.value],
-        chosen=dict(chosen),
-        largest_difference=largest,
-        at=at,
-        listed=[*listed["fail"], *listed["inconclusive"]][:LINES],
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,13 +87,11 @@ class SweepResult(Result):
     Attributes
     ----------
     plan : Plan
-        The grid: the axes, their values, the engines.
+        The grid: the axes, their values, the engine.
     store : Store
         A database in a file or in memory, open as long as the result exists.
     count : SweepCounts
         Numbers of all points, of the points computed now, and of each outcome.
-    agreement : AgreementSummary or None
-        How far two engines agree; None for a sweep by one engine.
     seconds : float
         Wall time, s.
     strict : bool
@@ -213,16 +102,15 @@ class SweepResult(Result):
     CARD = "Sweep"
     DOCUMENT = (
         *("scene = plan.scene.name", "file = plan.scene.file", "database", "axes"),
-        *("engines = plan.engines", "total = count.total", "done = count.done"),
-        *("ran = count.ran", "outcomes", "agreement", "seconds [s]"),
+        *("engine = plan.engine", "total = count.total", "done = count.done"),
+        *("ran = count.ran", "outcomes", "seconds [s]"),
         "notes # what may be a slip in the axes, and the figures that every op-amp keeps",
-        *("estimated_seconds [s] = count.estimate", "points"),
+        "points",
     )
 
     plan: Plan
     store: Store
     count: SweepCounts
-    agreement: AgreementSummary | None
     seconds: float = 0.0
     strict: bool = False
 
@@ -252,49 +140,26 @@ class SweepResult(Result):
         """None: they may be many, and `records` yields them one by one."""
         return ()
 
-    @classmethod
-    def of(
-        cls,
-        plan: Plan,
-        store: Store,
-        count: SweepCounts,
-        seconds: float = 0.0,
-        *,
-        strict: bool = False,
-    ) -> SweepResult:
-        """Return the result of a sweep that has ended."""
-        agreement = summarise(plan, store) if len(plan.engines) > 1 else None
-        return cls(plan, store, count, agreement, seconds, strict)
-
     @property
     def outcome(self) -> str:
-        """``fail`` if the engines disagree, or, if `strict`, a point fails.
-
-        ``inconclusive`` if no point has a verdict.
-        """
-        if self._disagree or (self.strict and self.count.outcomes["fail"]):
-            return "fail"
+        """``fail`` if `strict` and a point fails; ``inconclusive`` if no point has a verdict."""
         outcomes = self.count.outcomes
+        if self.strict and outcomes["fail"]:
+            return "fail"
         return "pass" if outcomes["pass"] + outcomes["fail"] else "inconclusive"
 
     def __repr__(self) -> str:
         plan, counts = self.plan, sorted(self.count.outcomes.items())
         outcomes = ", ".join(f"{number} {name}" for name, number in counts)
-        if self._disagree:
-            outcomes += f"; the engines disagree at {self._disagree}"
         names = " x ".join(axis.name for axis in plan.axes)
-        return f"SweepResult({plan.scene.name!r}, {names}: {plan.total} points, {outcomes})"
-
-    @property
-    def _disagree(self) -> int:
-        return 0 if self.agreement is None else self.agreement.disagree
+        return f"SweepResult({plan.scene.name!r}, {names}: {plan.points} points, {outcomes})"
 
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield every point as plain data in SI base units, in the order of the grid."""
         return records(self.plan, self.store)
 
     def to_pandas(self) -> Any:
-        """Return a ``pandas.DataFrame``: a row for each point and engine, a column for each figure.
+        """Return a ``pandas.DataFrame``: a row for each point, a column for each figure.
 
         Raises
         ------
@@ -307,7 +172,7 @@ class SweepResult(Result):
         return pd.DataFrame(_rows(self), columns=_titles(self.plan))
 
     def to_xarray(self) -> Any:
-        """Return an ``xarray.Dataset``: the axes and the engine are its coordinates.
+        """Return an ``xarray.Dataset``: the axes are its coordinates.
 
         Raises
         ------
@@ -327,8 +192,8 @@ def _need(package: str) -> None:
 def export_sweep(result: SweepResult, path: str) -> None:
     """Write every point of a sweep to `path`.
 
-    CSV and Parquet have one row for each point and engine; netCDF has one dimension for each group
-    of axes and one for the engine, the axes as coordinates, and a unit for every variable.
+    CSV and Parquet have one row for each point; netCDF has one dimension for each group of axes,
+    the axes as coordinates, and a unit for every variable.
 
     Raises
     ------
@@ -343,17 +208,12 @@ def export_sweep(result: SweepResult, path: str) -> None:
 def _numbers(plan: Plan) -> dict[str, str]:
     """Return the units of the numbers by name, without figures that are an axis, such as lambda."""
     names = {axis.name for axis in plan.axes}
-    units = {name: figure.unit for name, figure in FIGURES.items() if name not in names}
-    return units | ({"difference": ""} if len(plan.engines) > 1 else {})
-
-
-def _text_columns(plan: Plan) -> tuple[str, ...]:
-    return TEXT_COLUMNS + (COMPARED if len(plan.engines) > 1 else ())
+    return {name: figure.unit for name, figure in FIGURES.items() if name not in names}
 
 
 def _titles(plan: Plan) -> list[str]:
     names = (axis.name for axis in plan.axes)
-    return [*names, "engine", "stable", *_numbers(plan), *_text_columns(plan)]
+    return [*names, "engine", "stable", *_numbers(plan), *TEXT_COLUMNS]
 
 
 def _rows(result: SweepResult) -> Iterator[dict[str, Any]]:
@@ -388,7 +248,7 @@ def _parquet(result: SweepResult, path: Path) -> None:
             column("engine", pa.string(), ""),
             column("stable", pa.bool_(), ""),
             *(column(name, pa.float64(), unit) for name, unit in _numbers(plan).items()),
-            *(column(name, pa.string(), "") for name in _text_columns(plan)),
+            *(column(name, pa.string(), "") for name in TEXT_COLUMNS),
         ]
     )
     choices = [axis.name for axis in plan.axes if axis.key.kind == "choice"]
@@ -401,26 +261,24 @@ def _parquet(result: SweepResult, path: Path) -> None:
 
 
 def grids(result: SweepResult) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the numbers of a sweep as arrays over the grid, the engine last.
+    """Return the numbers of a sweep as arrays over the grid, (*plan.shape).
 
-    Every name of `FIGURES`, and ``difference`` for two engines (NaN for a missing number);
-    ``outcome`` and ``agreement``, places in `OUTCOMES` (-1 for a point without this engine, or
-    without both). Shape ``(*plan.shape, len(plan.engines))``.
+    Every name of `FIGURES` (NaN for a missing number), and ``outcome``, places in `OUTCOMES` (-1
+    for a point that is not stored).
     """
     plan = result.plan
-    shape = (*plan.shape, len(plan.engines))
-    arrays = {name: np.full(shape, np.nan) for name in {**FIGURES, **_numbers(plan)}}
-    words = {name: np.full(shape, -1, dtype=np.int8) for name in ("outcome", "agreement")}
-    for place, record in zip(np.ndindex(*shape), all_records(plan, result.store), strict=True):
+    arrays: dict[str, np.ndarray[Any, Any]] = {
+        name: np.full(plan.shape, np.nan) for name in FIGURES
+    }
+    arrays["outcome"] = np.full(plan.shape, -1, dtype=np.int8)
+    for place, record in enumerate(all_records(plan, result.store)):
         if record is None:
             continue
-        for name, codes in words.items():
+        arrays["outcome"].flat[place] = OUTCOMES.index(record["outcome"])
+        for name in FIGURES:
             if record[name] is not None:
-                codes[place] = OUTCOMES.index(record[name])
-        for name, array in arrays.items():
-            if record[name] is not None:
-                array[place] = record[name]
-    return arrays | words
+                arrays[name].flat[place] = record[name]
+    return arrays
 
 
 def dataset(result: SweepResult) -> Any:
@@ -429,25 +287,24 @@ def dataset(result: SweepResult) -> Any:
 
     plan = result.plan
     dimensions = [group[0].name for group in plan.groups]
-    coordinates: dict[str, Any] = {"engine": ("engine", list(plan.engines))}
+    coordinates: dict[str, Any] = {}
     for group, dimension in zip(plan.groups, dimensions, strict=True):
         for axis in group:
             values = axis.values if axis.key.kind != "choice" else [str(v) for v in axis.values]
             about = {"long_name": axis.key.path, "units": axis.key.unit or "1"}
             coordinates[axis.name] = (dimension, list(values), about)
-    everything = (*dimensions, "engine")
     arrays = grids(result)
     variables: dict[str, Any] = {
-        name: (everything, arrays[name], {"units": UNITS.get(unit, unit)})
+        name: (dimensions, arrays[name], {"units": UNITS.get(unit, unit)})
         for name, unit in _numbers(plan).items()
     }
     flags = {
         "flag_values": np.arange(len(OUTCOMES), dtype=np.int8),
         "flag_meanings": " ".join(OUTCOMES),
     }
-    for name in ("outcome", "agreement") if len(plan.engines) > 1 else ("outcome",):
-        variables[name] = (everything, arrays[name], flags)
-    about = {"scene": plan.scene.name, "Conventions": "CF-1.8", "source": "taction sweep"}
+    variables["outcome"] = (dimensions, arrays["outcome"], flags)
+    about = {"scene": plan.scene.name, "engine": plan.engine}
+    about |= {"Conventions": "CF-1.8", "source": "taction sweep"}
     return xr.Dataset(variables, coordinates, about)
 
 

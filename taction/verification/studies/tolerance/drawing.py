@@ -14,13 +14,11 @@ from pathlib import Path
 
 from taction.netlist_gen.board.variation import draw
 from taction.system.array_types import Floats
-from taction.system.documents import plain, read
-from taction.system.errors import Complaint, InputError
 from taction.system.progress import Progress
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.versions import digest
 from taction.verification.studies.running.worker import Workers
-from taction.verification.studies.store import Store, StoredResult
+from taction.verification.studies.store import Store
 from taction.verification.studies.tolerance.samples import BoardSample, Varied, evaluate_all
 from taction.verification.studies.tolerance.varied_board import VariedBoard
 from taction.verification.studies.tolerance.yield_report import MIN_SAMPLES, interval
@@ -35,28 +33,12 @@ class SampleStore:
         self._base = digest(board.versions, board.scene, *problem, board.nominal, seed)
 
     def get(self, number: int) -> BoardSample | None:
-        """Return a sample, if it is stored and not damaged.
-
-        Raises
-        ------
-        InputError
-            The database cannot be used, or the stored record is no sample.
-        """
-        record = self._store.record_of(self._key(number))
-        try:
-            return None if record is None else read(BoardSample, record)
-        except ValueError:
-            text = f"sample {number} is damaged; start anew with another name"
-            raise InputError(self._store.path, Complaint("database", "", text)) from None
-
-    def is_damaged(self, number: int) -> bool:
-        """Whether `get` found a sample that is damaged."""
-        return self._key(number) in self._store.damaged
+        """Return a sample, if it is stored; errors as `Store.record_of`."""
+        return self._store.record_of(self._key(number), BoardSample)
 
     def put(self, sample: BoardSample) -> None:
         """Store a sample; errors as `taction.verification.studies.store.Store.put`."""
-        key = self._key(sample.number)
-        self._store.put(key, StoredResult(sample.outcome, plain(sample)), key)
+        self._store.put(self._key(sample.number), sample)
 
     def _key(self, number: int) -> bytes:
         return digest(self._base, number)
@@ -74,7 +56,6 @@ class SampleCollection:
     samples: list[BoardSample] = field(default_factory=list)  # numbers 0, 1, 2 ... without a gap
     passed: int = 0
     enough: bool = False
-    damaged: list[int] = field(default_factory=list)  # stored, could not be read, computed again
     _waiting: dict[int, BoardSample] = field(default_factory=dict)  # a lower number is missing
 
     def add(self, sample: BoardSample) -> None:
@@ -117,8 +98,6 @@ def run_samples(
             if store is not None and (stored := store.get(number)) is not None:
                 collection.add(stored)
             else:
-                if store is not None and store.is_damaged(number):
-                    collection.damaged.append(number)
                 yield number, draw(board.tolerances, board.varied, seed, number)
 
     for sample in evaluate_all(

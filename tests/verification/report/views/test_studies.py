@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import taction
-from taction.netlist_gen.scene.axes import parse_axes, with_values
+from taction.netlist_gen.scene.axes import with_values
 from taction.system.quantities import readable
 from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Ranges, Table
 from taction.verification.report.charts import Cells, Chart, Columns, Limit, Text, thinned
@@ -22,8 +22,7 @@ from taction.verification.report.texts import figure
 from taction.verification.report.views import montecarlo
 from taction.verification.report.views.montecarlo import _edges, sheet
 from taction.verification.report.views.sweep_maps import Plane
-from taction.verification.studies.sweep.boundary import Boundary, solve_boundary
-from taction.verification.studies.sweep.plan import Plan
+from taction.verification.studies.sweep.result import grids
 from taction.verification.studies.tolerance.yield_report import (
     QuantitySpread,
     Remedy,
@@ -33,7 +32,7 @@ from taction.verification.studies.tolerance.yield_report import (
 from tests.support.making import make_scene
 from tests.support.printed import shown_at
 from tests.support.report_pages import STATESPACE, STUDIES, VERDICTS, page
-from tests.support.sweeping import grid_plan, make_sample
+from tests.support.sweeping import make_sample
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
 
@@ -131,26 +130,20 @@ def test_three_axes_are_maps_at_each_value_of_the_third() -> None:
         assert each.message.endswith(f"at stray_capacitance = {place}")
 
 
-def test_the_boundary_is_a_mark_across_each_category() -> None:
-    plan = grid_plan("opamp.base=ua741,op27", "C=10pF:100pF:3")
-    plane = Plane(plan, Boundary(points=((0, 5e-12), (1, 2e-11))))
-    assert ends(plane) == [(-0.5, 0.5, 5e-12, 5e-12), (0.5, 1.5, 2e-11, 2e-11)]
-
-
-def test_the_boundary_of_a_map_is_the_crossing_of_onset() -> None:
+def test_the_boundary_of_a_map_is_between_the_points_around_the_crossing_of_onset() -> None:
     scene = make_scene({"channels": 3, "span": 2.0}, analysis=STATESPACE)
-    axes = parse_axes(scene, ("C=1pF:100pF:9", "gain=5Mohm:8Mohm:2"))
-    plan = Plan(scene, axes, ("statespace",), hybrid=False)
-    gain = plan.groups[1][0].values[0]
-    lines = ends(Plane(plan, solve_boundary(plan)))
+    result = taction.sweep(scene, over=("C=1pF:100pF:9", "gain=5Mohm:8Mohm:2"), jobs=1)
+    capacitances, gain = result.axes[0].axis.values, result.axes[1].axis.values[0]
+    lines = ends(Plane(result.plan, grids(result)["growth_rate"]))
     both = [(x, y) for x0, x1, y0, y1 in lines for x, y in ((x0, y0), (x1, y1))]
-    drawn = {x for x, y in both if y == pytest.approx(gain)}
+    drawn = sorted(x for x, y in both if y == pytest.approx(gain))
     onset = taction.onset(
         with_values(scene, {"design.gain": gain}), over="C=1pF:100pF", transients=False
     )
     solved = [each.crossing.value for each in onset.findings if each.crossing.changes_stability]
     assert solved
-    assert sorted(drawn) == pytest.approx(sorted(solved), rel=2e-3)
+    places = [np.searchsorted(capacitances, found).tolist() for found in (drawn, sorted(solved))]
+    assert places[0] == places[1]
 
 
 def test_what_fails_is_told_apart_by_colour_and_mark() -> None:

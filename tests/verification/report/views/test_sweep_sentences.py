@@ -8,7 +8,6 @@ import pytest
 from taction.verification.report.renderers.figures import wrapped
 from taction.verification.report.views.sweep import SHOWN, _worth
 from taction.verification.report.views.sweep_maps import Plane
-from taction.verification.studies.sweep.boundary import Boundary
 from tests.support.sweeping import grid_plan
 
 LISTS = ("opamp.base=ua741,op27", "C=10pF,20pF")
@@ -18,16 +17,24 @@ NONE = float("nan")
 @pytest.mark.parametrize(
     ("growth", "sentence"),
     [
-        ([[-1.0, -2.0], [-1.0, -3.0]], "Stability does not change within this map."),
-        ([[1.0, 2.0], [1.0, 3.0]], "Stability does not change within this map."),
+        ([[-1.0, -2.0], [-1.0, -3.0]], "Stability is the same at every point."),
+        ([[1.0, 2.0], [1.0, 3.0]], "Stability is the same at every point."),
         ([[-1.0, 2.0], [-1.0, -3.0]], "Stable at some points, unstable at others"),
-        ([[-1.0, NONE], [-1.0, -3.0]], "Stability does not change where it is known."),
+        ([[-1.0, NONE], [-1.0, -3.0]], "Stability is the same where it is known."),
     ],
 )
 def test_a_map_of_lists_says_whether_its_points_are_stable(
     growth: list[list[float]], sentence: str
 ) -> None:
-    assert sentence in Plane(grid_plan(*LISTS), Boundary(), growth=np.array(growth)).note
+    assert sentence in Plane(grid_plan(*LISTS), np.array(growth)).note
+
+
+def test_the_boundary_is_where_the_growth_rate_passes_through_zero() -> None:
+    plan = grid_plan("C=10pF:30pF:2:lin", "gain=1k:2k:2:lin")
+    plane = Plane(plan, np.array([[3.0, 3.0], [-1.0, -1.0]]))
+    assert plane.edge is not None
+    assert plane.edge.x[:2] == pytest.approx([25e-12, 25e-12])
+    assert "interpolated between the points" in plane.note
 
 
 def test_missing_values_are_not_called_small() -> None:

@@ -56,9 +56,9 @@ def of_sweep(scene: Scene) -> dict[str, Any]:
         problem = make_problem(scene)
     except TactionError as error:
         return without_verdict(error, engine)
-    (result,) = compute(PointJob(scene, problem, False, own_versions(engine == "ngspice")))
+    (result,) = compute(PointJob(scene, problem, own_versions(engine == "ngspice")))
     assert result is not None
-    return result.row
+    return result.to_plain()
 
 
 def without_verdict(error: TactionError, engine: str) -> dict[str, Any]:
@@ -124,7 +124,7 @@ def test_no_point_of_a_sweep_depends_on_the_points_before(ngspice: str, engine: 
 
 def swept(over: str, engine: str) -> dict[float, dict[str, Any]]:
     """Return the records of a sweep of one worker by capacitance, without the time they took."""
-    plan = plan_sweep(PAPER, over, engine, fix="gain=1M", keep_waveforms=False)
+    plan = plan_sweep(PAPER, over, engine, fix="gain=1M")
     with Store(":memory:") as store, ThreadPoolExecutor(1) as executor:
         sweep(plan, store, Workers(executor, lambda: 1, (BrokenExecutor,)))
         found = list(records(plan, store))
