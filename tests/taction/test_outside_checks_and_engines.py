@@ -130,7 +130,7 @@ def test_a_sweep_has_them(scene: Path, tmp_path: Path) -> None:
     swing = f"{1e3 * found(taction.verify(scene), 'swing').value:.3g} mV"
     assert limited["points"][0]["reason"] == f"swing: {swing} (limit: at most 1 mV)"
     shown = command("sweep", str(scene), *over, *files[:2])  # as it is stored
-    assert "even_steps" in shown.stdout
+    assert "engine: even steps" in shown.stdout
     for text in (shown.stdout, page.read_text("utf-8"), picture.read_text("utf-8")):
         assert "swing" in text
         assert "even_steps" in text or "even steps" in text
