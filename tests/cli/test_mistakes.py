@@ -177,7 +177,7 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("design", "choose", "ok.toml", "--topology", "inw"): ("--topology", "'inw'", "'inv'?"),
     ("yield", "corners", "ok.toml", "--corner", "R=1"): ("--corner", "R:", "capacitor"),
     ("sweep", "ok.toml", "--over", "engine=ngspice,statespace"):
-        ("--over", "analysis.engine", "--engine both"),
+        ("--over", "analysis.engine", "sweep once with each"),
     ("export", "bom", "ok.toml", "-o", "none/p.csv"): ("-o", "its folder does not exist"),
     ("export", "bom", "ok.toml", "-o", "p.xlsx"): ("-o", "'p.xlsx'", "ends in .csv"),
     ("export", "waveforms", "ok.toml", "-o", "w.txt"): ("-o", "'w.txt'", ".csv, .parquet, .raw"),

@@ -67,7 +67,7 @@ def test_a_table_has_one_row_a_point(result: SweepResult) -> None:
 
 def test_a_grid_has_the_axes_as_coordinates(result: SweepResult) -> None:
     grid = result.to_xarray()
-    assert dict(grid.sizes) == {"C": 2, "topology": 2, "engine": 1}
+    assert dict(grid.sizes) == {"C": 2, "topology": 2}
     table = result.to_pandas().set_index(["C", "topology"])["settling_time"]
     chosen = grid["settling_time"].sel(C=2e-11, topology="passive", engine="statespace")
     assert float(chosen) == table[(2e-11, "passive")]
