@@ -69,7 +69,7 @@ def test_a_grid_has_the_axes_as_coordinates(result: SweepResult) -> None:
     grid = result.to_xarray()
     assert dict(grid.sizes) == {"C": 2, "topology": 2}
     table = result.to_pandas().set_index(["C", "topology"])["settling_time"]
-    chosen = grid["settling_time"].sel(C=2e-11, topology="passive", engine="statespace")
+    chosen = grid["settling_time"].sel(C=2e-11, topology="passive")
     assert float(chosen) == table[(2e-11, "passive")]
 
 
