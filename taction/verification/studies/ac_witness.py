@@ -7,7 +7,7 @@ every node, which see every pole, also one that no source reaches.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,18 +62,27 @@ class AcWitness:
             reason += f"; ngspice finds its operating point with {self.point.limits} only"
         return Check("ac_agrees", outcome, found.worst, 0.0, limit, None, "ratio", reason)
 
-    def compare(self, board: LinearBoard, poles: Complexes) -> AcComparison:
-        """Compare both responses at frequencies about the poles."""
+    def compare(
+        self, board: LinearBoard, poles: Complexes, ports: Mapping[str, float] | None = None
+    ) -> AcComparison:
+        """Compare both responses at frequencies about the poles.
+
+        Of some `ports` only, where they are given, each relative to what it has or to this value.
+        """
         nodes = [n for n in board.descriptor.names[: board.descriptor.node_count]
                  if n in self.point.volts or not self.point.volts]  # fmt: skip
         weights = _weights(len(nodes))
         names, hertz, theirs, said = self._asked(nodes, weights, poles)
         if not len(hertz):
             return AcComparison(None, said)
+        if ports is not None:
+            theirs = theirs[:, :, [names.index(port) for port in ports]]
+            names = list(ports)
         places = [board.descriptor.place(name) for name in names]
         ours = self._ours(board, hertz, nodes, weights)[:, :, places]
         largest = np.abs(theirs).max(axis=2, keepdims=True)
-        floor = np.maximum(np.abs(theirs), FAINT * largest)
+        least = FAINT * largest if ports is None else np.array([*ports.values()])
+        floor = np.maximum(np.abs(theirs), least)
         off = np.abs(ours - theirs) / np.where(floor > 0.0, floor, 1.0)
         off = np.where(np.isfinite(off), off, np.inf)
         way, at, node = np.unravel_index(int(off.argmax()), off.shape)

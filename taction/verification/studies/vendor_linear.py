@@ -1,6 +1,6 @@
 """The linear circuit of a vendor's op-amp: its cards on the bench, each measured where it rests.
 
-Nothing is fitted. ngspice's own small signal of the bench is the witness, at every node.
+Nothing is fitted. ngspice's own small signal of the bench is the witness, at every port.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ from taction.verification.stability.poles import poles
 from taction.verification.studies.ac_witness import AcWitness, stepping
 
 GOOD = 1e-4  # largest relative difference from ngspice of a linear model that serves as a witness
-BENCH = ("vinp", "vinn", "vmid", "vdrive", "eservo", "iload", "gslow", "rslow", "cslow")
+PORTS = {OUT: 1e-3, "inn": 1e-3, "of_inn": 1e-9, "of_inp": 1e-9}
+"""What is compared, and what a smaller one counts as: V, and A into the inputs for 1 V."""
+SERVO = ("gslow", "rslow", "cslow")
+BENCH = ("vinp", "vinn", "vmid", "vdrive", "eservo", "iload", *SERVO)
 
 
 def linear_model(point: DeckPoint, simulator: Simulator) -> tuple[LinearModel | None, str]:
@@ -38,14 +41,14 @@ def linear_model(point: DeckPoint, simulator: Simulator) -> tuple[LinearModel | 
         if moving := [card for card, found in flat.stimuli.items() if found.moves]:
             return None, f"no linear model: {moving[0]} changes over time"
         add_measured(flat, measured(point.found, point.volts, point.options, simulator))
-        found = poles(LinearBoard(circuit_of(_driven(flat, held=True), "bench", (OUT,))))
+        found = poles(LinearBoard(circuit_of(_held(flat), "bench", (OUT,))))
         if found.known_unstable:
             rate = show_rate(found.rightmost.real)
             return None, f"no linear model: the netlist itself has a pole at {rate}"
         driven = _driven(flat)
         board = LinearBoard(circuit_of(driven, "bench", (OUT,)))
         witness = AcWitness(point, stepping(driven.branches), simulator)
-        seen = witness.compare(board, found.poles)
+        seen = witness.compare(board, found.poles, PORTS)
     except (CardError, EngineError, SimulationError) as error:
         return None, f"no linear model: {one_line(error)}"
     if seen.worst is None:
@@ -58,17 +61,32 @@ def linear_model(point: DeckPoint, simulator: Simulator) -> tuple[LinearModel | 
     return LinearModel(_parts(flat), seen.worst, seen.band), ""
 
 
-def _driven(flat: Flat, *, held: bool = False) -> Flat:
+def _driven(flat: Flat) -> Flat:
     """Return the bench with 1 V at the inverting input, which else the servo holds."""
+    branches = [
+        replace(part, value=1.0, before=0.0)
+        if isinstance(part, Source) and part.card.lower() == "vdrive"
+        else part
+        for part in flat.branches
+    ]
+    return replace(flat, branches=branches)
 
-    def driven(part: Branch) -> Branch:
-        if isinstance(part, Source) and part.card.lower() == "vdrive":
-            return replace(part, value=1.0, before=0.0)
-        if held and part.card.lower() == "eservo":
-            return VoltageBetween(part.name, part.a, part.b, 0.0, 0.0)
-        return part
 
-    return replace(flat, branches=[driven(part) for part in flat.branches])
+def _held(flat: Flat) -> Flat:
+    """Return the bench with both inputs held, without the servo, whose 1e9 F hide the others."""
+    held = [
+        VoltageBetween(part.name, part.a, part.b, 0.0, 0.0)
+        if part.card.lower() == "eservo"
+        else part
+        for part in flat.branches
+        if part.card.lower() not in SERVO
+    ]
+    return replace(
+        flat,
+        branches=held,
+        resistors=[part for part in flat.resistors if part.card.lower() not in SERVO],
+        capacitors=[part for part in flat.capacitors if part.card.lower() not in SERVO],
+    )
 
 
 def _parts(flat: Flat) -> tuple[LinearPart, ...]:

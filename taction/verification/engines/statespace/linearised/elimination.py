@@ -4,122 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
-from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed, alone
+from taction.verification.engines.statespace.linearised.limited_states import differentiated
+from taction.verification.engines.statespace.linearised.scaled_inverse import (
+    SINGULAR,
+    ScaledInverse,
+)
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
 ROUNDING = 64 * EPS
 DECIDED = 1e9  # condition number below which rounding cannot make a matrix singular, or regular
 SPARE = 4.0  # times the rounding of a solution is within the bound of the terms that it adds to
-SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
-
-Matrices = TypeVar("Matrices", Floats, Complexes)
-
-
-class ScaledInverse:
-    """Solver of ``A X = B`` for a stack A (B, k, k): inverses with scaled rows, refined once."""
-
-    def __init__(self, A: Floats) -> None:
-        filled = A != 0.0
-        diagonal = A.diagonal(axis1=1, axis2=2)
-        own = np.arange(A.shape[1])
-        filled[:, own, own] = False
-        decoupled = agreed((diagonal != 0.0) & ~(filled.any(axis=1) | filled.any(axis=2)))
-        self.coupled = np.flatnonzero(~decoupled)
-        self.diagonal = np.where(decoupled, diagonal, 1.0)[:, :, None]
-        scaled = taken(A, self.coupled, self.coupled)
-        scale = np.abs(scaled).max(axis=2, initial=0.0)
-        scale[scale == 0.0] = 1.0
-        self.scale = scale[:, :, None]
-        self.columns = np.ones_like(self.scale)
-        self._invert(scaled)
-        if not np.all(self.largest < SINGULAR):  # rows alone do not scale a chain of gains
-            pairs = [matching_scales(each) for each in scaled]
-            rows, columns = zip(*pairs, strict=True)
-            self.scale, self.columns = np.stack(rows)[:, :, None], np.stack(columns)[:, :, None]
-            self._invert(scaled)
-
-    def _invert(self, A: Floats) -> None:
-        """Invert the coupled part A with its scaled rows and columns."""
-        self.scaled = A / self.scale / self.columns.transpose(0, 2, 1)
-        self.inverse = inverses(self.scaled)
-        self.largest = np.abs(self.inverse).max(axis=(1, 2), initial=0.0)
-
-    @property
-    def condition(self) -> Floats:
-        """Condition numbers of the scaled matrices in the row-sum norm, (B,); inf if singular."""
-        norms = [
-            np.abs(X).sum(axis=2).max(axis=1, initial=1.0) for X in (self.scaled, self.inverse)
-        ]
-        return np.asarray(norms[0] * norms[1])
-
-    def magnitudes(self) -> Floats:
-        """Return the sizes of the elements of the inverses."""
-        count, size = self.diagonal.shape[:2]
-        inverse, own = np.zeros((count, size, size)), np.arange(size)
-        inverse[:, own, own] = 1.0 / np.abs(self.diagonal[:, :, 0])
-        part = np.abs(self.inverse) / self.scale.transpose(0, 2, 1) / self.columns
-        inverse[:, self.coupled[:, None], self.coupled] = part
-        return inverse
-
-    def spread(self, X: Floats) -> Floats:
-        """Return ``|A^-1| |A| |X|``: to what the rounding of a solution X is relative."""
-        moved, size = np.abs(self.diagonal) * np.abs(X), np.abs(X.take(self.coupled, axis=1))
-        moved[:, self.coupled] = self.scale * (np.abs(self.scaled) @ (self.columns * size))
-        return np.asarray(self.magnitudes() @ moved)
-
-    def solve(self, B: Floats, names: Sequence[str], failure: str) -> Floats:
-        """Return X; for singular A raise EngineError with the names of the unknowns."""
-        if not agreed(self.largest < SINGULAR):
-            listed = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-            raise EngineError(f"{failure}: {listed}")
-        X = B / self.diagonal
-        if self.coupled.size:
-            right = B.take(self.coupled, axis=1) / self.scale
-            Y = self.inverse @ right
-            Y = Y + self.inverse @ (right - self.scaled @ Y)
-            X[:, self.coupled] = Y / self.columns
-        return X
-
-
-def matching_scales(A: Floats) -> tuple[Floats, Floats]:
-    """Return divisors of rows and columns (k,) of A (k, k) that leave elements of 1 and smaller.
-
-    Those of 1 are a matching of rows with columns, that of the largest product (Duff and Koster,
-    SIAM J. Matrix Anal. Appl. 22, 2001). Without such a matching A is singular: ones are returned.
-    """
-    from scipy.optimize import linear_sum_assignment
-
-    size = len(A)
-    with np.errstate(divide="ignore"):
-        costs = -np.log(np.abs(A))
-    try:
-        _, match = linear_sum_assignment(costs)
-    except ValueError:
-        return np.ones(size), np.ones(size)
-    own = costs[np.arange(size), match]
-    potentials = np.zeros(size)  # of the columns: shortest distances along the matching
-    for _ in range(size):
-        shorter = np.minimum(potentials, ((potentials[match] - own)[:, None] + costs).min(axis=0))
-        if np.array_equal(shorter, potentials):
-            break
-        potentials = shorter
-    return np.exp(-(own - potentials[match])), np.exp(-potentials)
-
-
-def inverses(A: Matrices) -> Matrices:
-    """Return the inverses of a stack of matrices; infinite ones of singular matrices."""
-    try:
-        return np.asarray(np.linalg.inv(A))
-    except np.linalg.LinAlgError:
-        if len(A) == 1:
-            return np.full_like(A, np.inf)
-        return np.concatenate([inverses(one[None]) for one in A])
 
 
 def taken(A: Floats, rows: Ints, columns: Ints) -> Floats:
@@ -202,13 +102,19 @@ def eliminate(
     K = taken(np.concatenate([K, b], axis=2), np.concatenate([d, a]), columns)
     # 0 = K_ad x + K_aa y + b_a
     chargeless = [names[k] for k in a] if basis is None else names
-    inner_factor = ScaledInverse(K[:, n:, n + inputs :])
+    inner_factor, limits = ScaledInverse(K[:, n:, n + inputs :]), None
+    if has_branches and count == 1 and not inner_factor.largest[0] < SINGULAR:
+        K, limits = differentiated(K, mass, n, inputs)
+        inner_factor = ScaledInverse(K[:, n:, n + inputs :])
     passive = inner_factor.solve(
         K[:, n:, : n + inputs], chargeless, "nodes without capacitance stay undetermined"
     )
     rates = K[:, :n, : n + inputs] - K[:, :n, n + inputs :] @ passive
     charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
-    charge = _with_impulses(charge, K[:, :n, n + inputs :], inner_factor, chargeless, d, a)
+    if limits is None:
+        charge = _with_impulses(charge, K[:, :n, n + inputs :], inner_factor, chargeless, d, a)
+    else:  # it is limited below; what has no charge has none here
+        charge = charge.take(d, axis=1)
     right = np.concatenate([rates, charge], axis=2)
     terms = np.abs(K[:, :n, :n]) + np.abs(K[:, :n, n + inputs :]) @ np.abs(passive[:, :, :n])
     sizes = np.abs(mass.solve(terms, charged, "the capacitances do not determine the states"))
@@ -227,6 +133,9 @@ def eliminate(
         outer[:, f], outer[:, o] = inner, sources[:, :, : len(f)] @ inner
         outer[:, o, n:] += sources[:, :, len(f) :]
     places = f[d] if basis is None else None
+    if limits is not None:
+        rates, outer, sizes = limits.restricted(rates, outer, sizes)
+        decided, places = np.zeros_like(decided), None
     return _boards(rates, outer, sizes, decided, places)
 
 
@@ -395,7 +304,7 @@ def _decomposed(M: Floats, K: Floats, b: Floats, charge: Floats, rows: Bools) ->
     weight, pull = np.abs(M[0]).max(axis=1), np.abs(K[0]).max(axis=1)
     rate = np.median(pull[rows] / weight[rows]) or 1.0
     scale = np.where(rows, weight, np.where(pull > 0.0, pull, rate) / rate)[:, None]
-    U, S, Vt = np.linalg.svd(M[0] / scale)
+    U, S, Vt = _parts_decomposed(M[0] / scale)
     rank = int(np.sum(S[0] / SINGULAR < S))
     places = np.arange(len(S))
     d, a = places[:rank], places[rank:]
@@ -403,6 +312,25 @@ def _decomposed(M: Floats, K: Floats, b: Floats, charge: Floats, rows: Bools) ->
     turned = U.T @ (K / scale) @ Vt.T
     parts = (d, a, Vt.T, mass, turned, U.T @ (b / scale), U.T @ (charge / scale))
     return Split(parts, U.T / scale.T, True)
+
+
+def _parts_decomposed(A: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the singular value decomposition of A, each connected part by itself.
+
+    One of the whole would mix all unknowns without charge at will, and their scales with them: of
+    a node behind 1e12 ohm beside a current of amperes nothing would be left.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    size, begin = len(A), 0
+    U, S, Vt = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
+    count, labels = connected_components(A != 0.0, directed=False)
+    for k in range(count):
+        own = np.flatnonzero(labels == k)
+        places = slice(begin, begin := begin + len(own))
+        U[own, places], S[places], Vt[places, own] = np.linalg.svd(A[np.ix_(own, own)])
+    order = np.argsort(-S, kind="stable")
+    return U[:, order], S[order], Vt[order]
 
 
 def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -> Split:

@@ -17,7 +17,7 @@ import numpy as np
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.linearised.block import UNITS
-from taction.verification.engines.statespace.linearised.elimination import inverses
+from taction.verification.engines.statespace.linearised.scaled_inverse import inverses
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
 
 SEARCHED = 1e-9  # times the fastest pole: error of the poles that a search finds

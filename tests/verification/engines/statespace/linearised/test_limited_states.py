@@ -1,0 +1,68 @@
+"""States that equations without charge limit, in closed form: coils in series with sources."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards, stepped
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.elimination import _parts_decomposed
+from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.stability.poles import poles
+
+TAU = 1e-6  # s: 1 kohm and 1 nF
+TIMES = np.array([1e-8, 1e-7, 1e-6, 3e-6])
+SLOW = ("v1 in 0 ac 1", "r1 in a 1k", "c1 a 0 1n")
+LOAD = ("r3 o 0 1k", "c2 o 0 1n")
+
+
+def board(*cards: str) -> LinearBoard:
+    flat, _ = stepped(read_cards(cards))
+    return LinearBoard(circuit_of(flat, "a", ["o"]))
+
+
+def test_a_coil_in_series_with_a_current_source_is_no_state() -> None:
+    """Two poles at 1/tau: v(o) = 1 - (1 + t/tau) exp(-t/tau)."""
+    made = board(*SLOW, "g1 0 x a 0 1m", "l1 x y 1m", "r2 y o 1k", *LOAD)
+    np.testing.assert_allclose(made.state_space.n, 2)
+    np.testing.assert_allclose(poles(made).poles, [-1.0 / TAU] * 2, rtol=1e-9)
+    found = exact_solution(made, initial="rest").at(TIMES)[:, 0]
+    wanted = 1.0 - (1.0 + TIMES / TAU) * np.exp(-TIMES / TAU)
+    np.testing.assert_allclose(found, wanted, atol=1e-8)
+
+
+def test_a_step_in_such_a_current_moves_no_charge() -> None:
+    """The current of the coil jumps with the source: v(o) = 1 - exp(-t/tau) from 0."""
+    made = board("v1 in 0 ac 1", "g1 0 x in 0 1m", "l1 x o 1m", *LOAD)
+    np.testing.assert_allclose(poles(made).poles, [-1.0 / TAU], rtol=1e-9)
+    found = exact_solution(made, initial="rest").at(TIMES)[:, 0]
+    np.testing.assert_allclose(found, 1.0 - np.exp(-TIMES / TAU), atol=1e-9)
+
+
+@pytest.mark.parametrize("small", [1.0, 1e-10])
+def test_coils_in_series_are_one_state(small: float) -> None:
+    """-R / (L1 + L2), beside a node that 1e12 ohm hold."""
+    made = board(
+        "v1 in 0 ac 1",
+        "l1 in x 1m",
+        "l2 x o 2m",
+        f"r1 o 0 {small!r}",
+        "r2 in q 1e12",
+        "r4 q 0 1e12",
+    )
+    np.testing.assert_allclose(poles(made).poles, [-small / 3e-3], rtol=1e-8)
+
+
+def test_parts_are_decomposed_by_themselves(rng: np.random.Generator) -> None:
+    A = np.zeros((7, 7))
+    A[np.ix_([0, 3], [0, 3])] = [[1.0, -1.0], [-1.0, 1.0]]
+    A[np.ix_([1, 5], [1, 5])] = rng.normal(size=(2, 2))
+    A[6, 6] = -3.0
+    U, S, Vt = _parts_decomposed(A)
+    np.testing.assert_allclose(U * S @ Vt, A, atol=1e-14)
+    np.testing.assert_allclose(U @ U.T, np.eye(7), atol=1e-14)
+    np.testing.assert_allclose(Vt @ Vt.T, np.eye(7), atol=1e-14)
+    assert np.all(np.diff(S) <= 0.0)
+    zero = np.flatnonzero(S < 1e-12)  # 0 and 3 together, 2 and 4 each alone
+    assert np.sum(np.count_nonzero(Vt[zero], axis=1) == 1) == 2
