@@ -251,8 +251,7 @@ def build(
     from taction.verification.report.output_checks import check_packages
     from taction.verification.report.renderers.page import page_html
     from taction.verification.report.views.parts import parts_csv
-    from taction.verification.verdict.build_folder import KICAD, OWN, REPORT
-    from taction.verification.verdict.built_board import BuiltBoard
+    from taction.verification.verdict.built_board import KICAD, OWN, REPORT, BuiltBoard
     from taction.verification.verdict.deck import deck_of
 
     scene, place = read_scene(scene, engine), Path(output)

@@ -182,8 +182,7 @@ def choose(
     """
     from taction.netlist_gen.board.part_warnings import ANY_PART
     from taction.system.output_files import check_empty_folder, make_folder
-    from taction.verification.design.choice_plan import choice_plan
-    from taction.verification.design.choice_request import request_of
+    from taction.verification.design.choice_plan import choice_plan, request_of
     from taction.verification.design.choose import (
         Choice,
         best_designs,

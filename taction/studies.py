@@ -210,8 +210,12 @@ def regress(
     from taction.system.atomic_files import write_atomically
     from taction.system.errors import Interrupted
     from taction.verification.report.output_checks import check_folder
-    from taction.verification.studies.regression.baseline import baseline_text, load_baseline
-    from taction.verification.studies.regression.baseline_file import NO_COMMIT, commit_of
+    from taction.verification.studies.regression.baseline import (
+        NO_COMMIT,
+        baseline_text,
+        commit_of,
+        load_baseline,
+    )
     from taction.verification.studies.regression.run import regress as run
     from taction.verification.studies.regression.run import updated_baseline
 
@@ -321,7 +325,7 @@ def stress(
     from taction.verification.evidence.stress.run import run_catalogue
 
     cases = select(load_catalogue(), tuple(only))
-    progress(Notice(f"{len(cases)} cases"))
+    progress(Notice(f"cases: {len(cases)}"))
     report = run_catalogue(cases, progress, jobs)
     if report.interrupted:
         raise Interrupted("the finished cases are in the report", report)

@@ -89,8 +89,8 @@ def montecarlo(
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.drawing import SampleCollection, draw_samples
-    from taction.verification.studies.tolerance.options import half_width
     from taction.verification.studies.tolerance.remedy import TARGET, verified_remedy
+    from taction.verification.studies.tolerance.samples import half_width
     from taction.verification.studies.tolerance.varied_board import prepare
     from taction.verification.studies.tolerance.yield_report import summarise_samples
 
@@ -231,10 +231,10 @@ def corners(
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.corners import (
         CornerStudy,
+        deviations_of,
         named_corner,
         worst_corners,
     )
-    from taction.verification.studies.tolerance.options import deviations_of
     from taction.verification.studies.tolerance.varied_board import prepare
 
     scene = read_scene(scene, engine)

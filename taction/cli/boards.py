@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from taction.verification.design.fresh_scene import NewScene
 
 DOCUMENTS = "verification.report.documents"
-BUILD_FOLDER = "verification.verdict.build_folder:check_build_folder"
+BUILD_FOLDER = "verification.verdict.built_board:check_build_folder"
 DIALECTS = ("ngspice", "ltspice", "hspice", "xyce", "spectre")  # --help does not load the table
 
 

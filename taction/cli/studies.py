@@ -57,7 +57,7 @@ MONTECARLO = Command(
         option("samples", "-n", "--samples", type=click.IntRange(1, 10_000_000)),
         option("seed", type=click.IntRange(0)),
         option("sample", type=click.IntRange(0), of="verify_sample", required=False),
-        option("until", check="verification.studies.tolerance.options:half_width"),
+        option("until"),
         option("min_yield", type=NumberRange(0, 1)),
         option("remedy", "--remedy/--no-remedy"),
         option("engine", type=EngineChoice(ENGINES)),
@@ -109,8 +109,7 @@ def _ask_limits(call: Call) -> None:
     from taction.netlist_gen.scene.axes import LIMITS
     from taction.netlist_gen.scene.checks import unitless_times
     from taction.netlist_gen.scene.questions import value_questions
-    from taction.verification.design.choice_plan import base_of
-    from taction.verification.design.choice_request import request_of
+    from taction.verification.design.choice_plan import base_of, request_of
 
     given = call.arguments
     request = request_of(
@@ -259,7 +258,7 @@ SWEEP = Command(
             "export",
             "Write a table (.csv, .parquet) or grid (.nc).",
             _sweep_table,
-            "verification.studies.sweep.export_file:check_sweep_export",
+            "verification.studies.sweep.result:check_sweep_export",
         ),
         picture("maps over two axes, or curves over one axis,"),
         REPORT,

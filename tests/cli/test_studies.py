@@ -55,7 +55,7 @@ def test_one_case_as_json_and_in_files(tmp_path: Path) -> None:
     assert found["count"] == {"right": 2}
     assert etree.parse(str(junit)).getroot().get("tests") == "2"
     assert "| two-channels | ngspice | pass |" in page.read_text("utf-8")
-    assert "taction: 1 cases, about" in done.stderr
+    assert "taction: cases: 1" in done.stderr
     assert done.stderr.splitlines()[-2:] == [f"wrote {junit}", f"wrote {page}"]
 
 

@@ -160,8 +160,7 @@ def test_the_op_amp_is_listed_measured_and_chosen(tmp_path: Path, plugin: Plugin
     shown = checked(taction("models", "show", "acme1", "--json").stdout, "models-show")
     assert "acme1" in json.dumps(shown)
     scene = door.load_scene(OPAMP.scene(tmp_path, "statespace"))
-    from taction.verification.design.choice_plan import choice_plan
-    from taction.verification.design.choice_request import ChoiceRequest
+    from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
 
     assert "acme1" in choice_plan(scene, ChoiceRequest()).axes[0].values
 

@@ -12,8 +12,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.design.choice_plan import choice_plan
-from taction.verification.design.choice_request import ChoiceRequest
+from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
 from taction.verification.design.choose import (
     Choice,
     Confirmation,
@@ -46,7 +45,7 @@ from taction.verification.report.views import (
 )
 from taction.verification.report.views.sweep import view as sweep_report
 from taction.verification.report.views.verdict import view as verdict_report
-from taction.verification.studies.regression.baseline_file import Commit
+from taction.verification.studies.regression.baseline import Commit
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Requests

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from operator import attrgetter
 from pathlib import Path
@@ -18,14 +18,15 @@ import numpy as np
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import LIMITS, SweepAxis, read_ends, tried, with_values
+from taction.netlist_gen.scene.axes import LIMITS, Point, SweepAxis, read_ends, tried, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
+from taction.netlist_gen.scene.open_tables import NAMES as SCENE_NAMES
 from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
 from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
-from taction.verification.design.choice_request import EVERY, ChoiceRequest
+from taction.system.quantities import fraction, number
 from taction.verification.design.ranges import SearchRange
 from taction.verification.design.scaling import SHARE, SMALLER, rescaled
 from taction.verification.design.trials import at_small_signal
@@ -47,6 +48,90 @@ NAMES = {
 SAME_LAMBDA = 1e-9
 AROUND = 10.0  # C and gain go from the scene's value divided by it to the value times it
 MOST_POINTS = 101
+EVERY = "all"
+POINTS = 9  # of C and of the gain
+
+
+@dataclass(frozen=True, slots=True)
+class ChoiceRequest:
+    """What is asked for.
+
+    Attributes
+    ----------
+    opamps : sequence of str
+        Presets; empty for all of them.
+    capacitances, gains : str
+        Ranges ``"LOW:HIGH"``, or empty.
+    points : int
+        Values of C and of the gain, before they are rounded to their series.
+    limits : mapping
+        Values of the scene by dotted paths: limits of the checks, and the supply.
+    topologies : sequence of str
+        Names, or `EVERY`; empty for that of the scene.
+    """
+
+    opamps: Sequence[str] = ()
+    capacitances: str = ""
+    gains: str = ""
+    points: int = POINTS
+    limits: Point | None = None
+    topologies: Sequence[str] = ()
+
+
+def request_of(
+    opamps: str | Sequence[str],
+    capacitances: str,
+    gains: str,
+    points: int,
+    topology: str | Sequence[str] = "",
+    **limits: str | float | None,
+) -> ChoiceRequest:
+    """Return what is asked for, from the arguments of `taction.choose`.
+
+    Raises
+    ------
+    InputError
+        A topology is unknown, or the overshoot or the margin is no number.
+    """
+    names, topologies = (
+        [name.strip() for name in (text.split(",") if isinstance(text, str) else text)]
+        for text in (opamps, topology)
+    )
+    for name in topologies:
+        if name not in ("", EVERY):
+            _refuse_unknown(name)
+    numbers = ("overshoot", "margin")
+    values = {
+        path: _number(f"--{name}", limits[name]) if name in numbers else limits[name]
+        for name, path in LIMITS.items()
+    }
+    return ChoiceRequest(
+        opamps=[*filter(None, names)],
+        capacitances=capacitances,
+        gains=gains,
+        points=points,
+        limits={path: value for path, value in values.items() if value is not None},
+        topologies=[*filter(None, topologies)],
+    )
+
+
+def _number(option: str, given: str | float | None) -> float | None:
+    """Read a number; of the overshoot also a share in percent."""
+    if given is None:
+        return None
+    text = str(given).strip()
+    try:
+        return fraction(text) if option == "--overshoot" else number(text)
+    except ValueError:
+        complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
+        raise InputError(option, complaint) from None
+
+
+def _refuse_unknown(name: str) -> None:
+    try:
+        SCENE_NAMES["topology"].check(name)
+    except ValueError as error:
+        raise InputError("--topology", Complaint("NAME", repr(name), str(error))) from None
 
 
 def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:

@@ -6,8 +6,29 @@ from dataclasses import dataclass, field
 
 from taction.netlist_gen.board.bill_of_materials import BillOfMaterials
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.output_files import check_own_folder
 from taction.system.results import Result
 from taction.verification.verdict.verify import Verdict
+
+KICAD, REPORT = "kicad", "report.html"
+OWN = {
+    REPORT: "the verdict, with pictures",
+    "parts.csv": "what to buy",
+    "wiring.csv": "what is joined to what, pin by pin",
+    "deck.cir": "the deck for ngspice",
+}
+"""What the files in the folder are; below `KICAD` is the KiCad project."""
+
+
+def check_build_folder(folder: str) -> None:
+    """Refuse a folder that holds other files at its top level.
+
+    Raises
+    ------
+    InputError
+        See `check_own_folder`; other files below `KICAD` are found when the board is known.
+    """
+    check_own_folder(folder, [*OWN, KICAD])
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,7 @@ from taction.verification.report.blocks import BOTH, NOTEBOOK, Facts, Notes, Pag
 from taction.verification.report.views.parts import counts_text, packages_text
 from taction.verification.report.views.verdict import view as verdict_view
 from taction.verification.report.views.verdict_screen import on_screen
-from taction.verification.verdict.build_folder import KICAD, OWN, REPORT
-from taction.verification.verdict.built_board import BuiltBoard
+from taction.verification.verdict.built_board import KICAD, OWN, REPORT, BuiltBoard
 
 
 def view(found: BuiltBoard) -> Page:

@@ -23,14 +23,15 @@ from taction.verification.studies.regression.baseline import (
     ALWAYS,
     CHANNEL_ALWAYS,
     CHANNEL_STABLE,
+    NO_COMMIT,
     STABLE,
     Baseline,
+    Commit,
     Entry,
     Observation,
     git_commit,
     observe,
 )
-from taction.verification.studies.regression.baseline_file import NO_COMMIT, Commit
 from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.studies.scene_files import find_scenes
 from taction.verification.verdict.cause import causes, named

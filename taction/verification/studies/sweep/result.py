@@ -19,9 +19,9 @@ from taction.netlist_gen.scene.questions import axis_questions
 from taction.system.atomic_files import replacing
 from taction.system.documents import INLINE
 from taction.system.errors import Complaint, InputError
+from taction.system.output_files import check_file
 from taction.system.results import Result
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.export_file import check_sweep_export
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.studies.sweep.run import SweepCounts
 from taction.verification.verdict.record import FIGURES, Record
@@ -317,3 +317,21 @@ WRITERS: dict[str, Callable[[SweepResult, Path], None]] = {
     ".parquet": _parquet,
     ".nc": _netcdf,
 }
+
+
+PACKAGES = {  # by ending: the package and how to install it
+    ".parquet": ("pyarrow", "Parquet needs pyarrow: pip install 'taction[parquet]'"),
+    ".nc": ("xarray", "netCDF needs xarray: pip install 'taction[netcdf]'"),
+}
+ENDINGS = (".csv", *PACKAGES)
+
+
+def check_sweep_export(path: str) -> None:
+    """Refuse a file that could not be written, before any work is done.
+
+    Raises
+    ------
+    InputError
+        An unknown ending, a missing folder, or a package that is not installed.
+    """
+    check_file(path, "--export", ENDINGS, PACKAGES)

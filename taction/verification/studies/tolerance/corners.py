@@ -12,17 +12,18 @@ quantity than that quantity's own corner, it is reported for both.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from taction.netlist_gen.board.variation import Parameter
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.errors import Complaint, InputError
 from taction.system.results import Result
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.worker import Workers
-from taction.verification.studies.tolerance.options import refuse_unknown
 from taction.verification.studies.tolerance.samples import (
     BoardSample,
     Quantity,
@@ -200,3 +201,48 @@ def _worse(quantity: Quantity, moved: BoardSample, centre: BoardSample) -> float
     if after is None or before is None:
         return float(before is not None) - float(after is not None)
     return quantity.worse * float(after - before)
+
+
+def refuse_unknown(varied: Collection[Parameter], ends: Iterable[str]) -> None:
+    """Refuse a key that names neither a component of `varied` nor a kind of these.
+
+    Raises
+    ------
+    InputError
+        The message has the kinds.
+    """
+    kinds = {parameter.kind for parameter in varied}
+    known = kinds.union(parameter.name for parameter in varied)
+    for key in ends:
+        if key not in known:
+            text = f"neither a component that varies nor one of {', '.join(sorted(kinds))}"
+            raise InputError("--corner", Complaint(key, "", text))
+
+
+def deviations_of(corner: str | Mapping[str, float]) -> tuple[str, Mapping[str, float]]:
+    """Return the name of a corner and its deviations, in units of the tolerances.
+
+    Raises
+    ------
+    InputError
+        A part of the text is not ``KEY=Z``, or Z is not from -100 to 100.
+
+    Examples
+    --------
+    >>> deviations_of("capacitor=-1,opamp_gbw=0.5")[1]
+    {'capacitor': -1.0, 'opamp_gbw': 0.5}
+    """
+    if not isinstance(corner, str):
+        return ",".join(f"{key}={value:g}" for key, value in corner.items()), corner
+    deviations = {}
+    for part in corner.split(","):
+        name, _, value = part.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.inf
+        if not abs(number) <= 100:
+            accepted = "expected KEY=Z, Z from -100 to 100 in units of the tolerance: capacitor=-1"
+            raise InputError("--corner", Complaint("KEY=Z", repr(part), accepted))
+        deviations[name.strip()] = number
+    return corner, deviations

@@ -18,7 +18,8 @@ from taction.netlist_gen.board.variation import Parameter, vary
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.documents import INLINE
-from taction.system.quantities import banded
+from taction.system.errors import Complaint, InputError
+from taction.system.quantities import banded, fraction
 from taction.verification.studies.running.collecting import (
     attempted,
     collected_together,
@@ -246,3 +247,23 @@ def evaluate_all(
             reason = f"its worker was killed: {sample}"
             sample = without_verdict(number, sample, reason, board)
         yield sample
+
+
+def half_width(until: str | float | None) -> float | None:
+    """Return the requested half width of the confidence interval, from ``"1%"`` or 0.01.
+
+    Raises
+    ------
+    InputError
+        The half width is not between 0 and 0.5.
+    """
+    if until is None:
+        return None
+    try:
+        value = fraction(until)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 0.5:
+        accepted = "expected a half width such as 1% or 0.01"
+        raise InputError("--until", Complaint("WIDTH", repr(until), accepted))
+    return value

@@ -16,14 +16,15 @@ from taction.system.errors import InputError
 from taction.verification.studies.regression.baseline import (
     FORMAT,
     INSTANTS,
+    Commit,
     Observation,
     baseline_text,
+    commit_of,
     fingerprint,
     git_commit,
     load_baseline,
     observe,
 )
-from taction.verification.studies.regression.baseline_file import Commit, commit_of
 from taction.verification.verdict.verify import Verdict, verify
 from tests.support.entries import entry, write_fast
 from tests.support.making import write_matrix_scene
