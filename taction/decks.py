@@ -125,11 +125,9 @@ def check(
     from taction.verification.studies.swept_values import SweptValue
 
     progress("deck")
-    board = read_board(deck, _listed(outputs), wait=ngspice)
+    board = read_board(deck, _listed(outputs))
     moving = ngspice and board.point is None
     moving &= transient or board.has_transient or "engines_agree" in asked.names
-    if board.run is not None and not moving:
-        board.run.cancel()
     notes = board.notes
     asked.refuse_unknown(board.flat.nodes)
     swept = [
@@ -154,7 +152,6 @@ def check(
         initial=board.initial,
         witness=board.witness if moving else None,
         ac=board.ac if ngspice and not moving else None,
-        waiting=board.run if moving else None,
         over=swept,
         deck=board,
         tolerances=spread,

@@ -19,7 +19,6 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.system.documents import Hertz, Note, Number, Rate, Seconds, Steps, Volts
 from taction.system.results import Result
-from taction.verification.engines.ngspice.process import Run
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import Measurements
 from taction.verification.stability.poles import Poles
@@ -197,7 +196,6 @@ def check_board(
     *,
     initial: Start = "rest",
     witness: Witness | None = None,
-    waiting: Run | None = None,
     ac: AcWitness | None = None,
     over: Iterable[SweptValue] = (),
     deck: Parametric | None = None,
@@ -218,8 +216,6 @@ def check_board(
         Whether the step begins at rest, or with no charge.
     witness : callable, optional
         Returns ngspice's deck of a transient for a solver; without it there is one witness.
-    waiting : Run, optional
-        ngspice, which waits for this deck.
     ac : AcWitness, optional
         ngspice's own small signal, for a circuit that is linear about its operating point.
     over : iterable of SweptValue
@@ -252,7 +248,7 @@ def check_board(
     progress("ngspice")
     agreement, why = None, "" if ac is not None else "without ngspice"
     if witness is not None and not len(found.apart.far):
-        agreement, why = witnessed(found, witness, asked.limits.engines_agree.tolerance, waiting)
+        agreement, why = witnessed(found, witness, asked.limits.engines_agree.tolerance)
     checks = list(found.checks(asked, noise, margin, agreement))
     if agreement is None and "engines_agree" in asked.names:
         checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))

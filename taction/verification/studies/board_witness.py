@@ -15,7 +15,7 @@ from taction.system.errors import EngineError, SimulationError, StepTooSmall, on
 from taction.system.time_limit import time_left
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.process import Run, simulate
+from taction.verification.engines.ngspice.process import simulate
 from taction.verification.studies.foreign_board import RELATIVE
 from taction.verification.studies.measured_board import WANTED, MeasuredBoard
 from taction.verification.verdict.companion import (
@@ -34,7 +34,7 @@ Witness = Callable[[Transient, str], Deck]
 
 
 def witnessed(
-    found: MeasuredBoard, witness: Witness, limit: float | None, waiting: Run | None = None
+    found: MeasuredBoard, witness: Witness, limit: float | None
 ) -> tuple[Agreement | None, str]:
     """Compare ngspice's own transient with the exact one.
 
@@ -44,8 +44,6 @@ def witnessed(
         Returns ngspice's deck of a transient for a matrix solver.
     limit : float or None
         Accepted difference, in step amplitudes; None for `AGREE`.
-    waiting : Run, optional
-        ngspice, which waits for this deck.
 
     Returns
     -------
@@ -64,7 +62,7 @@ def witnessed(
     try:
         plan, error, cut = planned(found, stop)
         bound = PHYSICAL_BOUND * max(1.0, amplitude)
-        record = _after(_simulated(witness, plan, bound, waiting), plan.begin)
+        record = _after(_simulated(witness, plan, bound), plan.begin)
         companion = state_space_companion(found.board, plan, record, WANTED)
     except (EngineError, SimulationError) as problem:
         return None, f"ngspice's transient was not compared: {one_line(problem)}"
@@ -109,13 +107,11 @@ def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
     return plan, forecast.error, cut
 
 
-def _simulated(witness: Witness, plan: Transient, bound: float, waiting: Run | None) -> Waveforms:
+def _simulated(witness: Witness, plan: Transient, bound: float) -> Waveforms:
     """Run ngspice, again with its other matrix solver where the first one does not converge."""
     simulator, seconds = find_simulator(), max(time_left(TIMEOUT), LEAST_SECONDS)
     try:
         deck = witness(plan, simulator.solver_option)
-        if waiting is not None:
-            return waiting.go_on(deck, timeout=seconds, bound=bound)
         return simulate(deck, simulator, timeout=seconds, bound=bound)
     except StepTooSmall:
         return simulate(

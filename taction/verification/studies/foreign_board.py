@@ -51,8 +51,7 @@ from taction.verification.characterise.element_bench import MISFIT, TIGHT, measu
 from taction.verification.characterise.element_parts import add_measured
 from taction.verification.characterise.operating_point import DeckPoint, find_point
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.listing import expand, expand_and_wait
-from taction.verification.engines.ngspice.process import Run
+from taction.verification.engines.ngspice.listing import expand
 from taction.verification.studies.ac_witness import AcWitness, stepping
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
@@ -85,8 +84,6 @@ class ForeignBoard:
         What was done with the deck: the step, op-amps that were replaced, what was left out.
     point : DeckPoint or None
         Where a deck rests that is not linear.
-    run : Run or None
-        ngspice, which waits for the deck of its transient.
     """
 
     deck: ForeignDeck
@@ -96,7 +93,6 @@ class ForeignBoard:
     notes: tuple[str, ...]
     lines: tuple[str, ...] = ()  # as ngspice expands them
     point: DeckPoint | None = None
-    run: Run | None = None
 
     @property
     def ac(self) -> AcWitness:
@@ -206,17 +202,13 @@ class ForeignBoard:
         return circuit_of(flat, self.circuit.name, [out.node for out in self.circuit.outputs])
 
 
-def read_board(
-    file: str | Path, outputs: Sequence[str] = (), *, wait: bool = False
-) -> ForeignBoard:
+def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
     """Read a deck as a board.
 
     Parameters
     ----------
     outputs : sequence of str
         Nodes of interest; by default those that the deck shows, else the usual names of outputs.
-    wait : bool
-        Whether ngspice, which expands the deck, waits for the deck of its transient.
 
     Raises
     ------
@@ -227,11 +219,10 @@ def read_board(
     """
     deck = with_first_steps(read_deck(file))
     check_size(deck)
-    ready, run, point = tuple(ready_lines(deck)), None, None
+    ready, point = tuple(ready_lines(deck)), None
     try:
         if is_plain(deck):
-            cards, run = expand_and_wait(ready, find_simulator()) if wait else (
-                expand(ready, find_simulator())[0], None)  # fmt: skip
+            (cards,) = expand(ready, find_simulator())
             flat, small = read_cards(cards), ""
         else:
             point = find_point(ready, _options(deck), find_simulator())
@@ -252,7 +243,7 @@ def read_board(
     immediate &= point is None  # the small signal begins where the circuit rests
     notes = (*([small] if small else ()), stimulus, *_notes(deck, flat, immediate))
     start: Start = "zero" if immediate else "rest"
-    return ForeignBoard(deck, flat, circuit, start, notes, tuple(cards), point, run)
+    return ForeignBoard(deck, flat, circuit, start, notes, tuple(cards), point)
 
 
 def _options(deck: ForeignDeck) -> str:

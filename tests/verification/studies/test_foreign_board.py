@@ -261,20 +261,26 @@ def test_a_margin_counts_every_part(read: Read) -> None:
 @pytest.mark.parametrize(
     ("cards", "says"),
     [
-        # The current of the middle node is that of the other coil: an index above 1.
-        (("L1 in m 1m", "L2 m out 1m", "R1 out 0 1k"), r"stay undetermined: .*\bm\b"),
+        # Nothing holds the two ends of R2.
+        (("R1 in out 1k", "C1 out 0 1n", "R2 m n 1k"), r"stay undetermined: .*\bm\b"),
         (
             ("V2 a in 1", "E1 a 0 in 0 2", "R1 a out 1k", "C1 out 0 1n"),
             "closes a loop of ideal voltage sources",
         ),
     ],
-    ids=["coils in series", "loop of sources"],
+    ids=["nodes without ground", "loop of sources"],
 )
 def test_what_has_no_equations_is_refused_by_name(
     cards: tuple[str, ...], says: str, read: Read
 ) -> None:
     with pytest.raises(EngineError, match=says):
         poles(read(deck("refused", *cards)).circuit)
+
+
+def test_coils_in_series_are_one_state(read: Read) -> None:
+    """-R / (L1 + L2): the current of the middle node is that of the other coil."""
+    cards = deck("coils", "L1 in m 1m", "L2 m out 1m", "R1 out 0 1k")
+    np.testing.assert_allclose(poles(read(cards).circuit).poles, [-5e5], rtol=1e-9)
 
 
 def test_a_step_through_a_sensed_capacitor_jumps(read: Read) -> None:

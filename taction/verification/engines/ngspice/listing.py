@@ -7,7 +7,6 @@ anything; the only commands of the run are those that list it. There is no simul
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +19,6 @@ from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end, longest
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import (
-    STREAMS,
     Run,
     command_line,
     make_folder,
@@ -84,36 +82,11 @@ def expand(
     return found
 
 
-def expand_and_wait(
-    lines: Iterable[str], simulator: Simulator
-) -> tuple[tuple[str, ...], Run | None]:
-    """Return the flat cards of a deck, and the run of ngspice, which waits for another deck.
-
-    The start of ngspice takes longer than a short transient; see `Run.go_on`. Where ngspice has
-    something to say, its run does not wait. Errors are those of `expand`.
-    """
-    text = tuple(lines)
-    end = time.perf_counter() + SECONDS
-    run = _listing(text, (LIST, "source /dev/stdin"), simulator, SECONDS, waits=True)
-    listed = run.reaches(lambda: _read(run.folder).endswith(LAST))
-    cards, said = listed_cards(_read(run.folder)), (run.folder / STREAMS[1]).stat().st_size
-    if listed and cards and not said:
-        return cards, run
-    if (left := end - time.perf_counter()) <= 0.0:
-        (cards,) = _accepted(run)  # says that its time is over
-        return cards, None
-    run.cancel()
-    (cards,) = expand(text, simulator, seconds=left)
-    return cards, None
-
-
 def _listing(
     lines: Iterable[str],
     commands: Iterable[str],
     simulator: Simulator,
     seconds: float,
-    *,
-    waits: bool = False,
 ) -> Run:
     """Start ngspice with a deck and commands."""
     if not (seconds := time_left(seconds)):
@@ -127,7 +100,6 @@ def _listing(
         timeout=seconds,
         keep=False,
         bound=PHYSICAL_BOUND,
-        waits=waits,
         memory=MEMORY,
     )
 

@@ -75,11 +75,8 @@ def _quoted(executable: str, variables: tuple[tuple[str, str], ...]) -> str:
     return f"{shlex.join(['env', '-i', *words])} {homes} {shlex.join([executable, *_ARGUMENTS])}\n"
 
 
-def launch(simulator: Simulator, folder: Path, *, waits: bool = False) -> subprocess.Popen[bytes]:
-    """Start ngspice in `folder`, with its streams in files there.
-
-    With `waits` its standard input is a pipe.
-    """
+def launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
+    """Start ngspice in `folder`, with its streams in files there."""
     with (
         open(f"{folder}/{STREAMS[0]}", "wb", buffering=0) as out,  # noqa: PTH123 - quicker
         open(f"{folder}/{STREAMS[1]}", "wb", buffering=0) as err,  # noqa: PTH123
@@ -88,7 +85,7 @@ def launch(simulator: Simulator, folder: Path, *, waits: bool = False) -> subpro
             [*guard_of_process(), simulator.executable, *_ARGUMENTS],
             cwd=folder,
             env=environment(folder),
-            stdin=subprocess.PIPE if waits else subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL,
             stdout=out,
             stderr=err,
             start_new_session=True,  # a new process group, which a timeout ends as a whole
@@ -148,7 +145,6 @@ LONGEST_LOG = MEGABYTE
 """Bytes of an error stream that are read; of a longer stream only the beginning and the end."""
 
 LOOK_INTERVAL = 0.5  # s between two looks at the length of the files
-BETWEEN_LOOKS = 1e-3  # s between two looks for a stage
 
 
 class _Process:
@@ -157,10 +153,10 @@ class _Process:
     A thread that blocks in waitid(2) wakes with the process; ``Popen.wait(timeout)`` would poll.
     """
 
-    def __init__(self, simulator: Simulator, folder: Path, waits: bool, memory: int | None) -> None:
+    def __init__(self, simulator: Simulator, folder: Path, memory: int | None) -> None:
         self.folder = folder
         self.started = self.ended = time.perf_counter()
-        self._popen = launch(simulator, folder, waits=waits)
+        self._popen = launch(simulator, folder)
         if memory is not None:  # of the guard, which becomes the simulator, too
             most = resource.getrlimit(resource.RLIMIT_AS)[1]  # which nobody may raise
             memory = memory if most == resource.RLIM_INFINITY else min(memory, most)
@@ -178,20 +174,11 @@ class _Process:
         """Wait no longer than `seconds`; return whether the process has ended."""
         return self._over.wait(max(seconds, 0.0))
 
-    def read(self, text: str) -> None:
-        """Let a process that waits read a text; its time begins now."""
-        self.started = time.perf_counter()
-        pipe = self._popen.stdin
-        with contextlib.suppress(BrokenPipeError), pipe:  # type: ignore[union-attr]  # it waits
-            pipe.write(text.encode())  # type: ignore[union-attr]
-
     def kill(self) -> None:
         """End the process group, and wait for its end."""
         if not self._over.is_set():
             self._kill_group()
             self._over.wait()
-        if self._popen.stdin is not None:
-            self._popen.stdin.close()
 
     def _kill_group(self) -> None:
         with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
@@ -240,13 +227,12 @@ class Run:
         timeout: float,
         keep: bool,
         bound: float,
-        waits: bool = False,
         memory: int | None = None,
     ) -> None:
         self.folder = folder
         self._deck, self._simulator = deck, simulator
         self._timeout, self._keep, self._bound = timeout, keep, bound
-        self._process = _Process(simulator, folder, waits, memory)
+        self._process = _Process(simulator, folder, memory)
         self._discard = weakref.finalize(self, self._process.discard, keep)
 
     def __enter__(self) -> Run:
@@ -254,28 +240,6 @@ class Run:
 
     def __exit__(self, *error: object) -> None:
         self.cancel()
-
-    def reaches(self, stage: Callable[[], bool]) -> bool:
-        """Wait for a stage of the run; return whether it is reached before the end."""
-        end = self._process.started + self._timeout
-        while not (there := stage()) and time.perf_counter() < end:
-            if self._process.wait(BETWEEN_LOOKS):
-                return stage()
-        return there
-
-    def go_on(self, deck: ScreenedDeck, *, timeout: float, bound: float) -> Waveforms:
-        """Let a process that waits for a deck run it, and return its waveforms; see `simulate`.
-
-        The run folder is that of this deck from now on.
-        """
-        screen(deck)
-        self._deck, self._timeout, self._bound = deck, timeout, bound
-        try:
-            _write(self.folder, {"deck.cir": deck.text}, "wb")
-        except OSError as error:
-            raise OutOfDisk(f"the run folder cannot be written: {error}") from error
-        self._process.read(deck.text)
-        return self.result()
 
     def result(self) -> Waveforms:
         """Wait for the end and return the waveforms; call it once.
