@@ -73,6 +73,11 @@ def shown(card: str) -> str:
     return Part(f".{rest}").label
 
 
+def card_of(name: str) -> str:
+    """Return the card of a part whose current is read, such as ``"Ebuf"`` of ``"ebuf"``."""
+    return f"{name[0].upper()}{name[1:]}"
+
+
 @dataclass(slots=True)
 class Flat:
     """The parts of a deck while they are read."""
@@ -277,7 +282,7 @@ def _expression(flat: Flat, name: str, text: str) -> None:
             flat.branches.append(by_voltage(card, *ends, value, (probe[1], probe[2])))
         else:
             by_current = VoltageByCurrent if kind == "v" else CurrentByCurrent
-            flat.branches.append(by_current(card, *ends, value, f"V{probe[1][1:]}"))
+            flat.branches.append(by_current(card, *ends, value, card_of(probe[1])))
 
 
 _READERS: Mapping[str, Callable[[Flat, str, str], None]] = {

@@ -22,7 +22,7 @@ from taction.netlist_gen.board.branches import (
 )
 from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
-from taction.netlist_gen.deck.flat_cards import Flat
+from taction.netlist_gen.deck.flat_cards import Flat, card_of
 from taction.netlist_gen.deck.stimuli import FIXED, Stimulus
 from taction.verification.characterise.element_bench import MeasuredElement
 
@@ -61,7 +61,7 @@ def _device(flat: Flat, each: MeasuredElement) -> None:
                 )
         for j, source in enumerate(each.element.currents, len(each.element.held)):
             if each.G[i, j]:
-                control = f"V{source[1:]}"
+                control = card_of(source)
                 card = f"{name}#g{i}{j}"
                 flat.branches.append(CurrentByCurrent(card, a, end, float(each.G[i, j]), control))
         offset = float(each.rest[i] - _drop(each, i))
@@ -155,4 +155,4 @@ def _terms(each: MeasuredElement, row: int) -> Iterator[tuple[float, tuple[str, 
             yield float(gains[j]), (element.held[j], element.held[same])
     for j, source in enumerate(element.currents, len(element.held)):
         if gains[j]:
-            yield float(gains[j]), f"V{source[1:]}"
+            yield float(gains[j]), card_of(source)

@@ -283,3 +283,24 @@ def test_the_unstable_middle_of_a_latch_is_no_pass(
     assert agrees(found)
     if rate is not None:
         assert found.poles.rightmost.real == pytest.approx(rate, rel=1e-9)
+
+
+@pytest.mark.parametrize("formula", ["500*i(e1)", "tanh(500*i(e1)+0.5)"])
+def test_the_current_of_a_source_with_gain_is_not_that_of_another_part(
+    formula: str, tmp_path: Path
+) -> None:
+    """``i(e1)`` beside a source Ve1, with 2 V at 1 kohm: -2 mA, and a gain of -1 V/V at the node.
+
+    Of the tanh at rest (-1 + 0.5 = -0.5) the slope is 1 - tanh(0.5)^2.
+    """
+    deck = tmp_path / "sensed.cir"
+    deck.write_text(
+        "sensed\nV1 in 0 1 ac 1\nVe1 q 0 0\nRq q in 7k\nE1 x 0 in 0 2\nR1 x 0 1k\n"
+        f"B1 o 0 v={formula}\nR3 o p 1k\nC3 p 0 1n\n.plot ac v(o) v(p)\n.end\n"
+    )
+    found = taction.check(deck)
+    assert agrees(found)
+    first = found.outputs[0]
+    slope = 1.0 if formula.startswith("500") else 1.0 - math.tanh(0.5) ** 2
+    moved = (first.rest - first.before) / (0.01 if slope == 1.0 else 1e-3)
+    assert moved == pytest.approx(-slope, rel=1e-3)
