@@ -35,13 +35,19 @@ class Step:
 
 
 NEW = Step("taction new board.toml")
+BUILT = (
+    r"within [\d.]+ % of the step, 95 % of built boards within [\d.]+ % \(resistors 1 %, op-amp"
+    r" gains 50 %(, op-amp input errors; the check counts only the last|; the check counts none of"
+    r" these)\)"
+)
 LAMBDA = r"from the true stress by regularisation.*; a smaller lambda trades bias for noise\."
 USERS = {
     "designer": (
         NEW,
         Step(
             "taction verify board.toml --set design.opamp=lm324 --engine statespace --changes 100",
-            status=1,
+            (r"^FAIL: board: rests up to [\d.]+ % off the reference in 95 % of the boards",),
+            1,
         ),
         Step(
             "taction verify slew-ua741.toml --engine statespace",
@@ -51,6 +57,7 @@ USERS = {
             "taction verify board.toml --engine statespace",
             (
                 r"settling to ±4 % [\d.]+ us",
+                BUILT,
                 LAMBDA,
                 r"^PASS: board, \d+ checks; nearest to its limit: .*\d %",
             ),
@@ -59,7 +66,10 @@ USERS = {
     "researcher": (
         NEW,
         Step("taction verify --solve board.toml"),
-        Step("taction onset board.toml --over C --no-confirm"),
+        Step(
+            "taction onset board.toml --over C --no-confirm",
+            (r"Stable for C: [\d.]+ pF to 3 nF\.",),
+        ),
         Step(
             "taction sweep board.toml --over C=20pF:500pF:3 --engine statespace --jobs 1",
             (r"settling time to ±4 %", r"^3 computed now, 0 from board\.sqlite$"),
@@ -85,6 +95,7 @@ USERS = {
         Step(
             "taction demo",
             (
+                BUILT,
                 r"a smaller lambda regularises less, .* noise",
                 r"Your own board: taction new board\.toml",
             ),
