@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError
@@ -64,6 +63,8 @@ def differentiated(
     The equations without charge are those below the first n; where they are singular for another
     reason, K comes back as it is.
     """
+    from scipy.linalg import qr
+
     rows, columns = _scales(K[0, n:, n + inputs :])
     own = K[0, n:] / rows[:, None]
     U, S, Vt = np.linalg.svd(own[:, n + inputs :] / columns)
@@ -72,7 +73,7 @@ def differentiated(
     limit = left.T @ own[:, : n + inputs]
     rates = mass.solve(K[:, :n], [str(i) for i in range(n)], "singular capacitances")[0]
     through = rates[:, n + inputs :] @ right
-    pivots = scipy.linalg.qr(limit[:, :n], mode="r", pivoting=True)[1][:k]
+    pivots = qr(limit[:, :n], mode="r", pivoting=True)[1][:k]
     others = np.setdiff1d(np.arange(n), pivots)
     try:
         if k > n or np.linalg.cond(limit[:, :n] @ through) > 1.0 / EPS:
