@@ -49,6 +49,7 @@ REFUSED: dict[str, tuple[type[SimulationError], str]] = {
     "leaves a daemon and no result": (BadEvidence, "never written"),
     "an error beside a result": (BadEvidence, r"reported an error(?s:.*)something happened"),
     "step too small": (StepTooSmall, "tolerances are below rounding noise"),
+    "step too small before the first point": (StepTooSmall, "below the simulator's limit"),
     "singular matrix": (SingularCircuit, "a node whose voltage no element determines"),
     "no operating point": (BadEvidence, "operating point could not be simulated"),
     "result completed by a child": (OutOfDisk, "holds [0-9]+ of [0-9]+ bytes"),

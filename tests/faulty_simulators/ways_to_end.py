@@ -13,6 +13,7 @@ from tests.faulty_simulators.correct import good, write
 
 MEGABYTES = 120  # on a stream that a program floods, before it waits
 FOREVER = 1000.0  # s
+HIDDEN = 0.8  # s: longer than the interval in which a run is looked at
 NO_DC = """Note: Starting true gmin stepping
 Warning: source stepping failed
 Note: Transient op started
@@ -38,6 +39,13 @@ def says(text: str, status: int = 0, *, result: bool = True) -> Callable[[], Non
         sys.exit(status)
 
     return way
+
+
+def gives_up_late() -> None:
+    """Open the result, work for a while without a first point, and give up."""
+    write(b"")
+    time.sleep(HIDDEN)
+    says("doAnalyses: TRAN:  Timestep too small; time = 1e-9", 1, result=False)()
 
 
 def ends_by(number: int) -> Callable[[], None]:
@@ -131,6 +139,7 @@ ENDS: dict[str, Callable[[], None]] = {
     "leaves a daemon without traces": leaves(session=True, clean=True, first=correct),
     "an error beside a result": says("Error: something happened"),
     "step too small": says("doAnalyses: TRAN:  Timestep too small; time = 1e-9", 1),
+    "step too small before the first point": gives_up_late,
     "singular matrix": says(f"Warning: singular matrix:  check node a\n{NO_DC}", 1, result=False),
     "no operating point": says(NO_DC, 1, result=False),
     "noise": says("The licence of ACME Simulator ends in 3 days\nNote: have a nice day\n"),
