@@ -1,6 +1,6 @@
 """Compare random boards with witnesses that share no code with the engine.
 
-    python scripts/board_study.py loops|straight-pieces [--boards 200] [--first 0]
+    python scripts/board_study.py loops|straight-pieces|driven [--boards 200] [--first 0]
 
 ``loops``: closed-loop boards (inv, pinv, ridge), each with a random matrix, way of negative
 entries, op-amp of one or two poles, capacitance and gf. Rest, poles and settling time must lie
@@ -9,6 +9,9 @@ within their bounds of equations that `tests/support/loop_boards.py` writes from
 ``straight-pieces``: boards of piecewise linear amplifiers. The transient must lie within its bound
 of that of `tests/support/kinked.py`, which knows no modes and no search for switches; the
 reference's answer must be that of a proximal gradient.
+
+``driven``: strongly driven boards of five amplifiers, and of op-amps with limits. Every number and
+check of the verdict beside the deck's text, integrated by `tests/support/collocation.py`.
 
 Prints each board outside, and the counts. Needs the extra ``dev``.
 """
@@ -23,9 +26,13 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.support import loop_boards, piecewise_boards  # noqa: E402
+from tests.support import driven_boards, loop_boards, piecewise_boards  # noqa: E402
 
-KINDS = {"loops": loop_boards.compare_board, "straight-pieces": piecewise_boards.compare_board}
+KINDS = {
+    "loops": loop_boards.compare_board,
+    "straight-pieces": piecewise_boards.compare_board,
+    "driven": driven_boards.compare_board,
+}
 
 
 def main() -> int:

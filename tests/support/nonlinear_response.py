@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ FAR = 1e4  # times the largest state at the start and at rest: the transient nev
 PER_STEP = 8  # points in each step of the integrator, where crossings are searched
 LEFT = 1  # status of SciPy's integrators after an event
 NEWTON, HALVINGS = 200, 30
+STRAIN_STEPS = 64
 STILL = 1e-40  # a tolerance for parts that do not move
 TINY = 1e-40  # of the inputs: the last step of Newton's method
 Floats = np.ndarray
@@ -66,10 +68,9 @@ def _call(name: str, x: Dual, *others: Dual) -> Dual:
     """Return a function of ngspice with its derivative."""
     if name in ("min", "max"):
         (other,) = others
-        first = x.value < other.value if name == "min" else x.value > other.value
-        return x if first else other
+        return _either(x.value < other.value if name == "min" else x.value > other.value, x, other)
     if name == "abs":
-        return -x if x.value < 0 else x
+        return _either(x.value < 0, -x, x)
     value = _function("log" if name == "ln" else name, x.value)
     slopes: dict[str, Callable[[], Number]] = {
         "exp": lambda: value,
@@ -80,51 +81,70 @@ def _call(name: str, x: Dual, *others: Dual) -> Dual:
     return Dual(value, slopes[name]() * x.slope)
 
 
+def _either(first: Any, x: Dual, other: Dual) -> Dual:
+    """Return x where `first` is true, else `other`."""
+    if isinstance(first, np.ndarray):
+        return Dual(
+            *(np.where(first, getattr(x, n), getattr(other, n)) for n in ("value", "slope"))
+        )
+    return x if first else other
+
+
 def _function(name: str, x: Number) -> Number:
     return getattr(x, name)() if isinstance(x, arb) else getattr(np, name)(x)
+
+
+class _Reads(ast.NodeTransformer):
+    """Write what the source reads as x, and every number as a call."""
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        self.generic_visit(node)
+        reads = isinstance(node.func, ast.Name) and node.func.id == "V"
+        return ast.Name("x", ast.Load()) if reads else node
+
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        return ast.Call(ast.Name("number", ast.Load()), [node], [])
+
+
+def _function_of(expression: str, functions: dict[str, Any]) -> Callable[[Any], Any]:
+    body = _Reads().visit(ast.parse(f"lambda x: {expression}", mode="eval"))
+    code = compile(ast.fix_missing_locations(body), "<B card>", "eval")
+    found: Callable[[Any], Any] = eval(code, {**functions, "__builtins__": {}})  # noqa: S307
+    return found
 
 
 @lru_cache
 def compiled(expression: str) -> Callable[[float], float]:
     """Return a B card's voltage as a function of the voltage that the source reads."""
-
-    class Reads(ast.NodeTransformer):
-        def visit_Call(self, node: ast.Call) -> ast.expr:
-            self.generic_visit(node)
-            reads = isinstance(node.func, ast.Name) and node.func.id == "V"
-            return ast.Name("x", ast.Load()) if reads else node
-
-    body = Reads().visit(ast.parse(f"lambda x: {expression}", mode="eval"))
-    code = compile(ast.fix_missing_locations(body), "<B card>", "eval")
-    found: Callable[[float], float] = eval(code, {**FUNCTIONS, "__builtins__": {}})  # noqa: S307
-    return found
+    return _function_of(expression, {**FUNCTIONS, "number": float})
 
 
 @lru_cache
-def _tree(expression: str) -> ast.expr:
-    return ast.parse(expression, mode="eval").body
+def _dual_of(expression: str) -> Callable[[Dual], Dual]:
+    functions = {name: partial(_call, name) for name in FUNCTIONS}
+    return _function_of(expression, {**functions, "number": lambda value: Dual(value, 0.0)})
 
 
 def source_value(expression: str, volts: Number) -> Dual:
     """Return a B card's voltage and its derivative where the source reads `volts`."""
-    one = volts * 0 + 1
+    return _dual_of(expression)(Dual(volts, volts * 0 + 1))
 
-    def walk(node: ast.expr) -> Dual:
-        if isinstance(node, ast.Constant):
-            return Dual(one * node.value, one * 0)
-        if isinstance(node, ast.UnaryOp):
-            return -walk(node.operand)
-        if isinstance(node, ast.BinOp):
-            left, right = walk(node.left), walk(node.right)
-            operators = {ast.Add: left.__add__, ast.Sub: left.__sub__, ast.Mult: left.__mul__}
-            return operators[type(node.op)](right)
-        assert isinstance(node, ast.Call)
-        assert isinstance(node.func, ast.Name)
-        if node.func.id == "V":
-            return Dual(volts, one)
-        return _call(node.func.id, *map(walk, node.args))
 
-    return walk(_tree(expression))
+def read_from(expressions: list[str]) -> Callable[[Floats], tuple[Floats, Floats]]:
+    """Return values and slopes of B cards as a function of the voltages (P, m) that they read."""
+    groups: dict[str, list[int]] = {}
+    for k, text in enumerate(expressions):
+        groups.setdefault(re.sub(r"V\([\w.]+\)", "V(x)", text), []).append(k)
+
+    def read(w: Floats) -> tuple[Floats, Floats]:
+        value, slope = np.empty_like(w), np.empty_like(w)
+        for text, columns in groups.items():
+            with np.errstate(over="ignore"):
+                dual = source_value(text, w[:, columns])
+            value[:, columns], slope[:, columns] = dual.value, dual.slope
+        return value, slope
+
+    return read
 
 
 class DivergenceError(Exception):
@@ -141,7 +161,7 @@ class Board:
     def doubles(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """A, B, C, D in double precision for balanced states x, and z / x (n,)."""
         e = self.equations
-        A, B, C, D = (_array(matrix) for matrix in (e.A, e.B, e.C, e.D))
+        A, B, C, D = (array_of(matrix) for matrix in (e.A, e.B, e.C, e.D))
         balanced, scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)
         return balanced, B / scale[0][:, None], C * scale[0], D, scale[0]
 
@@ -149,7 +169,18 @@ class Board:
     def outputs(self) -> int:
         return len(self.equations.outputs)
 
-    def equilibrium(self, strain: int, inputs: list[float]) -> tuple[arb_mat, arb_mat, list[arb]]:
+    def equilibrium_by_steps(self) -> tuple[arb_mat, arb_mat, list[arb]]:
+        """Return the same as `equilibrium`, with the strain brought in by `STRAIN_STEPS` steps.
+
+        Newton's method then starts close to where op-amps have reached their limits.
+        """
+        inputs = [0.0] * len(self.equations.sources)
+        for step in range(STRAIN_STEPS + 1):
+            found = self.equilibrium(step / STRAIN_STEPS, inputs)
+            inputs = [float(found[1][self.outputs + i, 0]) for i in range(len(inputs))]
+        return found
+
+    def equilibrium(self, strain: float, inputs: list[float]) -> tuple[arb_mat, arb_mat, list[arb]]:
         """Return state, outputs, and slopes of the sources at rest: Newton's method from `inputs`.
 
         A step that makes the residual larger is halved.
@@ -210,7 +241,7 @@ class Board:
             A state passes `FAR` times the largest state at the start and at rest.
         """
         A, B, C, D, scale = self.doubles
-        k, first, last = self.outputs, _array(start)[:, 0] / scale, _array(rest)[:, 0] / scale
+        k, first, last = self.outputs, array_of(start)[:, 0] / scale, array_of(rest)[:, 0] / scale
         assert not D[k:, 2:].any(), "a source reads itself without delay"
 
         read, constant = C[k:], D[k:, :2].sum(axis=1)
@@ -276,7 +307,7 @@ class Transient:
         return [Samples(time, errors[:, n], function(n), end) for n, (_, end) in enumerate(ends)]
 
 
-def _array(matrix: arb_mat) -> Floats:
+def array_of(matrix: arb_mat) -> Floats:
     return np.array([[float(x) for x in row] for row in matrix.tolist()]).reshape(
         matrix.nrows(), matrix.ncols()
     )

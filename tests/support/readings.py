@@ -114,4 +114,7 @@ class Samples:
 
     def _root(self, k: int, level: float) -> float:
         a, b = self.time[k], self.time[k + 1]
+        ends = [(abs(self.at(t) - level), t) for t in (a, b)]
+        if (self.at(a) > level) == (self.at(b) > level):  # rounding has the sign of the samples
+            return float(min(ends)[1])
         return float(brentq(lambda t: self.at(t) - level, a, b, xtol=1e-13 * b, rtol=1e-13))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from flint import acb, arb, arb_mat, ctx
 
+from tests.support.collocation import integrate
 from tests.support.deck_equations import parse_deck, state_equations
 from tests.support.exact_readings import Modes, Signal, eigen, exact_modes
 from tests.support.nonlinear_response import Board, source_value
@@ -149,6 +150,19 @@ def test_a_transient_with_a_closed_form(method: str) -> None:
     (samples,) = run.samples([(math.log(6.0), 0.0)])
     settled = samples.last_outside(arb(0.5))
     assert settled == pytest.approx(6.0 * math.exp(-0.5) - 1.0, rel=1e-8)
+
+
+def test_a_break_and_a_source_that_reads_itself_at_once_by_collocation() -> None:
+    # a = min((x + a) / 2, 1) = min(x, 1); x' = 2 - x below 1 and 3 - 2 x above
+    board = "Ba a 0 V=min(0.5*V(s),1)\nEs s 0 d 0 1.0\nEd d a x 0 1.0\n"
+    board += "I1 0 x 2.0\nG1 x 0 a 0 1.0\nG2 x 0 l 0 1.0\nC1 x 0 1.0\n"
+    board += "Bl l 0 V=2*max(V(x)-1,0)\nEy y 0 x 0 -1.0\n"
+    (part,) = state_equations(parse_deck(HEAD + board + TAIL))
+    run = integrate(Board(part), arb_mat(1, 1), arb_mat([[1.5]]), 8.0, 10, 1e-11)
+    times = np.array([0.2, 0.6, 0.8, 1.5, 4.0])
+    late = times - math.log(2.0)
+    expected = np.where(late < 0.0, 2.0 - 2.0 * np.exp(-times), 1.5 - 0.5 * np.exp(-2.0 * late))
+    assert run.outputs(times)[:, 0] == pytest.approx(expected, rel=1e-10)
 
 
 def test_an_equilibrium_of_a_source_that_reads_itself_through_a_lag() -> None:

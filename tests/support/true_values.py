@@ -8,7 +8,7 @@ error.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -34,7 +34,7 @@ from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.opamp_level import has_large_signal
 from tests.support.deck_equations import DeckText, StateEquations, parse_deck, state_equations
 from tests.support.exact_readings import Signal, UnreadableError, exact_modes
-from tests.support.nonlinear_response import Board, DivergenceError
+from tests.support.nonlinear_response import Board, DivergenceError, Transient
 from tests.support.oracle import AMPLIFIERS, exact_solution
 from tests.support.readings import AnySignal, Samples, read
 from tests.support.true_margin import true_margin
@@ -45,6 +45,7 @@ INTEGRATORS = (("Radau", 1e-7), ("LSODA", 1e-8))  # with their relative toleranc
 OF_LIMITS = (("Radau", 1e-10), ("LSODA", 1e-13))  # of op-amps with limits: finer than our bounds
 LINEAR = "modes of the deck in Arb, 320 bits; suprema and crossings by interval bounds"
 NONLINEAR = "equilibrium and poles in Arb; transient by SciPy's Radau and LSODA, which differ by"
+Integrator = Callable[[Board, arb_mat, arb_mat, float], Transient]
 LAST = 1e-5  # of A: what is left of the slowest mode at the end of an integration
 
 
@@ -59,8 +60,16 @@ def board_of(scene: Scene) -> Circuit:
         return circuit
 
 
-def true_values(scene: Scene) -> TrueValues:
-    """Return the true readings of the board that `scene` describes."""
+def by_scipy(method: str, tolerance: float) -> Integrator:
+    """Return an integrator of SciPy."""
+    return lambda board, first, rest, stop: board.transient(first, rest, stop, method, tolerance)
+
+
+def true_values(scene: Scene, integrators: Sequence[Integrator] = ()) -> TrueValues:
+    """Return the true readings of the board that `scene` describes.
+
+    Two `integrators` take the place of SciPy's.
+    """
     asked = scene.checks.stability.margin > 1.0
     scene = resolve_lambda(scene)
     problem, circuit = make_problem(scene), board_of(scene)
@@ -70,7 +79,10 @@ def true_values(scene: Scene) -> TrueValues:
         if circuit.is_linear:
             found = _linear(scene, problem, parts)
         else:
-            found = _nonlinear(scene, problem, deck, parts)
+            if not integrators:
+                limits = scene.design.amplifier == "linear"
+                integrators = [by_scipy(*each) for each in (OF_LIMITS if limits else INTEGRATORS)]
+            found = _nonlinear(scene, problem, deck, parts, integrators)
     return replace(
         found,
         margin=true_margin(scene) if asked and len(found.channels) == 1 else None,
@@ -148,7 +160,11 @@ def _linear(scene: Scene, problem: InverseProblem, parts: list[StateEquations]) 
 
 
 def _nonlinear(
-    scene: Scene, problem: InverseProblem, deck: DeckText, parts: list[StateEquations]
+    scene: Scene,
+    problem: InverseProblem,
+    deck: DeckText,
+    parts: list[StateEquations],
+    integrators: Sequence[Integrator],
 ) -> TrueValues:
     unit, count = arb(scene.design.unit_voltage), len(deck.outputs)
     rests = scene.analysis.initial == "rest"
@@ -162,12 +178,16 @@ def _nonlinear(
             v0, start = _amplified_solution(scene, problem.matrix, 0.0 * problem.strain)
         pairs = zip(start, targets, strict=True)
         steps = [(unit * arb(str(a)), unit * arb(str(b))) for a, b in pairs]
+    v, v0 = (list(each) + [0.0] * (len(deck.of("B")) - len(each)) for each in (v, v0))
     amplitude = max((abs(b - a) for a, b in steps), key=float)
     final, poles = [arb(0)] * count, list[acb]()
     begun = []
     for board in map(Board, parts):
         places = [deck.of("B").index(source) for source in board.equations.sources]
-        rest, outputs, slopes = board.equilibrium(1, [v[k] for k in places])
+        try:
+            rest, outputs, slopes = board.equilibrium(1, [v[k] for k in places])
+        except AssertionError:
+            rest, outputs, slopes = board.equilibrium_by_steps()
         first = arb_mat(rest.nrows(), 1)
         if rests:
             first = board.equilibrium(0, [v0[k] for k in places])[0]
@@ -180,10 +200,10 @@ def _nonlinear(
     if lead.real >= 0.0:
         return values(())
 
-    def run_of(method: str, tolerance: float) -> list[dict[str, float]]:
+    def run_of(integrate: Integrator) -> list[dict[str, float]]:
         signals: list[Samples | None] = [None] * count
         for board, first, rest in begun:
-            run = board.transient(first, rest, np.log(LAST) / lead.real, method, tolerance)
+            run = integrate(board, first, rest, np.log(LAST) / lead.real)
             own = board.equations.outputs
             ends = [(float(steps[k][1]), float(final[k] - steps[k][1])) for k in own]
             for k, samples in zip(own, run.samples(ends), strict=True):
@@ -191,8 +211,7 @@ def _nonlinear(
         return _channels(scene, steps, amplitude, signals)
 
     try:
-        integrators = OF_LIMITS if scene.design.amplifier == "linear" else INTEGRATORS
-        channels, others = (run_of(*integrator) for integrator in integrators)
+        channels, others = map(run_of, integrators)
     except DivergenceError:
         return values((), arrives=False)
     return values(channels, error=_apart(channels, others))
