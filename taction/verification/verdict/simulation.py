@@ -43,7 +43,7 @@ from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.transient_plan import TransientPlan
 
 PATTERNED = 1.0  # of the difference to a model of fewer patterns, which may err hardly more
-DIGITS = 1e-10  # of the largest voltage: two roundings of the coefficients may err alike
+DIGITS = 1e-10  # of the largest voltage: least bound, as two roundings may err alike
 HALVED = 1.25  # of the difference to twice the steps by other roundings of the coefficients
 HALVINGS = 3  # most, where the error of a record is above what is wanted
 
@@ -105,7 +105,7 @@ def _bounded(board: LinearBoard, record: Waveforms) -> StateSpaceError:
         return StateSpaceError(math.nan, f"the second run failed: {error}", record)
     how = f"difference to a run with {other}, and what rounding leaves"
     least = DIGITS * float(np.abs(better.values).max(initial=0.0))
-    return StateSpaceError(share * apart + better.rounding + least, how, better)
+    return StateSpaceError(max(share * apart + better.rounding, least), how, better)
 
 
 def on_curve(record: Waveforms, times: Floats) -> Floats:
