@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
 from taction.system.documents import Inline, plain, read
-from taction.system.reading_definitions import READINGS
+from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.readings.readings import Reading
 from taction.verification.readings.settling import ChannelState
@@ -206,7 +206,8 @@ class Record:
     state : str or None
         State of the worst channel at the end of the record.
     figures : dict
-        By the names in `FIGURES`; None where the board has no such figure.
+        By the names in `FIGURES`; None where the board has no such figure. A board that is not
+        known to be stable has no excursions: those of its record depend on the length.
     uncertainties : dict
         Bounds on their errors, where there is one; None where it is infinite.
     alternatives : dict
@@ -231,6 +232,8 @@ class Record:
         """Return the record of a verdict; without `channels` only of the whole board."""
         engine = verdict.recording.ends.engine
         found = {name: rule.figure(verdict) for name, rule in FIGURES.items()}
+        if verdict.poles.stable is not True:  # they depend on the length of the record
+            found |= {name: Figure(None, UNITS[name]) for name in EXCURSIONS}
         state = max((c.state for c in verdict.measurements.channels), key=STATES.index)
         return cls(
             verdict.outcome.value,

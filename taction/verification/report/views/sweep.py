@@ -146,14 +146,8 @@ def _axes(plan: Plan) -> Iterator[tuple[str, str]]:
 
 
 def _data(result: SweepResult) -> tuple[dict[str, Any], Names]:
-    """Return the figures and the results over the grid.
-
-    An excursion of a growing record depends on its length, and has no value.
-    """
-    data, names = grids(result), result_names(result)
-    for name in EXCURSIONS:
-        data[name][data["growth_rate"] > 0.0] = np.nan
-    return data, names
+    """Return the figures and the results over the grid."""
+    return grids(result), result_names(result)
 
 
 def _worth(data: Mapping[str, Any]) -> tuple[list[str], tuple[str, ...]]:
@@ -304,9 +298,8 @@ def _table(plan: Plan, title: str, listed: Sequence[dict[str, Any]], *, why: boo
 
 
 def figure_cell(record: Mapping[str, Any], name: str) -> Cell:
-    """Return a figure of a point; an excursion of a growing record has no value."""
-    grows = name in EXCURSIONS and (record["growth_rate"] or 0.0) > 0.0
-    return number_cell(None if grows else record[name], FIGURES[name].unit)
+    """Return a figure of a point."""
+    return number_cell(record[name], FIGURES[name].unit)
 
 
 def _why(record: dict[str, Any]) -> str:
