@@ -96,7 +96,6 @@ def choose(
     margin: str | float | None = None,
     supply: str | float | None = None,
     opamps: str | Sequence[str] = (),
-    topology: str | Sequence[str] = "",
     c_range: str = "",
     gain_range: str = "",
     points: int = 9,
@@ -131,9 +130,6 @@ def choose(
         Supply of the op-amps: 15V.
     opamps : str or sequence of str
         Presets; by default all of them.
-    topology : str or sequence of str
-        Topologies to compare, or all that solve the same problem: all; by default the scene's. One
-        without C and gain has a grid of gf and G0.
     c_range : str
         By default the scene's C from a tenth to ten times its value.
     gain_range : str
@@ -198,7 +194,7 @@ def choose(
         check_empty_folder(output)
     original = read_scene(scene)
     request = request_of(
-        opamps, c_range, gain_range, points, topology,
+        opamps, c_range, gain_range, points,
         settling=settling, rise=rise, overshoot=overshoot, noise=noise, margin=margin,
         supply=supply,
     )  # fmt: skip

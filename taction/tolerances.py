@@ -24,7 +24,6 @@ def montecarlo(
     seed: int = 1,
     until: str | float | None = None,
     min_yield: float | None = None,
-    remedy: bool = True,
     output: str | Path | None = None,
     jobs: int | None = None,
     cluster: str | None = None,
@@ -50,8 +49,6 @@ def montecarlo(
         Stop when the half width of the 95 % interval is below this: 1% or 0.01.
     min_yield : float, optional
         Smallest yield that passes.
-    remedy : bool
-        Below a yield of 99 %, find what to buy better, and draw 300 samples again with it.
     output : path, optional
         Database that stores every sample; a later run computes only the missing ones.
     jobs : int, optional
@@ -67,7 +64,7 @@ def montecarlo(
     -------
     YieldReport
         The yield (a sample without a verdict counts as not passed), its 95 % interval, the failed
-        checks, the parts with the largest influence, and `remedy`; `plot` draws histograms.
+        checks, the parts with the largest influence; `plot` draws histograms.
 
     Raises
     ------
@@ -89,7 +86,6 @@ def montecarlo(
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.studies.running.executors import workers_at
     from taction.verification.studies.tolerance.drawing import SampleCollection, draw_samples
-    from taction.verification.studies.tolerance.remedy import TARGET, verified_remedy
     from taction.verification.studies.tolerance.samples import half_width
     from taction.verification.studies.tolerance.varied_board import prepare
     from taction.verification.studies.tolerance.yield_report import summarise_samples
@@ -97,19 +93,14 @@ def montecarlo(
     tally = SampleCollection(samples, half_width(until))
     study = prepare(read_scene(scene, engine))
     workers = partial(workers_at, cluster, jobs, lambda text: progress(Notice(text)))
-    found, complete = None, False
+    complete = False
     try:
         draw_samples(study, seed, tally, workers(), output, progress)
-        if remedy:
-            target = max(TARGET, min_yield or 0.0)
-            ask = partial(verified_remedy, target=target, output=output, progress=progress)
-            found = ask(study, tally.samples, seed, workers)
         complete = True
     except KeyboardInterrupt:
         pass
     report = replace(
         summarise_samples(study, tally.samples, seed),
-        remedy=found,
         min_yield=min_yield,
         complete=complete,
         scene=study.scene,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, overload
 
@@ -278,7 +277,6 @@ def what_to_change(
     changes: float = 1800.0,
     any_part: bool = False,
     progress: Progress = lambda stage: None,
-    tell: Progress = lambda line: None,
 ) -> Remedies | None:
     """Return the nearest changes of the design that mend a failed verdict; None for any other.
 
@@ -294,8 +292,6 @@ def what_to_change(
         Propose also parts beyond the limits of real ones.
     progress : callable, optional
         Receives the name of the stage.
-    tell : callable, optional
-        Receives a line of text for each change at the moment when it is verified.
 
     Returns
     -------
@@ -317,11 +313,9 @@ def what_to_change(
     if not changes or verdict.outcome.value != "fail":
         return None
     from taction.verification.design.remedies import find_remedies
-    from taction.verification.report.views.remedies import found_text
 
     progress(f"what to change, at most the work of {changes:g} designs")
-    told = partial(found_text, verdict.scene)
-    return find_remedies(verdict, changes, any_part=any_part, tell=lambda found: tell(told(found)))
+    return find_remedies(verdict, changes, any_part=any_part)
 
 
 def diff(

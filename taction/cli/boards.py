@@ -31,7 +31,7 @@ from taction.cli.command import (
     text_file,
 )
 from taction.cli.terminal import print_json, say
-from taction.cli.verify_scene import Verified, changes_text, print_outcome, verify_scene
+from taction.cli.verify_scene import Verified, change_lines, print_outcome, verify_scene
 from taction.system.foreign_text import visible
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def _write_report(found: Verified, path: str) -> None:
     from taction.verification.report.renderers.page import write_page
     from taction.verification.report.views.verdict import view
 
-    write_page(view(found.verdict, changes=changes_text(found)), path)
+    write_page(view(found.verdict, changes="\n".join(change_lines(found, whole=True))), path)
 
 
 def _annotate(documents: Iterable[Mapping[str, Any]], call: Call) -> None:

@@ -59,7 +59,6 @@ MONTECARLO = Command(
         option("sample", type=click.IntRange(0), of="verify_sample", required=False),
         option("until"),
         option("min_yield", type=NumberRange(0, 1)),
-        option("remedy", "--remedy/--no-remedy"),
         option("engine", type=EngineChoice(ENGINES)),
         DATABASE,
         JOBS,
@@ -114,7 +113,6 @@ def _ask_limits(call: Call) -> None:
     given = call.arguments
     request = request_of(
         given["opamps"], given["c_range"], given["gain_range"], given["points"],
-        given["topology"],
         **{name: given[name] for name in LIMITS},
     )  # fmt: skip
     scene, base = base_of(given["scene"], request)
@@ -152,7 +150,6 @@ CHOOSE = Command(
         option("margin", metavar="FACTOR", type=NumberRange(1, 100)),
         option("supply", metavar="VOLTS"),
         option("opamps", metavar="A,B,C"),
-        option("topology", metavar="A,B,C"),
         option("c_range", metavar="LOW:HIGH"),
         option("gain_range", metavar="LOW:HIGH"),
         option("points", type=click.IntRange(1, 101)),

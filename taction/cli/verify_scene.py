@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import taction
@@ -57,25 +58,20 @@ def verify_scene(call: Call, progress: StageLine) -> Verified:
                 put(line)
 
     if call.as_json:
-        return _searched(found, options, progress, lambda line: None)
-    lines = ChangeLines(lambda line: show([line]), whole=options["verbose"])
+        return _searched(found, options, progress)
     attempt("the text", lambda: show(_body(found, options)), None, say, is_of_stdout)
-    found = _searched(found, options, progress, lines.add)
-    attempt("the changes", lambda: lines.end(changes_text(found)), None, say, is_of_stdout)
+    found = _searched(found, options, progress)
+    lines = change_lines(found, whole=options["verbose"])
+    attempt("the changes", lambda: show(lines), None, say, is_of_stdout)
     return found
 
 
-def _searched(
-    found: Verified,
-    options: dict[str, Any],
-    progress: StageLine,
-    tell: Callable[[str], None],
-) -> Verified:
+def _searched(found: Verified, options: dict[str, Any], progress: StageLine) -> Verified:
     """Return the verdict with the changes that mend it."""
     given = {name: options[name] for name in ("changes", "any_part")}
 
     def search() -> Remedies | None:
-        return taction.what_to_change(found.verdict, **given, progress=progress, tell=tell)
+        return taction.what_to_change(found.verdict, **given, progress=progress)
 
     try:
         return replace(found, remedies=attempt("the search for changes", search, None, say))
@@ -101,13 +97,19 @@ def _body(found: Verified, options: dict[str, Any]) -> list[Any]:
     return [*page_lines(page)][:-1]
 
 
-def changes_text(found: Verified) -> str:
-    """Return the changes that mend a verdict as lines, the first of which introduces the others."""
+def change_lines(found: Verified, *, whole: bool) -> list[str]:
+    """Return the changes that mend a verdict as lines below a heading: all, or those that fit."""
     if found.remedies is None:
-        return ""
+        return []
     from taction.verification.report.views.remedies import remedies_text
+    from taction.verification.report.views.verdict_screen import CHANGES, height
 
-    return remedies_text(found.verdict.scene, found.remedies)
+    lines = remedies_text(found.verdict.scene, found.remedies).splitlines()
+    heights = list(itertools.accumulate(map(height, lines)))
+    # The last place on the screen is kept for the number of the others.
+    fitting = len(lines) if whole else sum(used < CHANGES for used in heights)
+    rest = len(lines) - fitting
+    return [*lines[:fitting], *[f"  and {rest} more: -v"] * bool(rest)]
 
 
 def print_outcome(found: Verified) -> None:
@@ -115,45 +117,3 @@ def print_outcome(found: Verified) -> None:
     from taction.verification.report.renderers.terminal import outcome_line
 
     put(outcome_line(found.outcome))
-
-
-@dataclass(slots=True)
-class ChangeLines:
-    """The changes that mend a verdict, each printed when it is found.
-
-    Attributes
-    ----------
-    show : callable
-        Prints a line.
-    whole : bool
-        Whether all lines are printed, not only those that fit on the screen.
-    """
-
-    show: Callable[[str], None]
-    whole: bool
-    said: list[str] = field(default_factory=list)
-    held: list[str] = field(default_factory=list)
-    used: int = 0
-
-    def add(self, line: str) -> None:
-        """Print a new line below the heading; the last place on the screen is kept."""
-        from taction.verification.report.views.remedies import HEAD
-        from taction.verification.report.views.verdict_screen import CHANGES, height
-
-        if not line or line in self.said:
-            return
-        if not self.said and line != HEAD:
-            self.add(HEAD)
-        self.said.append(line)
-        if self.whole or self.used + height(line) < CHANGES:
-            self.used += height(line)
-            self.show(line)
-        else:
-            self.held.append(line)
-
-    def end(self, text: str) -> None:
-        """Print what the search knows at its end, and how many lines are not printed."""
-        for line in text.splitlines():
-            self.add(line)
-        if self.held:
-            self.show(f"  and {len(self.held)} more: -v")

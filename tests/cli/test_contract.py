@@ -32,7 +32,7 @@ PYTHON = {"progress", "announce", "strains"}
 # Words with which a command ends with 0; those that are not named have their line of `LINES`.
 WORDS = {
     "check": "check a.cir",
-    "montecarlo": "montecarlo a.toml -n 3 --no-remedy",
+    "montecarlo": "montecarlo a.toml -n 3",
     "stress": "stress --only nothing-moves",
     "explore": "explore a.toml",
     "mcp": "mcp .",

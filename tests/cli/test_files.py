@@ -26,7 +26,7 @@ from tests.support.running import document, taction
 GRID = ("--over", "C=1pF,2pF", "--jobs", "1")
 DESIGNS = ("--opamps", "ua741", "--points", "3", "--jobs", "1")
 CORNER = ("--corner", "resistor=1")
-DRAWN = ("-n", "3", "--jobs", "1", "--no-remedy")
+DRAWN = ("-n", "3", "--jobs", "1")
 
 TABLE = ("--baseline", "b.json", "--jobs", "1")
 PICTURES = {"--plot": "x.svg", "--report": "x.html"}

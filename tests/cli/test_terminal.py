@@ -44,7 +44,7 @@ def test_the_start_of_the_workers_does_not_count() -> None:
     [
         (("tune", "a.toml"), {"grid", "simplex"}),
         (("corners", "a.toml", "--jobs", "1"), {"sensitivities", "corner"}),
-        (("montecarlo", "a.toml", "-n", "30", "--jobs", "1", "--no-remedy"), {"samples"}),
+        (("montecarlo", "a.toml", "-n", "30", "--jobs", "1"), {"samples"}),
     ],
 )
 def test_every_long_study_says_what_is_left(
@@ -63,7 +63,7 @@ def test_every_long_study_says_what_is_left(
 
 def test_a_short_command_says_nothing(tmp_path: Path) -> None:
     scene = write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
-    result = taction("montecarlo", str(scene), "-n", "3", "--jobs", "1", "--no-remedy")
+    result = taction("montecarlo", str(scene), "-n", "3", "--jobs", "1")
     assert "left" not in result.stderr
 
 

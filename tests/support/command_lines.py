@@ -35,7 +35,7 @@ LINES: dict[str, str] = {
     "simulate": "simulate a.toml -o w.csv",
     "simulate, oscillating": "simulate ringing.toml",
     "montecarlo": "montecarlo a.toml -n 20 --jobs 1",
-    "montecarlo, a remedy": "montecarlo worn.toml -n 60 --jobs 1",
+    "montecarlo, many failures": "montecarlo worn.toml -n 60 --jobs 1",
     "montecarlo, without verdicts": "montecarlo short.toml -n 4 --jobs 1",
     "montecarlo-sample": "montecarlo a.toml --sample 3",
     "corners": "corners a.toml --jobs 1",

@@ -51,7 +51,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         passing.waveforms,
         swept("C=50pF:200pF:3", "gain=50k:200k:2"),
         taction.onset(scene, over="C=1pF:100pF:13", transients=False),
-        taction.montecarlo(two, samples=40, jobs=1, remedy=False),
+        taction.montecarlo(two, samples=40, jobs=1),
     )
     return {type(each).__name__: each for each in made}
 

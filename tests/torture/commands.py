@@ -33,7 +33,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "solve": ("solve", SCENE, "--json"),
     "diff": ("diff", SCENE, SCENE),
     "sweep": ("sweep", SCENE, "--over", "C=50p,60p", "--engine", "statespace", "-o", "a.sqlite"),
-    "montecarlo": ("montecarlo", SCENE, "-n", "3", "--engine", "statespace", "--no-remedy"),
+    "montecarlo": ("montecarlo", SCENE, "-n", "3", "--engine", "statespace"),
     "new": ("new", "new.toml"),
     "an op-amp": ("parts", "show", "ua741"),
 }

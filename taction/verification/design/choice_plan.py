@@ -1,4 +1,4 @@
-"""What a choice tries: op-amps, topologies, C and gains, the limits, and the points of the grid.
+"""What a choice tries: op-amps, C and gains, the limits, and the points of the grid.
 
 An op-amp whose input errors miss the limit of the steady state with the scene's own resistors gets
 a G0, a U0 and a range of gains of its own (`scaling.rescaled`), and a range of C that keeps R C.
@@ -21,10 +21,9 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import LIMITS, Point, SweepAxis, read_ends, tried, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.keys import Value, find_key, own_value
-from taction.netlist_gen.scene.open_tables import NAMES as SCENE_NAMES
 from taction.netlist_gen.scene.open_tables import OPAMPS, refuse_unknown
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import TOPOLOGIES, topology_of
+from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, EngineError, InputError, NoVerdictError
 from taction.system.quantities import fraction, number
 from taction.verification.design.ranges import SearchRange
@@ -39,16 +38,14 @@ from taction.verification.verdict.input_spread import InputSpread
 ERRORS = "design.opamp.input_errors"
 OPAMP, CAPACITANCE, GAIN = "design.opamp.base", "design.capacitance", "design.gain"
 G0, U0 = "design.unit_conductance", "design.unit_voltage"
-TOPOLOGY, FEEDBACK = "design.topology", "design.feedback_conductance"
+FEEDBACK = "design.feedback_conductance"
 NAMES = {
-    TOPOLOGY: "topology", OPAMP: "opamp", G0: "G0", U0: "U0", CAPACITANCE: "C", GAIN: "gain",
+    OPAMP: "opamp", G0: "G0", U0: "U0", CAPACITANCE: "C", GAIN: "gain",
     FEEDBACK: "gf",
 }  # fmt: skip
 """The keys that may move, with their names in a table."""
-SAME_LAMBDA = 1e-9
 AROUND = 10.0  # C and gain go from the scene's value divided by it to the value times it
 MOST_POINTS = 101
-EVERY = "all"
 POINTS = 9  # of C and of the gain
 
 
@@ -66,8 +63,6 @@ class ChoiceRequest:
         Values of C and of the gain, before they are rounded to their series.
     limits : mapping
         Values of the scene by dotted paths: limits of the checks, and the supply.
-    topologies : sequence of str
-        Names, or `EVERY`; empty for that of the scene.
     """
 
     opamps: Sequence[str] = ()
@@ -75,7 +70,6 @@ class ChoiceRequest:
     gains: str = ""
     points: int = POINTS
     limits: Point | None = None
-    topologies: Sequence[str] = ()
 
 
 def request_of(
@@ -83,7 +77,6 @@ def request_of(
     capacitances: str,
     gains: str,
     points: int,
-    topology: str | Sequence[str] = "",
     **limits: str | float | None,
 ) -> ChoiceRequest:
     """Return what is asked for, from the arguments of `taction.choose`.
@@ -91,15 +84,9 @@ def request_of(
     Raises
     ------
     InputError
-        A topology is unknown, or the overshoot or the margin is no number.
+        The overshoot or the margin is no number.
     """
-    names, topologies = (
-        [name.strip() for name in (text.split(",") if isinstance(text, str) else text)]
-        for text in (opamps, topology)
-    )
-    for name in topologies:
-        if name not in ("", EVERY):
-            _refuse_unknown(name)
+    names = [name.strip() for name in (opamps.split(",") if isinstance(opamps, str) else opamps)]
     numbers = ("overshoot", "margin")
     values = {
         path: _number(f"--{name}", limits[name]) if name in numbers else limits[name]
@@ -111,7 +98,6 @@ def request_of(
         gains=gains,
         points=points,
         limits={path: value for path, value in values.items() if value is not None},
-        topologies=[*filter(None, topologies)],
     )
 
 
@@ -125,13 +111,6 @@ def _number(option: str, given: str | float | None) -> float | None:
     except ValueError:
         complaint = Complaint("value", repr(given), "expected a number, such as 0.05 or 5%")
         raise InputError(option, complaint) from None
-
-
-def _refuse_unknown(name: str) -> None:
-    try:
-        SCENE_NAMES["topology"].check(name)
-    except ValueError as error:
-        raise InputError("--topology", Complaint("NAME", repr(name), str(error))) from None
 
 
 def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
@@ -160,8 +139,8 @@ def choice_plan(scene: Scene, request: ChoiceRequest) -> Plan:
     """
     base = choice_base(scene, request)
     rows: list[dict[str, Value]] = []
-    for name, opamp in product(_topologies(base, request), dict.fromkeys(_names(request))):
-        rows += _rows(with_values(base, {TOPOLOGY: name, OPAMP: opamp}), request)
+    for opamp in dict.fromkeys(_names(request)):
+        rows += _rows(with_values(base, {OPAMP: opamp}), request)
     own = {path: _own(base, path) for path in NAMES}
     held = {path for path in NAMES if all(row.get(path, own[path]) == own[path] for row in rows)}
     kept = [path for path in NAMES if path in (OPAMP, *base_keys(base)) or path not in held]
@@ -184,7 +163,7 @@ def _own(scene: Scene, path: str) -> Value:
 
 
 def _rows(start: Scene, request: ChoiceRequest) -> Iterator[dict[str, Value]]:
-    """Yield the designs of one topology and op-amp: every pair of the two keys that it searches."""
+    """Yield the designs of one op-amp: every pair of the two keys that it searches."""
     paths = base_keys(start)
     texts = {CAPACITANCE: request.capacitances, GAIN: request.gains}
     options = {CAPACITANCE: "--c-range", GAIN: "--gain-range"}
@@ -194,7 +173,7 @@ def _rows(start: Scene, request: ChoiceRequest) -> Iterator[dict[str, Value]]:
     design = start.design
     own: dict[str, Value] = {
         OPAMP: design.opamp.base, G0: design.unit_conductance, U0: design.unit_voltage,
-        TOPOLOGY: design.topology, GAIN: design.gain, CAPACITANCE: design.capacitance,
+        GAIN: design.gain, CAPACITANCE: design.capacitance,
     }  # fmt: skip
     lists = [
         _values(start, path, options.get(path, "--points"), texts.get(path, ""), request.points)
@@ -210,34 +189,6 @@ def _with_a_gain(scene: Scene) -> Scene:
     if "gain" in scene.design.model_fields_set or not isinstance(lam, int | float):
         return scene
     return with_values(scene, {GAIN: 1.0 / (math.sqrt(lam) * scene.design.unit_conductance)})
-
-
-def _topologies(base: Scene, request: ChoiceRequest) -> Sequence[str]:
-    """Return the topologies of a choice: those asked for, or all that solve the same problem.
-
-    Raises
-    ------
-    InputError
-        A topology is unknown, or it has another lambda than the scene.
-    """
-    if not request.topologies:
-        return [base.design.topology]
-    wanted = TOPOLOGIES if EVERY in request.topologies else request.topologies
-    lam, found = topology_of(base).facts(base)["lambda"].value, []
-    for name in wanted:
-        try:
-            moved = with_values(base, {TOPOLOGY: name})
-            stated = topology_of(moved).facts(moved)["lambda"].value
-        except InputError:
-            if wanted is TOPOLOGIES:
-                continue
-            raise
-        if math.isclose(stated, lam, rel_tol=SAME_LAMBDA):
-            found.append(name)
-        elif wanted is not TOPOLOGIES:
-            text = f"it solves with lambda = {stated:g}, the scene with {lam:g}"
-            raise InputError("--topology", Complaint("name", repr(name), text))
-    return found
 
 
 def _names(request: ChoiceRequest) -> Sequence[str]:

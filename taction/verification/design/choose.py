@@ -19,7 +19,6 @@ from taction.netlist_gen.scene.checks import Checks
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.system.errors import (
     NoVerdictError,
     SimulatorNotFound,
@@ -27,7 +26,7 @@ from taction.system.errors import (
 )
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
-from taction.verification.design.choice_plan import CAPACITANCE, GAIN, OPAMP, TOPOLOGY
+from taction.verification.design.choice_plan import CAPACITANCE, GAIN, OPAMP, base_keys
 from taction.verification.design.trials import (
     KEPT,
     Trial,
@@ -59,8 +58,6 @@ class ChosenDesign(Trial):
         Value over limit of each check that has a limit; empty for an unstable board.
     keys : tuple of str
         The two keys that its topology searches.
-    topology : str
-        Its name.
     """
 
     DOCUMENT = (
@@ -72,12 +69,6 @@ class ChosenDesign(Trial):
     place: int = 0
     shares: dict[str, float] = field(default_factory=dict)
     keys: tuple[str, str] = (CAPACITANCE, GAIN)
-    topology: str = ""
-
-    @property
-    def group(self) -> str:
-        """Topology, if there are several, and op-amp."""
-        return f"{self.topology}, {self.opamp}" if TOPOLOGY in self.values else self.opamp
 
     @property
     def headroom(self) -> float | None:
@@ -208,9 +199,8 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
             scene = with_values(plan.scene, point.values)
             refused = accepted.refused(broken_at_rest(LinearBoard(synthesise(scene, problem))))
         shares = dict(_shares(record, plan.scene.checks)) if record.stable else {}
-        name = str(point.values.get(TOPOLOGY, plan.scene.design.topology))
-        about = TOPOLOGIES[name].searched, name
-        found.append(ChosenDesign(dict(point.values), record, refused, point.place, shares, *about))
+        keys = base_keys(plan.scene)
+        found.append(ChosenDesign(dict(point.values), record, refused, point.place, shares, keys))
     return sorted(found, key=lambda design: design.rank)
 
 
@@ -243,11 +233,11 @@ def design_scene(plan: Plan, original: Scene, design: ChosenDesign, rank: int) -
 
 
 def best_designs(ranked: list[ChosenDesign], count: int = BEST) -> list[ChosenDesign]:
-    """Return the best good designs, each of another op-amp or topology while there are any."""
+    """Return the best good designs, each of another op-amp while there are any."""
     good = [design for design in ranked if design.good]
     first: dict[str, ChosenDesign] = {}
     for design in good:
-        first.setdefault(design.group, design)
+        first.setdefault(design.opamp, design)
     chosen = list(first.values())[:count]
     chosen += [design for design in good if design not in chosen][: count - len(chosen)]
     return chosen

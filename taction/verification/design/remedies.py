@@ -9,7 +9,7 @@ range. Where no single key mends a transient, two knobs are changed together.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
@@ -69,10 +69,6 @@ class Change:
     def verified(self) -> bool:
         """Whether the verdict is a pass."""
         return not self.left
-
-
-Tell = Callable[[tuple[StableRange, ...] | Change], None]
-"""Receives what a search has found: stable ranges, then each change that mends everything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +152,6 @@ def find_remedies(
     work: float = LIMIT,
     *,
     any_part: bool = False,
-    tell: Tell = lambda found: None,
 ) -> Remedies | None:
     """Return the nearest changes that mend a failed verdict; None for any other outcome.
 
@@ -169,8 +164,6 @@ def find_remedies(
         ``1 + (n / 70)^3`` times as much. The result is the same on every machine.
     any_part : bool
         Whether a change may have parts beyond the limits of real ones.
-    tell : callable, optional
-        Receives what is found at the moment when it is found.
 
     Raises
     ------
@@ -188,7 +181,7 @@ def find_remedies(
     trials = Trials(verdict.scene, work, accepted, screened=far)
     follows = following(verdict.checks)
     causes = tuple(name for name in failed if name not in follows)
-    search = _RemedySearch(trials, failed, causes, tell)
+    search = _RemedySearch(trials, failed, causes)
     if verdict.parts.largest_unit_voltage is not None:
         search.edges["design.unit_voltage"] = verdict.parts.largest_unit_voltage
     search.run(unstable=verdict.poles.known_unstable)
@@ -198,10 +191,8 @@ def find_remedies(
 class _RemedySearch:
     """A search in progress."""
 
-    def __init__(
-        self, trials: Trials, failed: tuple[str, ...], causes: tuple[str, ...], tell: Tell
-    ) -> None:
-        self.trials, self.scene, self.tell = trials, trials.scene, tell
+    def __init__(self, trials: Trials, failed: tuple[str, ...], causes: tuple[str, ...]) -> None:
+        self.trials, self.scene = trials, trials.scene
         self.keys, self.knobs = mending_keys(self.scene), knobs_with_margin(self.scene)
         self.failed, self.causes = failed, causes
         self.ranges: tuple[StableRange, ...] = ()
@@ -222,7 +213,6 @@ class _RemedySearch:
         if unstable and paths:
             self.trials.share(2)
             self.ranges = stable_ranges(self.trials, self.knobs)
-            self.tell(self.ranges)
         known = {each.path: each for each in self.ranges}
         self.edges |= {path: one.edge for path, one in known.items() if one.edge is not None}
         for number, path in enumerate(paths):
@@ -250,17 +240,12 @@ class _RemedySearch:
             return
         listed, accepted = search_list(self.trials, path, values)
         self.searched.append(listed)
-        self._pass(accepted[:SHOWN])
+        self.passing += accepted[:SHOWN]
 
     def _keep(self, found: Searched) -> None:
         self.searched.append(found)
         if found.found is not None:
-            self._pass([found.found])
-
-    def _pass(self, trials: list[Trial]) -> None:
-        self.passing += trials
-        for trial in trials:
-            self.tell(self._change(trial))
+            self.passing.append(found.found)
 
     def result(self) -> Remedies:
         """Return what was found."""

@@ -283,30 +283,17 @@ def test_the_command_tries_every_op_amp_without_an_option(tmp_path: Path) -> Non
     assert {each["values"]["design.opamp.base"] for each in document["designs"]} == names
 
 
-def test_all_topologies_of_one_problem_are_compared() -> None:
-    """The boards with capacitors and the one without solve one problem, each by its own keys."""
-    file = ROOT / "scenes" / "ridge.toml"
-    found = taction.choose(file, topology="all", opamps="opa189", points=3, jobs=1)
-    assert {design.topology for design in found.designs} == {"integrator", "passive", "ridge"}
-    assert len(found.designs) == 3 * 9
-    keys = {design.topology: design.keys for design in found.designs}
-    assert keys["ridge"] == ("design.feedback_conductance", "design.unit_conductance")
-    assert keys["passive"] == ("design.capacitance", "design.gain")
-    best = {design.topology: design for design in reversed(found.designs) if design.good}
-    assert {"integrator", "ridge"} <= set(best)
-    assert best["ridge"].settling_time < best["integrator"].settling_time
-    assert "ridge, opa189" in " ".join(design.group for design in found.designs)
-    for scene, design in zip(found.scenes, found.best, strict=True):
-        assert scene.design.topology == design.topology
+def test_a_board_without_a_capacitor_is_chosen_by_its_own_keys() -> None:
+    found = taction.choose(ROOT / "scenes" / "ridge.toml", opamps="opa189", points=2, jobs=1)
+    keys = ("design.feedback_conductance", "design.unit_conductance")
+    assert {design.keys for design in found.designs} == {keys}
+    assert len({tuple(design.values[key] for key in keys) for design in found.designs}) == 4
 
 
-@pytest.mark.parametrize(
-    ("topology", "text"),
-    [("nosuch", "'integrator'"), ("pinv", "design.lambda")],
-)
-def test_a_topology_of_another_problem_is_refused(topology: str, text: str) -> None:
-    with pytest.raises(InputError, match=text):
-        taction.choose(ROOT / "scenes" / "ridge.toml", topology=topology, opamps="opa189", points=2)
+def test_several_topologies_are_chosen_one_by_one() -> None:
+    refused = command("choose", FILE, "--topology", "all")
+    assert refused.exit_code == 2
+    assert "Choose once for each topology" in " ".join(refused.stderr.split())
 
 
 def test_the_table_says_what_verify_says_of_every_design() -> None:

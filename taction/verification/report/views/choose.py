@@ -153,7 +153,7 @@ def _values(design: ChosenDesign) -> tuple[float, float]:
 
 def _words(design: ChosenDesign) -> str:
     values = zip(design.keys, _values(design), strict=True)
-    return ", ".join((design.group, *(f"{NAMES[path]} = {_text(path, v)}" for path, v in values)))
+    return ", ".join((design.opamp, *(f"{NAMES[path]} = {_text(path, v)}" for path, v in values)))
 
 
 def _text(path: str, value: float) -> str:
@@ -192,10 +192,10 @@ def _best(best: Sequence[ChosenDesign], confirmations: Sequence[Confirmation]) -
 
 def _opamps(designs: Sequence[ChosenDesign]) -> Table:
     """Return the best design of each op-amp, and why it does not pass; `_table` has its G0, U0."""
-    passing = Counter(design.group for design in designs if design.good)
+    passing = Counter(design.opamp for design in designs if design.good)
     columns = {
         **_columns(designs),
-        "passing": lambda each: passing[each.group],
+        "passing": lambda each: passing[each.opamp],
         "outcome": _outcome,
     }
     for path in (G0, U0):
@@ -225,7 +225,7 @@ def _columns(designs: Sequence[ChosenDesign]) -> dict[str, Callable[[ChosenDesig
     bands = (band_text(check) for each in designs for check in each.record.checks)
     settling = f"settling {next(filter(None, bands), '')}".rstrip()
     columns: dict[str, Callable[[ChosenDesign], Shown]] = {
-        "op-amp": lambda each: each.group,
+        "op-amp": lambda each: each.opamp,
         **dict(_moved_columns(designs)),
         settling: lambda each: number_cell(finite(each.settling_time), "s", 3),
         "overshoot": lambda each: number_cell(finite(each.overshoot), "step", 3),
@@ -242,7 +242,7 @@ Columns = Iterator[tuple[str, Callable[[ChosenDesign], Shown]]]
 
 
 def _moved_columns(designs: Sequence[ChosenDesign]) -> Columns:
-    """Yield the columns of the keys that move; a topology shows those that it searches."""
+    """Yield the columns of the keys that move."""
     searched = {path for design in designs for path in design.keys}
     for path in (CAPACITANCE, GAIN, FEEDBACK, G0, U0):
         if any(path in design.values for design in designs) and (
@@ -261,14 +261,14 @@ def _first_of_each(designs: Sequence[ChosenDesign]) -> list[ChosenDesign]:
     """Return the best design of every op-amp, the best first; `designs` are in their order."""
     first: dict[str, ChosenDesign] = {}
     for design in designs:
-        first.setdefault(design.group, design)
+        first.setdefault(design.opamp, design)
     return list(first.values())
 
 
 def _maps(designs: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Iterator[Block]:
-    names = [design.group for design in _first_of_each(designs)]
+    names = [design.opamp for design in _first_of_each(designs)]
     for name in names[:MAPS]:
-        own = [design for design in designs if design.group == name]
+        own = [design for design in designs if design.opamp == name]
         if any(design.shares for design in own):
             yield _map(name, own, best)
         else:

@@ -37,7 +37,6 @@ from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.studies.tolerance.yield_report import (
     CHECK_OF,
     QuantitySpread,
-    Remedy,
     Sensitivity,
     YieldReport,
 )
@@ -57,16 +56,14 @@ Limits = tuple[float | None, float | None]  # the least and the largest accepted
 def view(result: YieldReport) -> Page:
     """Return the page of a yield."""
     rows = (("seed", str(result.seed)), ("samples", str(result.samples)))
-    remedy = () if result.remedy is None else (remedy_text(result.remedy),)
     return Page(
         title=result.name,
         command="taction yield montecarlo",
-        summary=_summary(result, *remedy),
+        summary=_summary(result),
         sections=(
             Section("Yield", (_interval(result),)),
             Section("Samples", (_shares(result),), media=(NOTEBOOK,)),
             Section("Checks that do not pass", tuple(failures(result)), media=EVERYWHERE),
-            Section("What to buy better", (Notes("", remedy),)),
             Section("What costs yield", lambda: (_culprits(result),)),
             Section("Spread and limits", (_ranges(result),)),
             Section("Quantities", (spreads(result),), media=EVERYWHERE),
@@ -80,18 +77,15 @@ def view(result: YieldReport) -> Page:
 
 def sheet(result: YieldReport) -> Sheet:
     """Return what the picture of a yield shows: histograms with limits, and the parts behind."""
-    foot = ""
-    if result.remedy is not None and result.remedy.what:
-        foot = f"{result.remedy.what}: yield {percent(result.remedy.fraction, 4)}"
     limited = (each for each in histograms(result) if isinstance(each, Chart) and each.legend)
     blocks = [*limited, _culprits(result)]
-    return Sheet.of(f"{result.name}: {_summary(result)}", blocks, ACROSS, PANEL, (0.0, 0.5), foot)
+    return Sheet.of(f"{result.name}: {_summary(result)}", blocks, ACROSS, PANEL, (0.0, 0.5))
 
 
-def _summary(result: YieldReport, *remedy: str) -> str:
-    """Return the yield, what to buy better, and what costs most of it."""
-    texts = (f"{text[:1].upper()}{text[1:]}." for text in (result.sentence, *remedy))
-    return " ".join(filter(None, (*texts, _worst(result))))
+def _summary(result: YieldReport) -> str:
+    """Return the yield, and what costs most of it."""
+    text = result.sentence
+    return " ".join(filter(None, (f"{text[:1].upper()}{text[1:]}.", _worst(result))))
 
 
 def _worst(result: YieldReport) -> str:
@@ -426,23 +420,3 @@ def causes(result: YieldReport) -> Block:
     few = {TERMINAL: SHOWN, NOTEBOOK: SHOWN}
     note = "lost: of the yield; variance: the share that the part explains."
     return Table.of("Causes, by lost yield", result.sensitivities, columns, note, most=few)
-
-
-def remedy_text(remedy: Remedy) -> str:
-    """Return what to buy better, and the yield with it."""
-    wanted = percent(remedy.target, 4)
-    if not remedy.what:
-        return (
-            f"no resistor or capacitor that is sold better brings the yield closer to {wanted}: the"
-            " failures have other causes"
-        )
-    text = f"{remedy.what}: yield {percent(remedy.fraction, 4)}"
-    if remedy.predicted < remedy.target:
-        text = f"nothing that is sold better gives {wanted}; best: {text}"
-    if not remedy.samples:
-        return f"{text}, predicted from the samples"
-    return (
-        f"{text}, predicted {percent(remedy.predicted, 4)}; {remedy.passed} of the first"
-        f" {remedy.samples} samples pass with these parts, 95 % interval"
-        f" {percent(remedy.low, 4)} to {percent(remedy.high, 4)}"
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from taction.netlist_gen.scene.keys import SYMBOLS, Value, find_key
 from taction.netlist_gen.scene.scene import Scene
@@ -40,12 +40,13 @@ def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
         names = ", ".join(map(spaced, remedies.unmendable))
         yield f"  no change of the design mends: {names}"
         return
-    stable = found_text(scene, remedies.stability)
-    yield from [stable] if stable else []
+    edges = [text for each in remedies.stability if (text := edge_text(each))]
+    if edges:
+        yield f"  stable {', or '.join(edges)}"
     if remedies.opamps:
-        yield f"  {'or' if stable else 'stable'} with {' or '.join(remedies.opamps)}"
+        yield f"  {'or' if edges else 'stable'} with {' or '.join(remedies.opamps)}"
     for change in remedies.changes:
-        yield found_text(scene, change)
+        yield f"  {_change(scene, change)}"
     for searched in remedies.without:
         where = ""
         if searched.least is not None and searched.most is not None:
@@ -56,14 +57,6 @@ def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
     cut = [" and ".join(map(name_of, paths)) for paths in remedies.cut]
     rest = f"; not to the end: {', '.join(cut)} (--changes)" if cut else ""
     yield f"  searched {remedies.trials} changes of {keys}{rest}"
-
-
-def found_text(scene: Scene, found: Sequence[StableRange] | Change) -> str:
-    """Return what a search has found as one of the lines of `remedies_text`, or nothing."""
-    if isinstance(found, Change):
-        return f"  {_change(scene, found)}"
-    edges = [text for each in found if (text := edge_text(each))]
-    return f"  stable {', or '.join(edges)}" if edges else ""
 
 
 def edge_text(found: StableRange) -> str:

@@ -29,55 +29,6 @@ CHECK_OF = {"growth_rate": "stability", "margin": "stability"}  # of a quantity 
 
 
 @dataclass(frozen=True, slots=True)
-class Remedy:
-    """Smaller tolerances, and the yield that they give.
-
-    Attributes
-    ----------
-    parts : dict of str to float
-        Tolerances of single parts, by name.
-    kinds : dict of str to float
-        Tolerances of every part of a kind.
-    target, predicted : float
-        The wanted yield, and the one that the sensitivities predict for all samples.
-    samples, passed : int
-        Samples that were drawn again with these tolerances, and how many of them pass.
-    low, high : float
-        95 % interval of the yield of these; 0 and 1 without any.
-    """
-
-    parts: dict[str, float]
-    kinds: dict[str, float]
-    target: float
-    predicted: float
-    samples: int = 0
-    passed: int = 0
-    low: float = 0.0
-    high: float = 1.0
-
-    @property
-    def what(self) -> str:
-        """The parts in words: ``"Rf_4_4 and Ra_4_in to 0.1 %"``; empty if there are none."""
-        groups: dict[float, list[str]] = {}
-        for kind, tolerance in self.kinds.items():
-            groups.setdefault(tolerance, []).append(f"every {kind}")
-        for name, tolerance in self.parts.items():
-            groups.setdefault(tolerance, []).append(name)
-        return " and ".join(
-            f"{_together(names)} to {percent(tolerance)}" for tolerance, names in groups.items()
-        )
-
-    @property
-    def fraction(self) -> float:
-        """The yield of the samples that were drawn again, else the predicted one."""
-        return self.passed / self.samples if self.samples else self.predicted
-
-
-def _together(names: list[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-
-
-@dataclass(frozen=True, slots=True)
 class QuantitySpread:
     """Distribution of a quantity over the samples.
 
@@ -134,8 +85,6 @@ class YieldReport(Result):
         The samples, in the order of their numbers.
     reasons : dict of str to int
         Counts the causes of samples without a verdict.
-    remedy : Remedy or None
-        None: not looked for, or not needed.
     min_yield : float or None
         Smallest yield that passes.
     complete : bool
@@ -149,7 +98,7 @@ class YieldReport(Result):
     DOCUMENT = (
         *("scene = name", "engine", "seed", "complete", "samples", "passed"),
         *("without_verdict", "fraction", "low", "high", "failures", "reasons", "quantities"),
-        *("sensitivities", "remedy"),
+        "sensitivities",
     )
 
     name: str
@@ -166,7 +115,6 @@ class YieldReport(Result):
     reasons: dict[str, int]
     quantities: tuple[QuantitySpread, ...]
     sensitivities: tuple[Sensitivity, ...]
-    remedy: Remedy | None = None
     min_yield: float | None = None
     complete: bool = True
     scene: Scene | None = field(default=None, compare=False)

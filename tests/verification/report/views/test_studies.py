@@ -25,7 +25,6 @@ from taction.verification.report.views.sweep_maps import Plane
 from taction.verification.studies.sweep.result import grids
 from taction.verification.studies.tolerance.yield_report import (
     QuantitySpread,
-    Remedy,
     Sensitivity,
     YieldReport,
 )
@@ -176,7 +175,6 @@ REPORT = YieldReport(
     reasons={},
     quantities=(TIME, QuantitySpread("growth_rate", "1/s", None, 0.0, -5.0, -5.0, -5.0, 0)),
     sensitivities=(Sensitivity("Cc_1", "capacitor", "settling_time", -0.9, 0.15),),
-    remedy=Remedy({"Cc_1": 0.01}, {}, 0.99, 1.0),
 )
 
 
@@ -238,11 +236,6 @@ def test_samples_without_a_value_have_a_bar_of_their_own() -> None:
     assert charts(report)[0].message.endswith(", 1 sample without a value")
 
 
-def test_better_parts_are_the_second_sentence_of_a_yield() -> None:
-    words = montecarlo.view(REPORT).summary
-    assert words.index("Cc_1 to 1 %: yield 100 %") < words.index("do not pass the check")
-
-
 @pytest.mark.parametrize(
     ("passed", "failures", "text"),
     [
@@ -285,8 +278,6 @@ def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
 
 
 def test_a_study_without_samples_has_a_picture(tmp_path: Path) -> None:
-    empty = replace(
-        REPORT, boards=(), samples=0, passed=0, quantities=(), sensitivities=(), remedy=None
-    )
+    empty = replace(REPORT, boards=(), samples=0, passed=0, quantities=(), sensitivities=())
     draw_sheet(sheet(empty), tmp_path / "a.svg")
     assert (tmp_path / "a.svg").read_text().count("<path") > 5
