@@ -22,13 +22,21 @@ OVER = ("--over", "C=50pF:100pF:3", "--fix", "gain=1M", "--fix", "lambda=0.7")
 @pytest.mark.parametrize(
     ("words", "remedy"),
     [
-        (("--engine", "hybrid"), "--engine ngspice compares every point with state space"),
-        (("--retry", "failed"), "The same command computes points without a verdict again."),
-        (("--keep-waveforms",), "'taction export waveforms'"),
+        (
+            ("sweep", *OVER, "--engine", "hybrid"),
+            "--engine ngspice compares every point with state space",
+        ),
+        (
+            ("sweep", *OVER, "--retry", "failed"),
+            "The same command computes points without a verdict again.",
+        ),
+        (("sweep", *OVER, "--keep-waveforms"), "'taction export waveforms'"),
+        (("montecarlo", "--remedy"), "Set a better grade in [tolerances]"),
+        (("montecarlo", "--no-remedy"), "Leave it out"),
     ],
 )
 def test_an_option_that_is_no_more_says_what_to_type(words: tuple[str, ...], remedy: str) -> None:
-    refused = taction("sweep", PAPER, *OVER, *words)
+    refused = taction(words[0], PAPER, *words[1:])
     assert refused.exit_code == 2
     assert remedy in " ".join(refused.stderr.replace("│", " ").split())
 
