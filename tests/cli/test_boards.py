@@ -200,7 +200,8 @@ def test_one_op_amp_is_shown_with_its_sources() -> None:
     assert shown["figures"]["saturation"]["note"] == "14 V of 15 V into 10 kohm"
 
 
-def test_the_table_says_what_a_sheet_does_not_print() -> None:
+def test_the_table_says_what_a_sheet_does_not_print(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "160")
     text = " ".join(taction("models", "show", "lf353").stdout.split())
     assert "no figure: assumed as of the LF356" in text
     assert "\N{LESS-THAN OR EQUAL TO} 10 mV" in text
