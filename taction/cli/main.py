@@ -67,7 +67,7 @@ RENAMED = {"parts": "models", "waveforms": "simulate"}
 WITHDRAWN = {
     "refine": "It was withdrawn: simulate the board again with the residual as its strain;"
     " 'Refinement' in docs/closed-loop.md has the theory.",
-    "choose --topology": "Choose once for each topology: set design.topology in the scene.",
+    "choose --topology": "A choice is of one topology: set design.topology of the scene.",
     "montecarlo --remedy": "Set a better grade in [tolerances] for parts of the table of causes.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
     "sweep --retry": "The same command computes points without a verdict again.",

@@ -174,7 +174,6 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("build", "ok.toml"): ("Missing option '-o'", "Expected FOLDER"),
     ("build", "ok.toml", "-o", "."): ("-o", "'T.csv'", "a new or empty folder"),
     ("design", "choose", "ok.toml", "-o", "."): ("-o", "is not empty", "give another name"),
-    ("design", "choose", "ok.toml", "--topology", "inw"): ("--topology", "'inw'", "'inv'?"),
     ("yield", "corners", "ok.toml", "--corner", "R=1"): ("--corner", "R:", "capacitor"),
     ("sweep", "ok.toml", "--over", "engine=ngspice,statespace"):
         ("--over", "analysis.engine", "sweep once with each"),

@@ -293,7 +293,7 @@ def test_a_board_without_a_capacitor_is_chosen_by_its_own_keys() -> None:
 def test_several_topologies_are_chosen_one_by_one() -> None:
     refused = command("choose", FILE, "--topology", "all")
     assert refused.exit_code == 2
-    assert "Choose once for each topology" in " ".join(refused.stderr.split())
+    assert "A choice is of one topology" in " ".join(refused.stderr.split())
 
 
 def test_the_table_says_what_verify_says_of_every_design() -> None:
