@@ -63,6 +63,7 @@ class Equilibrium:
         return 0.0 if name == "0" else float(self.values[self.descriptor.place(name)])
 
 
+@np.errstate(over="ignore", invalid="ignore")  # the residual judges what comes out
 def solve_equilibrium(
     descriptor: Descriptor, response: Response, *, sources_on: bool = True
 ) -> Equilibrium:
@@ -121,6 +122,7 @@ def limited_equilibrium(
     return near
 
 
+@np.errstate(over="ignore", invalid="ignore")  # the residual judges what comes out
 def equilibrium_near(
     descriptor: Descriptor, z: Floats, *, sources_on: bool = True
 ) -> Equilibrium | None:
@@ -137,6 +139,7 @@ def equilibrium_near(
     return found if found.residual <= CERTIFICATE else None
 
 
+@np.errstate(over="ignore", invalid="ignore")  # the residual judges what comes out
 def _settled(descriptor: Descriptor, drive: Floats) -> Floats:
     """Return the unknowns, (size,), after implicit Euler steps from zero with growing lengths.
 

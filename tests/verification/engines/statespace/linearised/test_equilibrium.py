@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +20,10 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.equilibrium import rounding
+from taction.verification.engines.statespace.linearised.equilibrium import (
+    equilibrium_near,
+    rounding,
+)
 from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from tests.support.boards import IDEAL, board, kernel, paper_board, single_mode, strain, two_pole
@@ -198,3 +202,14 @@ def test_a_short_circuit_takes_the_largest_current() -> None:
     amps = board.equilibrium[OUT] / 1e-3
     beyond = math.log(math.expm1((14.0 - 75.0 * amps) / 15.0)) / 100.0
     assert amps == pytest.approx(25e-3 * (1.0 + beyond), rel=1e-5)
+
+
+def test_a_start_far_beyond_the_range_of_exp_is_no_warning() -> None:
+    """exp(1e6) is infinite: no equilibrium is near, and numpy says nothing."""
+    made = make_scene(
+        {"channels": 2, "span": 1.0}, design={"amplifier": "exponential", "exponential_slope": 0.1}
+    )
+    descriptor = LinearBoard(synthesise(made)).descriptor
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert equilibrium_near(descriptor, np.full(descriptor.size, 1e5)) is None
