@@ -16,7 +16,7 @@ _END: ContextVar[float] = ContextVar("end of all runs", default=math.inf)
 
 @contextmanager
 def one_limit(seconds: float) -> Iterator[None]:
-    """Limit all runs within to so many seconds together; the time of this clock, not of processors.
+    """Give all runs within this block one limit together, s of wall time.
 
     Examples
     --------

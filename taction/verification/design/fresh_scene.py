@@ -35,7 +35,7 @@ from taction.system.results import Result
 from taction.verification.design.scaling import Scaled, Scaling, scale
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.lambda_choice import RuleInputs, choose
-from taction.verification.reference.problem import Problem, difference
+from taction.verification.reference.problem import Problem, solution_difference
 from taction.verification.reference.solve import solve
 from taction.verification.studies.tolerance.steady_directions import rest_slopes
 from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
@@ -195,7 +195,7 @@ def pruning_for(T: Floats, eps: Floats, lam: float) -> FreshPruning:
         if not entries:
             continue
         after = solve(Problem(kept, eps, lam))
-        change = difference(before, after)[0] / largest
+        change = solution_difference(before, after)[0] / largest
         if change <= UNSEEN or share == NECESSARY:
             return FreshPruning(share, entries, change)
     return FreshPruning()

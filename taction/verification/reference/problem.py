@@ -182,7 +182,7 @@ class Solution(Result):
         return self.problem.lam
 
 
-def difference(one: Solution, other: Solution) -> tuple[float, float]:
+def solution_difference(one: Solution, other: Solution) -> tuple[float, float]:
     """Return the largest difference of two solutions, and the same with the errors of both.
 
     The second is infinite if one of them is not trusted; u has no unit.

@@ -24,7 +24,7 @@ from taction.verification.stability.edges import Edge, Edges
 from taction.verification.stability.poles import Poles, or_error, poles_together
 
 BESIDE = (1e-9, 1e-6, 1e-3)  # relative distances of what confirms an edge: the first to do
-POLES = 1e-6  # from here on poles do: nearer ones are lost in rounding too often
+NEAREST_POLES = 1e-6  # from this distance on poles confirm: rounding hides nearer ones too often
 WIDE = 30.0  # largest ratio of neighbouring samples
 GRID = 40  # values per decade of a search by counts alone
 Count = tuple[float, float]  # least and largest number
@@ -121,7 +121,9 @@ def certify(claims: Sequence[EdgeClaim]) -> list[Edges | None]:
             (k, edge.value)
             for k, claim in enumerate(claims)
             for edge in claim.edges.edges
-            if not refuted[k] and edge.value not in bounds[k] and (claim.count or distance >= POLES)
+            if not refuted[k]
+            and edge.value not in bounds[k]
+            and (claim.count or distance >= NEAREST_POLES)
         ]
         sides = [[at * (1.0 - distance), at * (1.0 + distance)] for _, at in left]
         pairs = [(claims[k], beside) for (k, _), beside in zip(left, sides, strict=True)]

@@ -57,7 +57,7 @@ class PolesApart:
         if upper := [p for p in self.far.tolist() if p.imag >= 0.0]:
             found.append(
                 f"the model itself has a pole at {_shown(upper[0])}, beyond {show(BAND, 'Hz')}: a"
-                f" capacitance below {show(2.0 * STRAYS[-1], 'F')} at every node takes it away, so"
+                f" capacitance of at most {show(STRAYS[-1], 'F')} at every node takes it away, so"
                 " it does not decide; readings of the step are not known with it"
             )
         return tuple(found)

@@ -17,7 +17,7 @@ from taction.system.errors import InputError
 from taction.system.quantities import show
 from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network
-from taction.verification.reference.problem import Solution, difference
+from taction.verification.reference.problem import Solution, solution_difference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +66,7 @@ def pruning_effect(
     if not entries:
         return None
     after = replace(network, T=kept).rest
-    change, bound = difference(solution, after)
+    change, bound = solution_difference(solution, after)
     return PruningEffect(entries, after.u * network.U0, change * network.U0, bound * network.U0)
 
 
