@@ -221,7 +221,7 @@ class MeasuredBoard:
             *three(figures),
             judged,
             tuple(
-                Channel.of(channel, Figure(value, "V", self.rest_error))
+                Channel.of(channel, {"equilibrium": Figure(value, "V", self.rest_error)})
                 for channel, value in zip(found.channels, self.rest.tolist(), strict=True)
             ),
         )

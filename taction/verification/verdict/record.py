@@ -152,6 +152,8 @@ CHANNEL_FIGURES: dict[str, FigureRule[ChannelMeasure]] = {
 """Figures of one channel; a verdict has its `equilibrium` (V) in addition."""
 
 UNITS = {name: rule.unit for name, rule in FIGURES.items()}
+NO_EXCURSIONS = {name: Figure(None, UNITS[name]) for name in EXCURSIONS}
+"""Of a board that is not known to be stable: they depend on the length of its record."""
 CHANNEL_UNITS = {name: rule.unit for name, rule in CHANNEL_FIGURES.items()} | {"equilibrium": "V"}
 
 Bounds = dict[str, float | None]
@@ -177,10 +179,10 @@ class Channel:
         return bool(self.alternatives)
 
     @classmethod
-    def of(cls, measure: ChannelMeasure, equilibrium: Figure | None = None) -> Channel:
-        """Return the figures of a channel."""
+    def of(cls, measure: ChannelMeasure, known: Mapping[str, Figure] = {}) -> Channel:
+        """Return the figures of a channel; those in `known` are not of its transient."""
         found = {name: rule.figure(measure) for name, rule in CHANNEL_FIGURES.items()}
-        found["equilibrium"] = equilibrium or Figure(None, "V")
+        found |= {"equilibrium": Figure(None, "V"), **known}
         reason = measure.reason or measure.rise_reason
         return cls(measure.index + 1, measure.state.value, *three(found), reason)
 
@@ -232,8 +234,8 @@ class Record:
         """Return the record of a verdict; without `channels` only of the whole board."""
         engine = verdict.recording.ends.engine
         found = {name: rule.figure(verdict) for name, rule in FIGURES.items()}
-        if verdict.poles.stable is not True:  # they depend on the length of the record
-            found |= {name: Figure(None, UNITS[name]) for name in EXCURSIONS}
+        if verdict.poles.stable is not True:
+            found |= NO_EXCURSIONS
         state = max((c.state for c in verdict.measurements.channels), key=STATES.index)
         return cls(
             verdict.outcome.value,
@@ -312,8 +314,9 @@ def channels_of(measurements: Measurements) -> tuple[Channel, ...]:
 def _channels(verdict: Verdict) -> tuple[Channel, ...]:
     volts, error = verdict.steady.values.tolist(), finite(_rest_error(verdict))
     bound = None if error is None else error * verdict.measurements.amplitude
+    known = {} if verdict.poles.stable is True else NO_EXCURSIONS
     return tuple(
-        Channel.of(channel, Figure(finite(value), "V", bound))
+        Channel.of(channel, known | {"equilibrium": Figure(finite(value), "V", bound)})
         for channel, value in zip(verdict.measurements.channels, volts, strict=True)
     )
 

@@ -52,7 +52,8 @@ def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
         if searched.least is not None and searched.most is not None:
             unit = find_key(scene, searched.paths[0]).unit
             where = f" from {show(searched.least, unit, 3)} to {show(searched.most, unit, 3)}"
-        yield f"  no tried value of {' and '.join(map(name_of, searched.paths))}{where} mends it"
+        names = " and ".join(map(name_of, searched.paths))
+        yield f"  no tried value of {names}{where} makes the board pass"
     keys = ", ".join(map(name_of, remedies.searched)) or "no key"
     cut = [" and ".join(map(name_of, paths)) for paths in remedies.cut]
     rest = f"; not to the end: {', '.join(cut)} (--changes)" if cut else ""
