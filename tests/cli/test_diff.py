@@ -69,6 +69,17 @@ def test_settling_times_stand_beside_their_bands_also_where_these_differ(
     assert "settling time A to ±1 %, B to ±4 %" in taction("diff", first, second).stdout
 
 
+def test_a_distance_of_95_percent_of_the_boards_is_not_compared_with_one_as_drawn_unsaid(
+    tmp_path: Path,
+) -> None:
+    first, second = str(write_fast(tmp_path / "a.toml")), str(tmp_path / "b.toml")
+    real = Path(first).read_text("utf-8").replace(', input_errors = "none"', "")
+    Path(second).write_text(real, encoding="utf-8")
+    found = document(taction("diff", first, second, "--json"))
+    (steady,) = (r for r in found["readings"] if r["name"] == "steady_state" and r["unit"])
+    assert steady["note"] == "A as drawn, B in 95 % of the boards"
+
+
 def test_stored_documents_are_compared_without_a_run(tmp_path: Path) -> None:
     scene = str(write_fast(tmp_path / "a.toml"))
     stored = tmp_path / "a.json"

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from taction.verification.verdict.cause import band_text
+from taction.verification.verdict.cause import band_text, boards_text
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.record import CHANNEL_FIGURES, FIGURES, Figure, Record, finite
 
@@ -126,14 +126,18 @@ def compare(
             if pair[0].value is not None or pair[1].value is not None:
                 found.append(numbers("figures", name, None, *pair, tolerance))
     found += _channels(first, second, tolerance, groups, channel_figures)
-    bands = _bands(first, second)
-    times = (each.name == "settling_time" and each.group != "checks" for each in found)
-    return tuple(replace(d, note=bands) if t else d for d, t in zip(found, times, strict=True))
+    notes = {
+        ("values", "steady_state"): _of_both(boards_text, first, second),
+        ("values", "settling_time"): (bands := _of_both(band_text, first, second)),
+        ("figures", "settling_time"): bands,
+        ("channels", "settling_time"): bands,
+    }
+    return tuple(replace(d, note=notes.get((d.group, d.name), d.note)) for d in found)
 
 
-def _bands(first: Record, second: Record) -> str:
-    """Return the bands of the settling times of two records, once where they are the same."""
-    texts = ("".join(map(band_text, record.checks)) for record in (first, second))
+def _of_both(text: Callable[[Check], str], first: Record, second: Record) -> str:
+    """Return what the checks of two records say, once where they say the same."""
+    texts = ("".join(map(text, record.checks)) for record in (first, second))
     known = [*dict.fromkeys(filter(None, texts))]
     return "A {}, B {}".format(*known) if len(known) > 1 else "".join(known)
 
