@@ -1,6 +1,6 @@
 """An op-amp and a signal amplifier of another package, in every command and medium.
 
-The packages are the recipes of ``CONTRIBUTING.md``, installed as a user would install them.
+The packages are the recipes of ``docs/extending.md``, installed as a user would install them.
 """
 
 from __future__ import annotations

@@ -48,12 +48,12 @@ def install(
 
 
 def recipe(title: str) -> tuple[str, dict[str, dict[str, str]], str]:
-    """Package, entry points and source of the example below a heading of ``CONTRIBUTING.md``.
+    """Package, entry points and source of the example below a heading of ``docs/extending.md``.
 
     They are the arguments of `install` and of the fixture `plugin`.
     """
-    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8").partition(f"\n### {title}\n")[2]
-    text = text.partition("\n### ")[0]
+    text = (ROOT / "docs" / "extending.md").read_text("utf-8").partition(f"\n## {title}\n")[2]
+    text = text.partition("\n## ")[0]
     blocks = dict(re.findall(r"```(python|toml)\n(.*?)```", text, re.DOTALL))
     groups = tomllib.loads(blocks["toml"])["project"]["entry-points"]
     (package,) = {at.partition(":")[0] for names in groups.values() for at in names.values()}
