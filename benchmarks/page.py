@@ -62,13 +62,11 @@ def write_page(root: Path, title: str, sections: Iterable[str]) -> None:
 
 
 def write_table(root: Path, title: str, found: Mapping[str, Sequence[Figure]]) -> None:
-    """Put each section's first limit, and all that are missed, between the README's markers."""
+    """Put the first figure with a limit of each section between the README's markers."""
     readme = root / "README.md"
     before, _, rest = readme.read_text("utf-8").partition(BEGIN)
     _, end, after = rest.partition(END)
     assert end, f"{readme} has no markers {BEGIN!r} and {END!r}"
-    shown = list[Figure]()
-    for figures in found.values():
-        limits = [each for each in figures if each.wanted is not None]
-        shown += [*limits[:1], *(each for each in limits[1:] if not each.kept)]
+    limits = ([f for f in figures if f.wanted is not None] for figures in found.values())
+    shown = [figures[0] for figures in limits if figures]
     write_atomically(readme, f"{before}{BEGIN}{title}\n\n{table(shown)}{END}{after}")

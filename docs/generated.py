@@ -23,7 +23,7 @@ import taction
 
 HERE = Path(__file__).resolve().parent
 ROOT, PLACE = HERE.parent, HERE / "_generated"
-PAGE_LINK = re.compile(r"\[([^\]]+)\]\(\.\./([\w-]+)\.md\)")
+PAGE_LINK = re.compile(r"\[([^\]]+)\]\(\.\./([\w-]+)\.md(?:#[\w-]+)?\)")
 NOTEBOOK_LINK = re.compile(r"(?<=\])\(([\w-]+)\.md\)")
 PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (

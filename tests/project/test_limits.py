@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.paths import ROOT
 
-PAGE = (ROOT / "docs" / "limits.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "network.md").read_text("utf-8").partition("## Limits of validity")[2]
 UNITS = {"mV": 1e-3, "uV": 1e-6, "nV": 1e-9}
 ROWS = {
     "leakage": "leakage of the board",

@@ -234,7 +234,7 @@ def share(value: object, kind: str) -> str:
 WITHDRAWN = {
     **dict.fromkeys(
         ("devices.file", "wires.file"),
-        "withdrawn: give the numbers of the file; docs/devices.md says which key has which",
+        "withdrawn: give the numbers of the file; docs/closed-loop.md says which key has which",
     ),
 }
 """What to do in the place of a key that is no more, by its path."""
