@@ -31,8 +31,8 @@ from taction.verification.readings.measurements import (
     strongest,
     summary,
 )
-from taction.verification.readings.mode_fit import Mode
 from taction.verification.readings.readings import Reading, Readings, Step, read
+from taction.verification.readings.ringing import Mode
 from taction.verification.readings.settling import ChannelState, Settlement
 
 DETAIL = 1e-4  # of the settling band: the first grid resolves modes above it
@@ -179,10 +179,7 @@ def _modes(solution: Exact, amplitude: float) -> tuple[Mode, ...]:
     modes, flow = [], solution.flow
     begin = flow.powers == 0
     for pole, row in zip(flow.poles[begin].tolist(), np.abs(flow.share[begin]), strict=True):
-        peak = float(row.max(initial=0.0))
-        if pole.imag > 0.0 and -pole.real < RINGS * abs(pole) and peak > FAINT * amplitude:
-            channels = tuple(row.tolist())
-            frequency = pole.imag / (2.0 * math.pi)
-            mode = Mode(frequency, pole.real, peak, 0.0, 0.0, 0.0, channels, 0.0, 0.0, "")
-            modes.append(mode)
-    return tuple(sorted(modes, key=lambda mode: -mode.amplitude))
+        strong = float(row.max(initial=0.0)) > FAINT * amplitude
+        if strong and pole.imag > 0.0 and -pole.real < RINGS * abs(pole):
+            modes.append(Mode(pole.imag / (2.0 * math.pi), pole.real, tuple(row.tolist())))
+    return tuple(sorted(modes, key=lambda mode: -max(mode.channels)))

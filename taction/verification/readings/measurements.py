@@ -15,11 +15,9 @@ import numpy as np
 from taction.system.array_types import Bools, Floats
 from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
-from taction.verification.readings.envelope import Envelope, envelope
-from taction.verification.readings.mode_fit import Mode, fit_modes
 from taction.verification.readings.readings import Reading, Readings, Step, largest, read, unread
+from taction.verification.readings.ringing import ChannelRinging, Mode, Ringing, find_ringing
 from taction.verification.readings.settling import (
-    ChannelRinging,
     ChannelState,
     Drift,
     Settlement,
@@ -357,14 +355,12 @@ def measure(
     part = sound_part(time, u, target, start, bound, expected_stop, error, rest, curve)
     t = part.signal.time
     v, drift = u[: t.size], Drift(t, part.signal.errors)
-    ringing, modes = Envelope(t[:1], np.zeros((1, u.shape[1])), None), tuple[Mode, ...]()
-    amplitude = part.step.amplitude
+    ringing = Ringing(t[:1], np.zeros((1, u.shape[1])), None, None)
     if part.readable:
-        ringing = envelope(t, v)
-        modes = fit_modes(t, v, ringing=ringing)
-    record = _Record(part, v, part.read(band), drift, band, ringing, modes)
+        ringing = find_ringing(t, v)
+    record = _Record(part, v, part.read(band), drift, band, ringing)
     channels = [_channel(record, n) for n in range(target.size)]
-    return summary(amplitude, band, modes, channels)
+    return summary(part.step.amplitude, band, record.modes, channels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -376,8 +372,12 @@ class _Record:
     readings: Readings
     drift: Drift
     band: float
-    ringing: Envelope
-    modes: tuple[Mode, ...]
+    ringing: Ringing
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """The mode that was fitted, if there is one."""
+        return () if self.ringing.mode is None else (self.ringing.mode,)
 
 
 def _check(time: Floats, u: Floats, target: Floats, band: float) -> None:
@@ -415,10 +415,9 @@ def _settlement(record: _Record, n: int, ring: ChannelRinging) -> Settlement:
 
 def _channel(record: _Record, n: int) -> ChannelMeasure:
     """Measure channel `n`."""
-    part, env = record.part, record.ringing
+    part, found = record.part, record.ringing
     mode = strongest(record.modes, n, part.step.amplitude)
-    share = 0.0 if mode is None else mode.channels[n]
-    ring = ChannelRinging(env.time, env.amplitude[:, n], env.period, mode, share)
+    ring = found.of(n)
     settlement = _settlement(record, n, ring)
     size, short = float(part.step.sizes[n]), part.cut
     if part.readable and size:
@@ -435,7 +434,7 @@ def _limit_cycle_frequency(record: _Record, n: int) -> float | None:
     """Return the frequency of channel `n`'s limit cycle, Hz, from the last fifth of the record."""
     time = record.part.signal.time
     first = int(np.searchsorted(time, time[0] + 0.8 * np.ptp(time)))
-    modes = fit_modes(time[first:], record.u[first:, n : n + 1])
-    lines = [m.frequency for m in modes if m.frequency > 0]
-    period = record.ringing.period
-    return lines[0] if lines else (1 / period if period else None)
+    found = find_ringing(time[first:], record.u[first:, n : n + 1])
+    if found.mode is not None:
+        return found.mode.frequency
+    return 1 / record.ringing.period if record.ringing.period else None

@@ -19,9 +19,14 @@ from enum import StrEnum
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.verification.readings.envelope import saturates
-from taction.verification.readings.mode_fit import GOOD_FIT, RESOLVED, Mode
 from taction.verification.readings.readings import Reading
+from taction.verification.readings.ringing import (
+    GOOD_FIT,
+    RESOLVED,
+    ChannelRinging,
+    Mode,
+    saturates,
+)
 
 _DWELL = 0.05  # of the settling time: the record must continue inside the band for that long
 _DWELL_PERIODS = 3.0
@@ -42,17 +47,6 @@ class ChannelState(StrEnum):
     OSCILLATING = "oscillating"
     CLIPPED = "clipped"
     DIVERGED = "diverged"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ChannelRinging:
-    """The ringing in one channel."""
-
-    time: Floats  # of the envelope (M,), s
-    amplitude: Floats  # envelope (M,), in the unit of the signal
-    period: float | None  # s
-    mode: Mode | None  # the strongest oscillating mode
-    share: float  # amplitude of that mode in this channel at the end of the fitted stretch
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +102,19 @@ class Drift:
         return third + last * stretches, ratio
 
 
+def _swing(time: Floats, error: Floats, quiet: float) -> float:
+    """Return twice the time between the last two extremes of opposite sign, s; 0 without two.
+
+    So long is a period of a ringing that dies too soon for a line in the spectrum. The first
+    extreme is the start, and one at the end may still grow.
+    """
+    seen = np.flatnonzero(np.abs(error) > quiet)
+    runs = np.split(seen, np.flatnonzero(np.diff(np.sign(error[seen]))) + 1)
+    places = [run[np.abs(error[run]).argmax()] for run in runs[1:]]
+    extremes = [float(time[place]) for place in places if place < len(time) - 1]
+    return 2.0 * (extremes[-1] - extremes[-2]) if len(extremes) > 1 else 0.0
+
+
 def _flat_top(time: Floats, error: Floats, period: float) -> bool:
     """Tell whether the signal stays at an extreme in its last three periods, as at a supply."""
     first = int(np.searchsorted(time, time[-1] - 3 * period))
@@ -134,31 +141,20 @@ def _loss(ring: ChannelRinging) -> tuple[float, float, float]:
 def _left(ring: ChannelRinging, end: float) -> tuple[float, float]:
     """Return the ringing's amplitude at `end` and its period (0 and 0 without ringing).
 
-    The last chunk of the envelope lies before the end, and a record of few periods has few
-    chunks: a good fit of a decaying mode extrapolates the envelope. The envelope removes a mode
-    slower than the dominant line as a trend, so the larger amplitude counts.
+    The last window lies before the end: a good fit of a decaying mode continues its amplitude.
     """
     last, mode, period = float(ring.amplitude[-1]), ring.mode, ring.period or 0.0
     if mode is None or mode.residual > GOOD_FIT or not mode.decays:
         return last, period
     fitted = ring.share * math.exp(mode.growth_rate * (end - mode.stop))
-    if mode.frequency * (mode.stop - mode.start) < 1:
-        fitted = 0.0  # less than a period may also be a drift
-    elif ring.amplitude.size < 8:
-        return fitted, 1 / mode.frequency
-    extrapolated = last * math.exp(mode.growth_rate * (end - ring.time[-1]))
-    return max((extrapolated, period), (fitted, 1 / mode.frequency))
+    return max(last * math.exp(mode.growth_rate * (end - ring.time[-1])), fitted), period
 
 
 def sustained(
     time: Floats, error: Floats, tolerance: float, ring: ChannelRinging
 ) -> ChannelState | None:
     """Return OSCILLATING or CLIPPED if the channel rings on, UNDECIDED if it may, else None."""
-    mode = ring.mode
-    if ring.period is None:
-        grows = mode is not None and mode.grows and not mode.doubt and ring.share > tolerance
-        return ChannelState.OSCILLATING if grows else None
-    if ring.amplitude[-1] <= _QUIET * tolerance:
+    if ring.period is None or ring.amplitude[-1] <= _QUIET * tolerance:
         return None
     if saturates(ring.amplitude):
         return ChannelState.CLIPPED
@@ -194,6 +190,7 @@ def prove(
         how = "at a constant amplitude" if state is ChannelState.CLIPPED else "and does not decay"
         return Settlement(state, None, f"it oscillates {how}: it never settles")
     left, period = _left(ring, float(time[-1]))
+    period = period or _swing(time, error, _QUIET * tolerance)
     limit, ratio = drift.heading(n, period)
     if found is None:
         return _outside(float(error[-1]), tolerance, step, ring.mode, left, limit, ratio)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from taction.verification.readings.measurements import measure
-from taction.verification.readings.mode_fit import Mode
 from taction.verification.readings.readings import Reading, rise_times, settling_times
+from taction.verification.readings.ringing import ChannelRinging, Mode
 from taction.verification.readings.settling import (
-    ChannelRinging,
     ChannelState,
     Drift,
     prove,
@@ -82,7 +81,7 @@ def test_rises_of_channels_of_either_direction():
 
 def ringing(growth, sigma, amplitude=None):
     """A fitted ringing of 1 over a record of 1 s; `amplitude` is the envelope's."""
-    mode = Mode(100.0, growth, 1.0, 0.0, sigma, 0.01, (1.0,), 0.0, 1.0, "")
+    mode = Mode(100.0, growth, (1.0,), sigma, 0.01, 0.0, 1.0)
     envelope = np.ones(20) if amplitude is None else amplitude
     time = np.linspace(0.0, 1.0, envelope.size)
     return ChannelRinging(time, envelope, 0.01, mode if amplitude is None else None, 1.0)

@@ -19,7 +19,7 @@ from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import CurrentSource
 from taction.netlist_gen.deck.deck import write_deck
-from taction.system.array_types import Complexes
+from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError, InputError, SimulationError
 from taction.system.quantities import show, show_rate
 from taction.system.waveforms import Waveforms
@@ -27,7 +27,7 @@ from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import Run, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
-from taction.verification.readings.mode_fit import Mode, fit_modes
+from taction.verification.readings.ringing import Mode, find_growth, find_ringing
 from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
 from taction.verification.verdict.transient_plan import truncation_for
@@ -42,7 +42,6 @@ RIVAL_FOLDS = 12.0  # most e-foldings of a faster mode in a record
 STRAINED = 0.1  # of U0: the step at a constraint node of a strain that only excites a mode
 SMALL_SIGNAL = 0.02  # largest swing at an amplifier's input, in its v_scale: there it is linear
 GROWTH_TOLERANCE, FREQUENCY_TOLERANCE = 0.05, 0.01  # relative
-FAINT = 0.01  # of the strongest mode: fainter modes are not compared
 RELTOL = 1e-8  # ngspice's reltol
 
 Boards = Callable[[float], LinearBoard]
@@ -275,14 +274,11 @@ def _finish(trial: _Side, run: Run) -> Side:
 
 
 def _compare(trial: _Side, waveforms: Waveforms) -> Side:
-    """Compare the pole with the nearest of the strong modes in the waveforms."""
-    modes = fit_modes(waveforms.time, waveforms.values)
-    if not modes:
+    """Compare the pole with the ringing, or the growth, in the waveforms."""
+    find = find_growth if trial.pole.imag == 0.0 else _ringing
+    mode = find(waveforms.time, waveforms.values)
+    if mode is None:
         return Side(trial.value, trial.pole, reason="no mode could be fitted to the transient")
-    strong = [mode for mode in modes if mode.amplitude >= FAINT * modes[0].amplitude]
-    mode = min(
-        strong, key=lambda m: abs(complex(m.growth_rate, math.tau * m.frequency) - trial.pole)
-    )
     difference = _difference(mode, trial.pole)
     agrees: bool | None = not difference
     reason = difference
@@ -303,6 +299,10 @@ def _compare(trial: _Side, waveforms: Waveforms) -> Side:
         agrees=agrees,
         reason=reason,
     )
+
+
+def _ringing(time: Floats, values: Floats) -> Mode | None:
+    return find_ringing(time, values).mode
 
 
 def _difference(mode: Mode, pole: complex) -> str:

@@ -17,8 +17,8 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.small_steps import StateBoard
-from taction.verification.readings.mode_fit import fit_modes
 from taction.verification.readings.readings import settling_times
+from taction.verification.readings.ringing import GOOD_FIT, find_ringing
 from taction.verification.readings.signals import FEWEST_POINTS, SampledSignal
 from taction.verification.reference.dynamics import ideal_linear
 from taction.verification.reference.solve import solve
@@ -39,6 +39,7 @@ from taction.verification.verdict.companion import outputs
 NORMS = ("final", "maximum", "settling_time", "frequency", "growth_rate")
 MARGIN = 1.25  # band over the largest deviation in the last part of the record
 LAST = 0.8  # start of the last part, fraction of the record
+FEWEST_FITTED = 32  # points of a record in which a ringing is fitted
 OTHER_MODE = 0.2  # relative distance of a fitted pole that belongs to another mode
 
 Errors = dict[str, float | None]
@@ -89,18 +90,14 @@ def settling_time(time: Floats, u: Floats, target: Floats, tolerance: float) -> 
 
 
 def fit_ringing(time: Floats, u: Floats, expected: complex | None) -> complex | None:
-    """Return the fitted mode of a record nearest to `expected`, 1/s, or None if it is too far."""
-    if expected is None:
+    """Return the fitted mode of a record, 1/s, or None if it is too far from `expected`."""
+    if expected is None or not expected.imag or len(time) < FEWEST_FITTED:
         return None
-    fitted = [
-        complex(mode.growth_rate, 2 * math.pi * mode.frequency)
-        for mode in fit_modes(time, u)
-        if mode.frequency > 0
-    ]
-    nearest = min(fitted, key=lambda p: abs(p - expected), default=None)
-    if nearest is None or abs(nearest - expected) > OTHER_MODE * abs(expected):
+    mode = find_ringing(time, u, math.tau / abs(expected.imag)).mode
+    if mode is None or mode.residual > GOOD_FIT:
         return None
-    return nearest
+    found = complex(mode.growth_rate, 2 * math.pi * mode.frequency)
+    return None if abs(found - expected) > OTHER_MODE * abs(expected) else found
 
 
 def measure_errors(run: MethodRun, reference: Floats, scale: ErrorScale) -> Errors:
