@@ -16,7 +16,7 @@ from taction.system.array_types import Bools, Floats
 from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
 from taction.verification.readings.readings import Reading, Readings, Step, largest, read, unread
-from taction.verification.readings.ringing import ChannelRinging, Mode, Ringing, find_ringing
+from taction.verification.readings.ringing import ChannelRinging, Mode, RecordRinging, find_ringing
 from taction.verification.readings.settling import (
     ChannelState,
     Drift,
@@ -355,7 +355,7 @@ def measure(
     part = sound_part(time, u, target, start, bound, expected_stop, error, rest, curve)
     t = part.signal.time
     v, drift = u[: t.size], Drift(t, part.signal.errors)
-    ringing = Ringing(t[:1], np.zeros((1, u.shape[1])), None, None)
+    ringing = RecordRinging(t[:1], np.zeros((1, u.shape[1])), None, None)
     if part.readable:
         ringing = find_ringing(t, v)
     record = _Record(part, v, part.read(band), drift, band, ringing)
@@ -372,7 +372,7 @@ class _Record:
     readings: Readings
     drift: Drift
     band: float
-    ringing: Ringing
+    ringing: RecordRinging
 
     @property
     def modes(self) -> tuple[Mode, ...]:

@@ -95,7 +95,7 @@ class ChannelRinging:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ringing:
+class RecordRinging:
     """Ringing amplitude over time, and the mode that was fitted to it."""
 
     time: Floats  # middle of each window (M,), s
@@ -254,7 +254,7 @@ def _stretch(total: Floats) -> tuple[int, str]:
     return int(np.flatnonzero(total >= _FADED * total.max())[-1]) + 1, ""
 
 
-def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> Ringing:
+def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> RecordRinging:
     """Find the strongest ringing of a record.
 
     The fitted stretch ends at a quarter of the amplitude at which the ringing saturates or its
@@ -279,7 +279,7 @@ def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> 
     """
     period = period or _dominant_period(time, signals)
     if period is None:
-        return Ringing(time[-1:], np.zeros((1, signals.shape[1])), None, None)
+        return RecordRinging(time[-1:], np.zeros((1, signals.shape[1])), None, None)
     pole, width = 2j * np.pi / period, 2.0 * period
     whole = windows = _Windows.of(time, signals, width, period)
     tones, rest = whole.fit(pole, _TREND)
@@ -294,7 +294,7 @@ def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> 
         amplitude = np.abs(tones) + rest
     if mode is not None and abs(mode.frequency * period - 1.0) < _NEAR:
         period = 1.0 / mode.frequency
-    return Ringing(whole.middle, amplitude, period, mode)
+    return RecordRinging(whole.middle, amplitude, period, mode)
 
 
 def find_growth(time: Floats, signals: Floats) -> Mode | None:
