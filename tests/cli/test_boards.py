@@ -245,7 +245,9 @@ def test_a_hostile_netlist_is_bad_input_and_names_its_line(tmp_path: Path) -> No
     file.write_text(".subckt p 1 2 3 4 5\na1 1 2 m\n.ends\n")
     run = taction("models", "import", str(file), "--subckt", "p", "--pins", PINS)
     assert run.exit_code == 2
-    assert "line 2 = 'a1 1 2 m': a device 'A' is not accepted" in " ".join(run.stderr.split())
+    assert "line 2 = 'a1 1 2 m': a code model of ngspice (A) is not accepted" in " ".join(
+        run.stderr.split()
+    )
     assert not list(tmp_path.glob("*.json"))
 
 

@@ -49,6 +49,7 @@ NAMED = 4  # sources in a sentence
 SMALL_STEP = 1e-3  # V or A, of a source of a circuit that is linear about its operating point
 BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
+ABSENT = 1e-24  # F: at 1e12 ohm a pole beyond 10 GHz; vendors write 1e-30 for nothing
 _FIELD = re.compile(r"[^\s=(),]+\s*=\s*[^\s=]+|[^\s=(),]+")
 _B = re.compile(r"(\S+) (\S+) ([vi]) ?= ?(.+)")
 _OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
@@ -87,7 +88,7 @@ class Flat:
     branches: list[Branch] = field(default_factory=list)
     stimuli: dict[str, Stimulus] = field(default_factory=dict)
     charged: list[str] = field(default_factory=list)  # cards with ic=
-    absent: list[str] = field(default_factory=list)  # capacitors of 0 F
+    absent: list[str] = field(default_factory=list)  # capacitors below `ABSENT`
     knobs: dict[str, tuple[str, float]] = field(default_factory=dict)  # card and value, by name
 
     @property
@@ -184,7 +185,7 @@ def _resistor(flat: Flat, name: str, text: str) -> None:
 
 def _capacitor(flat: Flat, name: str, text: str) -> None:
     a, b, value, keyed = _value("c", text)
-    if value == 0.0:
+    if abs(value) < ABSENT:
         flat.absent.append(shown(name))
         return
     flat.capacitors.append(Capacitor(name[1:], a, b, value))

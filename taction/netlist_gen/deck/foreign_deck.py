@@ -334,7 +334,8 @@ class _DeckReading:
             accepted = " ".join((*KEPT, *FILES, *LEFT))
             raise card.refused(f"the card {word!r} is not accepted; accepted: {accepted}")
         elif word[0] not in f".{LETTERS}":
-            raise card.refused(f"a device {word[0].upper()!r} is not accepted; {LINEAR}")
+            what = CODE_MODEL if word[0] == "a" else f"a device {word[0].upper()!r} is not accepted"
+            raise card.refused(f"{what}; {LINEAR}")
         else:
             text = card.text
             if reason := forbidden(text):
@@ -359,6 +360,11 @@ def forbidden(text: str) -> str:
     return ""
 
 
+CODE_MODEL = (
+    "a code model of ngspice (A) is not accepted: some start programs; a B source with"
+    " V={...} does what gain, summer, mult, divide, limit, pwl (as table) and spice2poly (as E with"
+    " POLY) do, a switch S with a .model sw what aswitch and pswitch do"
+)
 LINEAR = (
     "accepted: R C L K V I E F G H B, devices D Q J M and switches S W with a .model, and"
     " subcircuits X of them"

@@ -6,7 +6,7 @@ import ast
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, combinations_with_replacement, count
 
 from taction.spice_models.foreign_expressions import number
 from taction.spice_models.foreign_lines import LONGEST, beyond
@@ -152,13 +152,13 @@ def polynomial(inputs: list[str], coefficients: list[float]) -> str:
     """Return SPICE's POLY as an expression of its inputs, ``v(a,b)`` or ``i(source)``.
 
     The coefficients are those of 1, then of each input, then of each product of two inputs in the
-    order ``x1 x1, x1 x2, ..., x2 x2, ...``. With one input they are those of all its powers, and a
-    single coefficient is that of the input itself.
+    order ``x1 x1, x1 x2, ..., x2 x2, ...``, of three, and so on. A single coefficient of one input
+    is that of the input itself.
 
     Raises
     ------
     ValueError
-        More coefficients than those of the second degree of several inputs, or too long.
+        Too long.
 
     Examples
     --------
@@ -167,14 +167,7 @@ def polynomial(inputs: list[str], coefficients: list[float]) -> str:
     """
     if len(inputs) == 1 and len(coefficients) == 1:
         coefficients = [0.0, *coefficients]
-    several = len(inputs) > 1
-    most = 1 + len(inputs) + len(inputs) * (len(inputs) + 1) // 2
-    if several and len(coefficients) > most:
-        text = f"{len(coefficients)} coefficients of {len(inputs)} inputs: only degree 2 is read"
-        raise ValueError(text)
-    pairs = ((x, y) for k, x in enumerate(inputs) for y in inputs[k:])
-    powers = (inputs * k for k in range(len(coefficients)))
-    factors = chain([()], ((x,) for x in inputs), pairs) if several else powers
+    factors = chain.from_iterable(combinations_with_replacement(inputs, k) for k in count())
     terms, length = list[str](), 0
     for value, each in zip(coefficients, factors, strict=False):
         if value != 0.0:

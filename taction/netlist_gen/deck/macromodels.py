@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -18,9 +17,14 @@ NOT_LINEAR = re.compile(
 )
 
 
-_VSWITCH = re.compile(r"\.model (\S+) vswitch\b(.*)")
-_FIELD = re.compile(r"(\w+) ?= ?([^\s(),]+)")
-_RANGE = {"ron": 1.0, "roff": 1e6, "von": 1.0, "voff": 0.0}  # of PSpice's switch
+_SMOOTH = re.compile(r"\.model (\S+) ([vi])switch\b(.*)")
+_FIELD = re.compile(r"(\w+) ?= ?(\{[^{}]*\}|[^\s(),]+)")
+_RANGES = {
+    "v": {"ron": "1", "roff": "1meg", "von": "1", "voff": "0"},
+    "i": {"ron": "1", "roff": "1meg", "ion": "1m", "ioff": "0"},
+}
+"""Of PSpice's switches, by what controls them, with its values."""
+Scope = tuple[str, ...]  # subcircuits, from the outermost one
 
 
 @dataclass(slots=True)
@@ -80,52 +84,64 @@ def is_plain(deck: ForeignDeck) -> bool:
 
 
 def ready_lines(deck: ForeignDeck) -> Iterator[str]:
-    """Yield the text for ngspice: no POLY, table or VSWITCH, and what others define before it."""
+    """Yield the text for ngspice: no POLY, table or PSpice's switch; what it lacks before it."""
     yield from missing_cards(deck.lines)[0]
     known = ltspice_opamps(deck)
     for opamp in dict.fromkeys(known.values()):
         yield from opamp_cards(opamp)
-    switches = _switches(deck)
-    for card in deck.cards:
+    switches = {
+        (scope, m[1]): m for scope, card in _scoped(deck) if (m := _SMOOTH.match(card.text))
+    }
+    for scope, card in _scoped(deck):
         if card in known:
             place = rf"(?<=\s){re.escape(known[card])}(?=\s|$)"
             yield re.sub(place, plain_name(known[card]), card.text)
-        elif not (card.word == ".model" and card.text.split()[1] in switches):
+        elif _SMOOTH.match(card.text) is None or "vt" in card.text:
             try:
-                text = _smooth_switch(_at_27(card.text), switches)
+                text = _smooth_switch(_at_27(card.text), scope, switches)
                 yield without_calls(without_table(without_poly(text)))
             except ValueError as error:
                 raise card.refused(str(error)) from None
 
 
-def _switches(deck: ForeignDeck) -> dict[str, dict[str, str]]:
-    """Return the fields of PSpice's smooth switches, by the name of their model."""
-    found = dict[str, dict[str, str]]()
+def _scoped(deck: ForeignDeck) -> Iterator[tuple[Scope, Card]]:
+    """Yield the cards with the subcircuits in which they stand."""
+    scope: Scope = ()
     for card in deck.cards:
-        if match := _VSWITCH.match(card.text):
-            fields = dict(_FIELD.findall(match[2]))
-            if not {"vt", "vh"} & fields.keys() and found.setdefault(match[1], fields) != fields:
-                raise card.refused("a second model of this name, which differs")
-    return found
+        if card.word == ".subckt":
+            scope = (*scope, card.text.split()[1])
+        yield scope, card
+        if card.word == ".ends":
+            scope = scope[:-1]
 
 
-def _smooth_switch(text: str, models: Mapping[str, Mapping[str, str]]) -> str:
-    """Return PSpice's switch as a resistance that changes smoothly between two voltages."""
-    words = text.split()
-    if text[0] != "s" or len(words) != 6 or words[5] not in models:
+def _smooth_switch(
+    text: str, scope: Scope, models: Mapping[tuple[Scope, str], re.Match[str]]
+) -> str:
+    """Return PSpice's switch as a resistance that changes smoothly with what controls it."""
+    name, *words = text.split()
+    if text[0] not in "sw" or len(words) != {"s": 5, "w": 4}[text[0]]:
         return text
-    name, a, b, c, d, model = words
-    given = {key: number(value) for key, value in models[model].items()}
-    if unknown := given.keys() - _RANGE.keys():
-        raise ValueError(f"{min(unknown)} of a vswitch is not accepted")
-    ron, roff, von, voff = (_RANGE | given).values()
-    if not (ron > 0.0 and roff > 0.0 and von != voff):
-        raise ValueError("a vswitch needs resistances above 0, and different von and voff")
+    places = (scope[:k] for k in range(len(scope), -1, -1))
+    match = next((m for place in places if (m := models.get((place, words[-1])))), None)
+    if match is None:
+        return text
+    kind, given = match[2], dict(_FIELD.findall(match[3]))
+    if unknown := given.keys() - _RANGES[kind].keys():
+        raise ValueError(f"{min(unknown)} of a {kind}switch is not accepted")
+    ron, roff, on, off = (_plain_value(each) for each in (_RANGES[kind] | given).values())
+    if on == off or any(each.startswith("-") or each == "0.0" for each in (ron, roff)):
+        raise ValueError(f"a {kind}switch needs resistances above 0, and two ends that differ")
+    control = f"v({words[2]},{words[3]})" if kind == "v" else f"i({words[2]})"
     # ln R = ln sqrt(Ron Roff) + ln(Ron/Roff) (1.5 x - 2 x³), x from -1/2 to 1/2
-    place = f"max(min((v({c},{d})-({0.5 * (von + voff)!r}))/({von - voff!r}),0.5),-0.5)"
-    middle, ratio = 0.5 * math.log(ron * roff), math.log(ron / roff)
-    power = f"({middle!r})+({ratio!r})*{place}*(1.5-2.0*{place}*{place})"
-    return f"b{name} {a} {b} i=v({a},{b})*exp(-({power}))"
+    place = f"max(min(({control}-0.5*({on}+{off}))/({on}-{off}),0.5),-0.5)"
+    power = f"0.5*log({ron}*{roff})+log({ron}/{roff})*{place}*(1.5-2.0*{place}*{place})"
+    return f"b{name} {words[0]} {words[1]} i=v({words[0]},{words[1]})*exp(-({power}))"
+
+
+def _plain_value(text: str) -> str:
+    """Return a number in plain digits, or an expression in its braces."""
+    return text if text.startswith("{") else repr(number(text))
 
 
 def _at_27(text: str) -> str:

@@ -1,12 +1,18 @@
 """The operating point of a deck as it is, every transistor and clamp in it, as ngspice finds it.
 
 ngspice expands the deck and finds a first point as it does by itself, then a tight one from there.
+The text of the second run is kept: whoever asks ngspice about the point sends the same text, so
+that ngspice repeats this point to the last bit. It has a source of current into every node, which
+`studies.ac_witness` drives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from taction.netlist_gen.deck.elements import SortedCards, sorted_cards
 from taction.netlist_gen.deck.flat_cards import CardError
@@ -15,9 +21,18 @@ from taction.verification.engines.ngspice.commands import RESULT, TEXT, Answers,
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.listing import listed_cards
 
-TRIED = (TIGHT, "reltol=1e-6 abstol=1e-13 vntol=1e-10")
-TIGHT_SECONDS = 4.0
 AT_ONCE = "optran 1 1 1 0 0 0"  # no transient to the operating point
+TRIED = (
+    TIGHT,
+    "reltol=1e-6 abstol=1e-13 vntol=1e-10",
+    "reltol=1e-5 abstol=1e-13 vntol=1e-7",
+    "reltol=1e-4 abstol=1e-12 vntol=1e-6",
+    "reltol=1e-3",
+)
+"""Tolerances of ngspice in the order in which they are tried."""
+OWN = "a transient"  # limits of a point that ngspice finds in no other way
+TRIED_SECONDS = 4.0
+PROBE = "taction_probe"
 MODES = ("psa", "")  # PSpice's ways first; what they break is read in ngspice's own
 _STEPPED = ("gmin stepping", "source stepping", "Transient op")
 
@@ -32,10 +47,18 @@ class DeckPoint:
         The deck's text, as ngspice reads it in `mode`.
     cards : tuple of str
         Its flat cards.
+    found : SortedCards
+        These cards, sorted.
     volts : mapping of str to float
         Voltages by node, V, currents by ``name#branch``, A, and what transistors say of themselves.
     limits : str
         Tolerances of ngspice with which it was found.
+    options : str
+        Of the deck, such as gmin.
+    weights : mapping of str to float
+        The current into each node, A for 1 V of the source `PROBE`.
+    text : tuple of str
+        With this text, after `AT_ONCE`, ngspice finds the point again; empty where it does not.
     """
 
     lines: tuple[str, ...]
@@ -45,6 +68,22 @@ class DeckPoint:
     limits: str
     options: str
     mode: str
+    weights: Mapping[str, float]
+    text: tuple[str, ...] = ()
+
+    @classmethod
+    def linear(
+        cls,
+        lines: Sequence[str],
+        cards: Sequence[str],
+        nodes: Sequence[str],
+        options: str,
+        mode: str = "",
+    ) -> DeckPoint:
+        """Return any point of a linear deck, which is the same everywhere."""
+        weights, found = _weights(nodes), sorted_cards(cards)
+        text = (*lines, *_probes(weights), f".options {TIGHT} {options}")
+        return cls(tuple(lines), tuple(cards), found, {}, TIGHT, options, mode, weights, text)
 
     @property
     def is_tight(self) -> bool:
@@ -52,9 +91,16 @@ class DeckPoint:
         return self.limits == TIGHT
 
     @property
+    def unresolved(self) -> float:
+        """The smallest current that ngspice resolves, A."""
+        match = re.search(r"abstol=(\S+)", f"{self.limits} abstol=1e-12")
+        assert match is not None  # noqa: S101 - ngspice's own is the last one
+        return float(match[1])
+
+    @property
     def starts(self) -> list[str]:
         """Cards that make ngspice start at this point."""
-        return _starts(self.volts)
+        return [f".nodeset v({node})={self.volts[node]!r}" for node in self.weights]
 
 
 def find_point(
@@ -79,35 +125,46 @@ def find_point(
         raise CardError(f"ngspice does not expand the deck: {said}")
     found = sorted_cards(cards)
     volts = read_volts(first)
+    words = {word for card in cards for word in card.split()}
+    nodes = [name for name in volts if name in words]
     if not found.elements:
-        return DeckPoint(tuple(lines), cards, found, {}, TIGHT, options, mode)
+        return DeckPoint.linear(lines, cards, nodes, options, mode)
     if not volts:
         raise CardError(f"ngspice finds no operating point: {first.complaint}")
     asked = [
         f"@{each.name}[{key}]" for each in found.elements if each.name[0] == "q" and 1 in each.inner
         for key in ("gx", "cbx")
     ]  # fmt: skip
+    point = DeckPoint(tuple(lines), cards, found, volts, OWN, options, mode, _weights(nodes))
+    shared = [*lines, *_probes(point.weights)]
     commands = [AT_ONCE, f"save all {' '.join(asked)}", "op", f"write {RESULT}"]
-    limits = "reltol=1e-3"
-    for tighter in TRIED:
-        text = [*lines, f".options {tighter} {options}", *_starts(volts)]
-        answers = run_commands(text, commands, simulator, mode=mode, seconds=TIGHT_SECONDS)
-        if tight := read_volts(answers):
-            volts, limits = tight, tighter
+    for limits in TRIED:
+        for _ in range(2):  # the second time ngspice's last step, which junctions lack, is nearly 0
+            text = (*shared, f".options {limits} {options}", *point.starts)
+            answers = run_commands(text, commands, simulator, mode=mode, seconds=TRIED_SECONDS)
+            if not (again := read_volts(answers)):
+                break
+            point = replace(point, text=text, volts=again, limits=limits)
+        if point.text:
             break
-    return DeckPoint(tuple(lines), cards, found, volts, limits, options, mode)
+    return point
+
+
+def _weights(nodes: Sequence[str]) -> dict[str, float]:
+    drawn = np.random.default_rng(3)
+    signs, sizes = drawn.choice([-1.0, 1.0], len(nodes)), drawn.uniform(0.5, 1.0, len(nodes))
+    return dict(zip(nodes, (signs * sizes).tolist(), strict=True))
+
+
+def _probes(weights: Mapping[str, float]) -> Iterator[str]:
+    """Yield a source, which is off, and the currents into all nodes that it controls."""
+    yield from (f"v{PROBE} {PROBE} 0 dc 0 ac 0", f"r{PROBE} {PROBE} 0 1")
+    for k, (node, weight) in enumerate(weights.items()):
+        yield f"g{PROBE}{k} 0 {node} {PROBE} 0 {weight!r}"
 
 
 def _given(options: str) -> list[str]:
     return [f".options {options}"] if options else []
-
-
-def _starts(volts: Mapping[str, float]) -> list[str]:
-    return [
-        f".nodeset v({name})={value!r}"
-        for name, value in volts.items()
-        if not {"#", "@", "["} & set(name)
-    ]
 
 
 def read_volts(answers: Answers) -> dict[str, float]:

@@ -49,7 +49,7 @@ def latching(circuit: Circuit) -> str:
     if not _acts_at_once(circuit):
         return ""
     try:
-        found = poles(_delayed(circuit))
+        found = poles(delayed(circuit, STRAY))
     except EngineError:
         return ""
     real = found.poles.real[(found.poles.imag == 0.0) & (found.poles.real > found.errors)]
@@ -104,8 +104,12 @@ def _groups(pairs: Sequence[tuple[str, str]], known: set[str]) -> Iterator[set[s
     yield from {id(group): group for group in groups.values()}.values()
 
 
-def _delayed(circuit: Circuit) -> Circuit:
-    """Return the circuit with a small capacitance at every node and a delay in every source."""
+def delayed(circuit: Circuit, farads: float) -> Circuit:
+    """Return the circuit with a capacitance, F, at every node, and `DELAY` in every voltage source.
+
+    Only sources with gain are meant. Capacitors of a negative value are left out: their growing
+    poles are no feedback.
+    """
     branches, resistors, capacitors = list[Branch](), list[Resistor](), list[Capacitor]()
     for part in circuit.branches:
         node = NODE.format(part.name)
@@ -119,13 +123,14 @@ def _delayed(circuit: Circuit) -> Circuit:
         branches.append(VoltageByVoltage(part.name, part.a, part.b, 1.0, (node, GROUND)))
         resistors.append(Resistor(node, node, GROUND, 1.0))
         capacitors.append(Capacitor(node, node, GROUND, DELAY))
-    capacitors += [Capacitor(NODE.format(node), node, GROUND, STRAY) for node in nodes_of(circuit)]
+    capacitors += [part for part in circuit.capacitors if part.farads > 0.0]
+    capacitors += [Capacitor(NODE.format(node), node, GROUND, farads) for node in nodes_of(circuit)]
     return replace(
         circuit,
         knobs=(),
         branches=tuple(branches),
         resistors=(*circuit.resistors, *resistors),
-        capacitors=(*circuit.capacitors, *capacitors),
+        capacitors=tuple(capacitors),
     )
 
 

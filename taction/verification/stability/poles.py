@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -29,6 +29,7 @@ from taction.verification.engines.statespace.linearised.lead_pole import (
 from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales
 
+LOST = "some poles are so far away that rounding hides them, and on which side of the axis they are"
 STACK = 16  # boards of a stack: their matrices fit into the memory of a processor
 
 
@@ -201,8 +202,9 @@ def poles_behind(board: LinearBoard, scales: TimeScales) -> Poles:
 
 
 def _of_modes(board: LinearBoard) -> Poles:
-    modes = board.state_space.modes
-    return summarise(modes.poles, complete=True, errors=modes.pole_errors)
+    space = board.state_space
+    found = summarise(space.modes.poles, complete=True, errors=space.modes.pole_errors)
+    return replace(found, doubt=LOST) if space.lost else found
 
 
 def count_unstable(circuit: Circuit | LinearBoard) -> int:

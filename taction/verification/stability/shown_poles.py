@@ -1,12 +1,16 @@
 """Which poles decide what a designer sees of a board: not those that no output shows, nor far ones.
 
 A stable pole that no output shows is none of the step that is looked at. A growing pole beyond the
-band that a small capacitance at every node takes away is one of the models, not of a board.
+band is one of the models, not of a board, where a small capacitance at the nodes that show it takes
+it away. So is one that rounding hides, where such a capacitance at every node brings no growing
+pole; and one that is gone with a delay of 1 ps in every voltage source with gain and without
+capacitors of a negative value, for of these it comes. A latch keeps its pole with all of them.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,12 +21,14 @@ from taction.system.array_types import Bools, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.system.quantities import show, show_rate
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.stability.instant_feedback import NODE, nodes_of
+from taction.verification.stability.instant_feedback import DELAY, NODE, delayed, nodes_of
 from taction.verification.stability.poles import Poles, poles, summarise
 
 HIDDEN = 1e-9  # of the largest voltage of a mode: outputs with less do not show it
+SHOWS = 0.1  # of this voltage: nodes with more show a mode beyond the band
 BAND = 1e10  # Hz: no board has a pole beyond
-STRAYS = (1e-14, 1e-13, 1e-12)  # F, at every node: one of them takes poles of the models away
+STRAYS = (1e-14, 1e-13, 1e-12)  # F: one of them takes poles of the models away
+FAINT = 1e-18  # F, at every node beside such a delay
 NONE: Complexes = np.zeros(0, complex)
 NAMED = 3  # poles in a sentence
 
@@ -39,12 +45,20 @@ class PolesApart:
         Whether the fastest growing pole is one that no output shows. It decides, too.
     far : ndarray
         Poles of the models beyond `BAND` that do not decay.
+    lost : int
+        How many poles of the models are so far away that rounding hides them.
     """
 
     hidden: Complexes = field(default_factory=lambda: NONE)
     hidden_errors: Floats = field(default_factory=lambda: NONE.real)
     unseen: bool = False
     far: Complexes = field(default_factory=lambda: NONE)
+    lost: int = 0
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the models have poles beyond the band that do not decay, as far as is known."""
+        return bool(len(self.far) or self.lost)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -54,12 +68,16 @@ class PolesApart:
             more = f" and {len(upper) - NAMED} more" if len(upper) > NAMED else ""
             names = ", ".join(map(_shown, upper[:NAMED]))
             found.append(f"no output shows these poles, which decay: {names}{more}")
-        if upper := [p for p in self.far.tolist() if p.imag >= 0.0]:
-            found.append(
-                f"the model itself has a pole at {_shown(upper[0])}, beyond {show(BAND, 'Hz')}: a"
-                f" capacitance of at most {show(STRAYS[-1], 'F')} at every node takes it away, so"
-                " it does not decide; readings of the step are not known with it"
-            )
+        upper = [f"a pole at {_shown(p)}, beyond {show(BAND, 'Hz')}"
+                 for p in self.far.tolist() if p.imag >= 0.0][:1]  # fmt: skip
+        if self.lost:
+            upper.append("a pole so far away that rounding hides it")
+        found += [
+            f"the model itself has {pole}: at most {show(STRAYS[-1], 'F')} at a node or"
+            f" {show(DELAY, 's')} in a source take it away, so it does not decide; readings of the"
+            " step are not known with it"
+            for pole in upper
+        ]
         return tuple(found)
 
 
@@ -73,44 +91,58 @@ def told_apart(board: LinearBoard, found: Poles) -> tuple[Poles, PolesApart]:
     if not found.complete or not len(found.poles):
         return found, PolesApart()
     p, errors = found.poles, found.errors
-    decays = p.real < -errors
+    volts, alone = _volts(board)
+    decays, grows = p.real < -errors, p.real > errors
     far = ~decays & (np.abs(p) > math.tau * BAND)
-    if np.any(far) and (np.any(~far & (p.real > errors)) or not _of_models(board.circuit)):
+    near = int(np.sum(grows & ~far))
+    if np.any(far) and not _of_models(board.circuit, near, _nodes_of(board, volts[:, far])):
         far[:] = False
-    unseen = _unseen(board)
+    lost = board.state_space.lost
+    if lost and _of_models(board.circuit, int(np.sum(grows & ~far)), nodes_of(board.circuit)):
+        found = replace(found, doubt="")
+    outputs = [board.descriptor.place(node) for node in board.reported(None)]
+    unseen = alone & (volts[outputs].max(axis=0) <= HIDDEN * volts.max(axis=0))
     hidden = decays & unseen
-    grows = np.flatnonzero(~far & (p.real > errors))
-    kept = ~(hidden | far)
-    shown = found
+    first = np.flatnonzero(grows & ~far)
+    kept, shown = ~(hidden | far), found
     if not np.all(kept):
         shown = replace(summarise(p[kept], complete=True, errors=errors[kept]), doubt=found.doubt)
-    apart = PolesApart(p[hidden], errors[hidden], bool(len(grows) and unseen[grows[0]]), p[far])
-    return shown, apart
+    decisive = bool(len(first) and unseen[first[0]])
+    return shown, PolesApart(p[hidden], errors[hidden], decisive, p[far], lost)
 
 
-def _unseen(board: LinearBoard) -> Bools:
-    """Return which poles, rightmost first, no output shows."""
+def _volts(board: LinearBoard) -> tuple[Floats, Bools]:
+    """Return how much of each mode, rightmost first, each node shows, and which modes are alone."""
     space, descriptor = board.state_space, board.descriptor
     modes = space.modes
     C, _ = space.rows(descriptor.names[: descriptor.node_count])
-    volts = np.abs(C @ modes.right)
-    outputs = [descriptor.place(node) for node in board.reported(None)]
-    unseen = volts[outputs].max(axis=0) <= HIDDEN * volts.max(axis=0)
-    unseen &= modes.alone
-    return np.asarray(unseen[np.lexsort((-modes.poles.imag, -modes.poles.real))])
+    order = np.lexsort((-modes.poles.imag, -modes.poles.real))
+    return np.abs(C @ modes.right)[:, order], modes.alone[order]
 
 
-def _of_models(circuit: Circuit) -> bool:
-    """Whether some small capacitance at every node leaves no growing pole.
+def _nodes_of(board: LinearBoard, volts: Floats) -> list[str]:
+    """Return the nodes that show some of the modes."""
+    shows = np.any(volts > SHOWS * volts.max(axis=0), axis=1)
+    return [name for name, each in zip(board.descriptor.names, shows, strict=False) if each]
 
-    A latch keeps its growing pole whatever the capacitance is.
-    """
+
+def _of_models(circuit: Circuit, near: int, nodes: Iterable[str]) -> bool:
+    """Whether growing poles beyond the band are of the models: `near` other ones grow."""
+    nodes = list(nodes)
     for farads in STRAYS:
-        strays = [Capacitor(NODE.format(node), node, "0", farads) for node in nodes_of(circuit)]
+        strays = [Capacitor(NODE.format(node), node, "0", farads) for node in nodes]
         more = replace(circuit, knobs=(), capacitors=(*circuit.capacitors, *strays))
-        try:
-            if poles(more).known_stable:
-                return True
-        except EngineError:
-            pass
-    return False
+        if len(_growing(more)) == near:
+            return True
+    return bool(np.all(np.abs(_growing(delayed(circuit, FAINT))) <= math.pi * BAND))
+
+
+def _growing(circuit: Circuit) -> Complexes:
+    """Return the poles that do not decay; an infinite one where rounding hides some."""
+    try:
+        found = poles(circuit)
+    except EngineError:
+        return np.array([math.inf], complex)
+    if found.doubt:
+        return np.array([math.inf], complex)
+    return np.asarray(found.poles[found.poles.real >= -found.errors])

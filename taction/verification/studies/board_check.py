@@ -247,7 +247,7 @@ def check_board(
     middle = clock()
     progress("ngspice")
     agreement, why = None, "" if ac is not None else "without ngspice"
-    if witness is not None and not len(found.apart.far):
+    if witness is not None and not found.apart.beyond:
         agreement, why = witnessed(found, witness, asked.limits.engines_agree.tolerance)
     checks = list(found.checks(asked, noise, margin, agreement))
     if agreement is None and "engines_agree" in asked.names:

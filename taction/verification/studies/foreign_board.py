@@ -19,8 +19,9 @@ from taction.netlist_gen.board.branches import Source
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import Branch
 from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.deck.elements import ACCEPTED, SortedCards
+from taction.netlist_gen.deck.elements import ACCEPTED
 from taction.netlist_gen.deck.flat_cards import (
+    ABSENT,
     CardError,
     Flat,
     circuit_of,
@@ -47,7 +48,7 @@ from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_ste
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.time_limit import more_time
-from taction.verification.characterise.element_bench import MISFIT, TIGHT, measured
+from taction.verification.characterise.element_bench import MISFIT, measured
 from taction.verification.characterise.element_parts import add_measured
 from taction.verification.characterise.operating_point import DeckPoint, find_point
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -99,9 +100,8 @@ class ForeignBoard:
         """What compares the circuit with ngspice's ``.ac``."""
         point = self.point
         if point is None:  # a linear deck is the same at every point
-            nothing = SortedCards((), (), {})
-            options = _options(self.deck)
-            point = DeckPoint(self._ready, self.lines, nothing, {}, TIGHT, options, "")
+            nodes = list(self.flat.nodes)
+            point = DeckPoint.linear(self._ready, self.lines, nodes, _options(self.deck))
         return AcWitness(point, stepping(self.circuit.branches), find_simulator())
 
     @property
@@ -317,7 +317,7 @@ def _notes(deck: ForeignDeck, flat: Flat, immediate: bool) -> Iterator[str]:
     kinds = {found.kind for found in flat.stimuli.values()}
     yield from (text for kind, text in REMARKS.items() if kind in kinds)
     if flat.absent:
-        yield f"without capacitance, so left out: {', '.join(flat.absent)}"
+        yield f"less than {ABSENT:g} F, so left out: {', '.join(flat.absent)}"
     if flat.charged or any(card.word == ".ic" for card in deck.left):
         yield "initial charges (ic=, .ic) do not count"
 

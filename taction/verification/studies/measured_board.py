@@ -103,7 +103,7 @@ class MeasuredBoard:
 
         Where one output has none, the others are known by themselves, and this one is NaN.
         """
-        if not self.poles.known_stable or len(self.apart.far):
+        if not self.poles.known_stable or self.apart.beyond:
             return OutputNoise(unknown="only a board that is known to be stable has noise at rest")
         models = self.board.circuit.models.values()
         low = lowest or (LOWEST if any(model.flicker_noise > 0.0 for model in models) else 0.0)
@@ -334,7 +334,7 @@ def _begun(board: LinearBoard, initial: Start, band: float) -> tuple[MeasuredBoa
         found = replace(found, doubt=doubt)
     before, rest, error = places
     response, returns = step_response(board, initial, band, places)
-    if not found.known_stable or len(apart.far):
+    if not found.known_stable or apart.beyond:
         still = _without_rest(response, found)
         return MeasuredBoard(board, initial, found, still, before, rest, error, apart), None
     unread_yet = Measurements(response.step.amplitude, band, (), {}, "", ())

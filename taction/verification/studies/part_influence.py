@@ -130,7 +130,7 @@ def influences(
     rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
     looked = order if every or found.known_unstable else order[:MOST_MARGINS]
-    if not found.certain:
+    if not found.certain or board.state_space.lost:
         looked = []
     nearest, rows = dict.fromkeys(order, _Nearest()), list[PartRow]()
     nearest |= _nearest_of({name: families[name] for name in looked}, found)

@@ -54,7 +54,7 @@ def test_a_hostile_card_of_a_stored_file_is_refused(body: str, reason: str) -> N
 @pytest.mark.parametrize(
     ("body", "reason"),
     [
-        ("a1 a b gain", r"line 3.*device 'A' is not accepted"),
+        ("a1 a b gain", r"line 3.*code model of ngspice .A. is not accepted: some start programs"),
         (".model m d_process(process_file=1)", "line 3.*names a file or a program"),
         ("b1 a b v=time", "line 3.*source over time"),
         ("r1 a b 1k`ls`", "line 3.*character '`'"),

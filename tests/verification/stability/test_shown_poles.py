@@ -9,6 +9,7 @@ import pytest
 
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.poles import poles
 from taction.verification.stability.shown_poles import BAND, told_apart
 
@@ -64,3 +65,46 @@ def test_a_fast_latch_is_none_of_the_models() -> None:
     assert abs(shown.rightmost) > math.tau * BAND
     assert shown.known_unstable
     assert not len(apart.far)
+
+
+@pytest.mark.parametrize(
+    ("cards", "rate"),
+    [
+        # a zero of a vendor's model at 100 MHz, with a capacitor of a negative value
+        (("e2 x 0 out 0 1meg", "r2 x m 1meg", "c2 m x -1.59f", "r3 m 0 1"), 1e6 / 1.59e-9),
+        # the same made by sources: the current of 1 fF, taken back with a gain of -1
+        (
+            (
+                *("e2 x 0 out 0 1meg", "r2 x m 1meg", "r3 m 0 1", "f2 x m v2 -1"),
+                *("v2 p 0 0", "e3 q 0 x m 1", "c2 p q 1.59f"),
+            ),
+            1e6 / 1.59e-9,
+        ),
+    ],
+)
+def test_a_pole_of_a_negative_capacitance_does_not_decide(
+    cards: tuple[str, ...], rate: float
+) -> None:
+    made = board(*cards)
+    found = poles(made)
+    assert found.rightmost.real == pytest.approx(rate, rel=1e-5)
+    shown, apart = told_apart(made, found)
+    assert shown.known_stable
+    assert apart.beyond
+    assert not latching(made.circuit)
+
+
+def test_a_pole_that_rounding_hides_is_said_and_does_not_decide() -> None:
+    """Two nodes with 1 mS each: 1 nF between them, and 3e-24 F that is lost beside it.
+
+    Of ``s C (1 + s c r) + ...`` the second pole is at +1 mS / 3e-24 F.
+    """
+    made = board("r2 m 0 1k", "r3 n 0 1k", "c2 m n 1n", "c3 m 0 -3e-24")
+    found = poles(made)
+    assert found.stable is None
+    assert found.doubt
+    shown, apart = told_apart(made, found)
+    assert shown.known_stable
+    np.testing.assert_allclose(sorted(np.r_[shown.poles, apart.hidden].real), [-1e6, -5e5])
+    assert apart.lost == 1
+    assert "so far away" in apart.sentences[-1]

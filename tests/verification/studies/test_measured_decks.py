@@ -154,7 +154,7 @@ def test_a_charge_of_one_side_adds_no_pole(tmp_path: Path) -> None:
     [
         ("Q9 out in 0 nomodel", ("deck.cir", "does not expand")),
         ("D1 in 0 dx\nV2 in 0 5\n.model dx d", ("deck.cir",)),
-        ("A1 in out g\n.model g gain(gain=2)", ("'A'", "not accepted")),
+        ("A1 in out g\n.model g gain(gain=2)", ("code model", "not accepted")),
         ("S1 out 0 in 0 sw\n.model sw sw(vt=0.5)", ("S1", "expected a resistor")),
     ],
 )
@@ -304,3 +304,72 @@ def test_the_current_of_a_source_with_gain_is_not_that_of_another_part(
     slope = 1.0 if formula.startswith("500") else 1.0 - math.tanh(0.5) ** 2
     moved = (first.rest - first.before) / (0.01 if slope == 1.0 else 1e-3)
     assert moved == pytest.approx(-slope, rel=1e-3)
+
+
+WEAK = """.model dx d(is=1e-15)
+Vp vp 0 15
+V1 in 0 dc 1 ac 1
+R1 in a 1k
+R2 a 0 1k
+C1 a 0 1n
+E1 b 0 a 0 1.0000000001
+G1 x 0 b a 2m
+D1 vp x dx
+L1 x y 1u
+C2 y 0 1p
+.print v(a)"""
+
+
+def test_a_node_that_only_a_junction_holds_is_no_disagreement(tmp_path: Path) -> None:
+    """Some 1e-13 A through a junction to 15 V: ngspice resolves 1 fA, 1 % of its slope."""
+    found = checked(tmp_path, WEAK)
+    assert agrees(found)
+    assert found.poles.rightmost.real < 0.0
+
+
+def test_a_capacitance_of_nothing_is_left_out(tmp_path: Path) -> None:
+    """CSS of many a vendor's op-amp, 1e-30 F, is no pole at 1e33 /s."""
+    found = checked(tmp_path, "V1 in 0 1\nR1 in out 1k\nC1 out 0 1n\nR2 in x 1\nC2 x 0 1e-30")
+    assert [pole.real for pole in found.poles.poles] == pytest.approx([-1e6])
+    assert "less than 1e-24 F, so left out: C2" in found.notes
+
+
+SWITCHES = """V1 in 0 dc 1 ac 1
+Vs in m 0
+R1 m a 1k
+.subckt one a b
+S1 a b a 0 sw
+.model sw vswitch(ron={{1*100}} roff=100meg von={on} voff={off})
+.ends
+.subckt two a b c d
+Vt c d 0
+W1 a b Vt sw
+.model sw iswitch(ron=200 roff=100meg ion={on}m ioff={off}m)
+.ends
+X1 a out one
+X2 m out m e two
+R2 e 0 1k
+R3 out 0 1k
+C1 out 0 1n"""
+
+
+@pytest.mark.parametrize(("on", "off", "ohms"), [(0.5, 0.1, (100.0, 200.0)), (9, 8, (1e8, 1e8))])
+def test_switches_of_pspice_with_one_name_are_those_of_their_subcircuits(
+    tmp_path: Path, on: float, off: float, ohms: tuple[float, float]
+) -> None:
+    """Both are closed, or open: by the voltage at `a` (0.5 to 1 V), and by 1 mA through R2."""
+    found = checked(tmp_path, SWITCHES.format(on=on, off=off))
+    assert agrees(found)
+    siemens = 1.0 / (1e3 + ohms[0]) + 1.0 / ohms[1] + 1e-3
+    assert found.poles.rightmost.real == pytest.approx(-siemens / 1e-9, rel=1e-3)
+
+
+def test_a_polynomial_of_the_third_degree_of_two_inputs(tmp_path: Path) -> None:
+    """Its coefficients after 1, x, y, xx, xy, yy are those of xxx, xxy, xyy and yyy."""
+    cards = ["V1 x 0 dc 2 ac 1", "V2 y 0 3", "E1 u 0 poly(2) x 0 y 0 0 0 0 0 0 0 1 10 100 1000"]
+    found = checked(tmp_path, "\n".join([*cards, "R1 u out 1k", "C1 out 0 1n", ".print v(out)"]))
+    assert agrees(found)
+    gain = 3.0 * 2.0**2 + 10.0 * 2.0 * 2.0 * 3.0 + 100.0 * 3.0**2
+    (before,), (rest,) = found.measured.before, found.measured.rest
+    assert before == pytest.approx(8.0 + 10.0 * 12.0 + 100.0 * 18.0 + 1000.0 * 27.0)
+    assert rest - before == pytest.approx(gain * 1e-3, rel=1e-9)

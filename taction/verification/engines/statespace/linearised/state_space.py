@@ -56,6 +56,8 @@ class StateSpace:
         the two parts costs a quarter.
     halves : tuple of Halves, or None
         The exchange of the unknowns z, and of the states x.
+    lost : int
+        Poles of the board that are so far away that rounding hides them.
     A, B : ndarray (n, n) and (n, 2)
         1/s, and V/s.
     C, D : ndarray (size, n) and (size, 2)
@@ -66,6 +68,7 @@ class StateSpace:
     states: tuple[str, ...]
     blocks: tuple[ReducedEquations, ...]
     halves: tuple[Halves, Halves] | None
+    lost: int = 0
 
     @property
     def n(self) -> int:
@@ -299,7 +302,9 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
     devices = descriptor.devices
     slopes = (board.stiffness - descriptor.dense.stiffness)[devices.output, devices.input]
     count = finite_poles(descriptor, slopes)
-    if count != found.n:
+    if count > found.n:
+        found = replace(found, lost=count - found.n)
+    elif count < found.n:
         raise EngineError(
             f"the circuit has {count} poles, but {found.n} within rounding: parts cancel to the"
             " last digit"
