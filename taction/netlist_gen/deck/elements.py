@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from taction.netlist_gen.deck.flat_cards import CardError, read_cards, shown
 from taction.spice_models.foreign_expressions import number
 
-MEASURED = "dqjmswbefghrcl"
 OHMIC = {
     "d": (("rs",),),
     "q": (("rc",), ("rb", "rbm", "irb"), ("re",)),

@@ -34,7 +34,6 @@ OWN = "a transient"  # limits of a point that ngspice finds in no other way
 TRIED_SECONDS = 4.0
 PROBE = "taction_probe"
 MODES = ("psa", "")  # PSpice's ways first; what they break is read in ngspice's own
-_STEPPED = ("gmin stepping", "source stepping", "Transient op")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

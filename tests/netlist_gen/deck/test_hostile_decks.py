@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from taction.spice_models.foreign_functions import calls, check_functions
+from taction.spice_models.foreign_functions import check_functions, written
 from taction.spice_models.foreign_lines import (
     LONGEST,
     MOST_CARDS,
@@ -237,7 +237,8 @@ def test_lengths_at_the_limit_are_read() -> None:
         logical_lines(f"{card}1")
 
 
-def test_calls_of_functions_and_their_arguments() -> None:
+def test_calls_of_functions_are_written_with_their_arguments() -> None:
     text = "b1 a 0 v={f(1,g(2,3),(4))+v(a,b)*h()}"
-    assert list(calls(text)) == [("g", 2), ("f", 3), ("v", 2), ("h", 0)]
+    functions = {"f": (["x", "y"], "x+2*y"), "h": ([""], "7")}
+    assert written(text, functions, 100) == "b1 a 0 v={[1+2*g[2;3]]+v[a;b]*[7]}"
     check_functions([Line(1, ".func f(x) {2*x}"), Line(2, "r1 a b {f(f(f(1)))}")])
