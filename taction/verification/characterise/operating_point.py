@@ -28,8 +28,9 @@ TRIED = (
     "reltol=1e-5 abstol=1e-13 vntol=1e-7",
     "reltol=1e-4 abstol=1e-12 vntol=1e-6",
     "reltol=1e-3",
+    f"{TIGHT} klu pivrel=0.9",
 )
-"""Tolerances of ngspice in the order in which they are tried."""
+"""Tolerances of ngspice in the order in which they are tried; in the end with its other solver."""
 OWN = "a transient"  # limits of a point that ngspice finds in no other way
 TRIED_SECONDS = 4.0
 PROBE = "taction_probe"
@@ -87,7 +88,7 @@ class DeckPoint:
     @property
     def is_tight(self) -> bool:
         """Whether it is known to nine digits."""
-        return self.limits == TIGHT
+        return self.limits.startswith(TIGHT)
 
     @property
     def unresolved(self) -> float:

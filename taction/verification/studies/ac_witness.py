@@ -116,23 +116,19 @@ class AcWitness:
         self, nodes: Sequence[str], poles: Complexes
     ) -> tuple[list[str], Floats, Complexes, str]:
         """Return nodes, frequencies, both responses (2, F, N), and what ngspice said."""
-        stepping = {f"{s.card[0].lower()}{s.card[1:]}": s.step for s in self.sources}
+        if not self.point.text:
+            return [], np.zeros(0), np.zeros((2, 0, 0), complex), AGAIN
+        steps = {f"{s.card[0].lower()}{s.card[1:]}": s.step for s in self.sources}
         excited = [
             card.split()[0] for card in self.point.cards if card[0] in "vi" and " ac" in card
         ]
-        if not self.point.text:
-            return [], np.zeros(0), np.zeros((2, 0, 0), complex), AGAIN
-        sweeps = list(_sweeps(poles))
-        commands = [AT_ONCE, "save all"]
-        commands += [f"alter {n} acmag=0" for n in excited if n not in stepping]
-        for name, step in stepping.items():
-            commands += [f"alter {name} acmag={step!r}", f"alter {name} acphase=0"]
-        for sweep in sweeps:
-            commands += [sweep, f"write {RESULT}", "set appendwrite"]
-        commands += [f"alter {name} acmag=0" for name in stepping]
-        commands.append(f"alter v{PROBE} acmag=1")
-        for sweep in sweeps:
-            commands += [sweep, f"write {RESULT}"]
+        sweeps, commands = list(_sweeps(poles)), [AT_ONCE, "save all"]
+        for driven in (steps, {f"v{PROBE}": 1.0}):
+            for sweep in sweeps:  # each from a new start: else rounding makes another point
+                commands += ["reset", *(f"alter {n} acmag=0" for n in excited if n not in driven)]
+                for name, size in driven.items():
+                    commands += [f"alter {name} acmag={size!r}", f"alter {name} acphase=0"]
+                commands += [sweep, f"write {RESULT}", "set appendwrite"]
         answers = run_commands(self.point.text, commands, self.simulator, mode=self.point.mode)
         if len(answers.plots) != 2 * len(sweeps):
             return [], np.zeros(0), np.zeros((2, 0, 0), complex), answers.complaint

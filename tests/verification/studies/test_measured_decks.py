@@ -373,3 +373,33 @@ def test_a_polynomial_of_the_third_degree_of_two_inputs(tmp_path: Path) -> None:
     (before,), (rest,) = found.measured.before, found.measured.rest
     assert before == pytest.approx(8.0 + 10.0 * 12.0 + 100.0 * 18.0 + 1000.0 * 27.0)
     assert rest - before == pytest.approx(gain * 1e-3, rel=1e-9)
+
+
+FOLLOWER = """.model dx d(is=1e-15)
+.model jx pjf(beta=12.5u vto=-2 is=30p)
+Vp vp 0 15
+Vm vm 0 -15
+V1 in 0 dc 0 ac 1
+I1 vp 4 100u
+J1 5 out 4 jx
+J2 6 in 4 jx
+R3 5 vm 20k
+R4 6 vm 20k
+C4 5 6 0.2p
+G1 0 9 5 6 2m
+R5 9 0 100meg
+C3 9 0 50p
+E1 26 0 9 0 1
+V8 26 27 0
+R16 27 out 25
+F5 vp 23 V8 1
+D6 23 vp dx
+C1 out 0 1n
+.print v(out)"""
+
+
+def test_every_sweep_of_ngspice_is_about_the_same_point(tmp_path: Path) -> None:
+    """47 pA of the gate flow through D6: a second point in one run of ngspice has others."""
+    found = checked(tmp_path, FOLLOWER)
+    assert agrees(found)
+    assert found.poles.stable
