@@ -21,7 +21,7 @@ nobody disturbed, except for times.
 {table}
 | column | meaning |
 |---|---|
-| victim | `parent`: the command; `worker`: a process that computes points; `pool`: the fork server, which starts them; `ngspice`; `tree`: all of them at once; `command`: none, the machine is bad |
+| victim | `parent`: the command; `worker`: a process that computes points; `ngspice`; `tree`: all of them at once; `command`: none, the machine is bad |
 | hit | how often the victim was there: a command may have ended before |
 | ends | exit status of the disturbed command and how often; negative: the number of the signal that ended it |
 | equal | after the same command was given again: results equal to those of an undisturbed run, row by row |

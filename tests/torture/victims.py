@@ -21,7 +21,7 @@ class Process:
 
     pid: int
     started: str
-    kind: str  # parent, pool, tracker, worker, ngspice; helper: a program that a study tries
+    kind: str  # parent, tracker, worker, ngspice; helper: a program that a study tries
 
 
 def processes(folder: Path, parent: int) -> list[Process]:
@@ -42,19 +42,16 @@ def _described(pid: int, parent: int, simulates: bool) -> Process | None:
     if fields[0] in "ZX":
         return None
     words = Path(f"/proc/{pid}/cmdline").read_bytes()
-    above = Path(f"/proc/{fields[1]}/cmdline").read_bytes() if int(fields[1]) > 1 else b""
-    kind = "ngspice" if simulates else _kind(pid, parent, words, above)
+    kind = "ngspice" if simulates else _kind(pid, parent, words)
     return Process(pid, fields[19], kind)
 
 
-def _kind(pid: int, parent: int, words: bytes, above: bytes) -> str:
+def _kind(pid: int, parent: int, words: bytes) -> str:
     if pid == parent:
         return "parent"
     if b"resource_tracker" in words:
         return "tracker"
-    if b"forkserver" in words:
-        return "worker" if b"forkserver" in above else "pool"
-    return "helper"
+    return "worker" if b"spawn_main" in words else "helper"
 
 
 def handles(pid: int, number: int) -> bool:

@@ -26,7 +26,7 @@ from taction.verification.studies.measured_board import MeasuredBoard, Start, me
 from taction.verification.studies.part_influence import influences
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.executors import in_this_process
-from taction.verification.studies.running.versions import Versions, own_versions
+from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
@@ -79,7 +79,7 @@ class VariedDeck(Varied):
     initial: Start
     wanted_rest: Floats  # of the nominal board, V
     scale: float  # largest step of the nominal board; else its largest output, or 1 V
-    versions: Versions
+    version: str
 
     @classmethod
     def of(
@@ -110,7 +110,7 @@ class VariedDeck(Varied):
             found.initial,
             found.rest,
             scale,
-            own_versions(False),
+            own_version(False),
         )
 
     @property

@@ -1,28 +1,22 @@
 """Workers of a Dask cluster: its address, its scheduler, and the wait for its workers.
 
-The address is checked before Dask sees it, and the scheduler is asked who it is before a client is
-made, because a client of Dask waits for ever where something else listens at the port.
+The scheduler is asked who it is before a client is made, because a client of Dask waits for ever
+where something else listens at the port.
 """
 
 from __future__ import annotations
 
 import importlib
 import logging
-import pickle
 import re
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
-from functools import partial
-from importlib import metadata
-from typing import Any, TypeVar
+from typing import Any
 
 from taction.system.errors import Complaint, InputError, NoVerdictError
 from taction.verification.studies.running.worker import Workers
-
-T = TypeVar("T")
 
 PATIENCE = 15.0  # s to wait for an answer of a scheduler
 WORKER_PATIENCE = 60.0  # s to wait for a worker, at the start and after the loss of the last one
@@ -61,13 +55,12 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
         try:
             threads = _ClusterThreads(client, announce)
             yield Workers(
-                _Cluster(client.get_executor()),
+                client.get_executor(),
                 lambda: 2 * threads() + 2,
                 lost=(distributed.KilledWorker,),
                 closed=(RuntimeError, OSError, distributed.client.ClosedClientError),
                 processes=threads,
                 check=threads.check,
-                versions=lambda: _versions(client),
             )
         finally:
             with suppress(OSError, RuntimeError):  # a scheduler that is gone
@@ -99,64 +92,15 @@ def _client(distributed: Any, address: str) -> Any:
     except InputError:
         raise
     except Exception as error:  # whatever the other program sends: Dask has no list of its errors
-        text = f"no Dask scheduler answers within {PATIENCE:g} s ({_cause(error)}); start one with"
-        raise _refusal(address, f"{text} `dask scheduler`") from None
+        text = f"no Dask scheduler answers within {PATIENCE:g} s ({error or 'no answer'});"
+        raise _refusal(address, f"{text} start one with `dask scheduler`") from None
 
 
 async def _kind(distributed: Any, address: str) -> str:
     """Ask the program at `address` what it is: ``"Scheduler"``, ``"Worker"``."""
     security = distributed.Security().get_connection_args("client")
-    # The inner limit is the shorter one, so that its error says why no connection was made.
-    limits = {"timeout": 0.9 * PATIENCE, "connection_args": security}
-    async with distributed.rpc(address, **limits) as other:
+    async with distributed.rpc(address, timeout=PATIENCE, connection_args=security) as other:
         return str((await other.identity())["type"])
-
-
-def _cause(error: BaseException) -> str:
-    """Return the first error of a chain in words."""
-    while (earlier := error.__cause__ or error.__context__) is not None:
-        error = earlier
-    return str(error) or "no answer"
-
-
-def _versions(client: Any) -> str:
-    """Return the versions of taction here and at the workers in words, as far as they answer.
-
-    A worker with another taction may know none of our functions; it knows Python's own.
-    """
-    try:
-        found = client.run(metadata.version, "taction", on_error="return")
-    except (OSError, RuntimeError):
-        return ""
-    there = sorted({f if isinstance(f, str) else "none" for f in found.values()})
-    here = metadata.version("taction")
-    return f" The workers have taction {', '.join(there)}; here is {here}" if there else ""
-
-
-class _Call:
-    """A call that unpickling makes, so that Dask itself knows only `pickle.loads` and bytes.
-
-    A worker of Dask ends where it cannot unpickle a task, as where it has another taction. Here
-    the task is known everywhere, and what it lacks is the error of the task.
-    """
-
-    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        self._parts = (function, arguments)
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return self._parts
-
-
-class _Cluster(Executor):
-    """Dask's executor; see `_Call`."""
-
-    def __init__(self, executor: Any) -> None:
-        self._executor = executor
-
-    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        call = pickle.dumps(_Call(partial(fn, **kwargs) if kwargs else fn, args))
-        future: Future[T] = self._executor.submit(pickle.loads, call)
-        return future
 
 
 class _ClusterThreads:

@@ -6,6 +6,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
+from importlib import metadata
 from itertools import islice
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -154,9 +155,8 @@ def _error(future: Future[R], workers: Workers) -> BaseException | None:
     if isinstance(error, OtherVersionsError):
         text = f"{error}; a study needs equal versions everywhere. The stored results are intact"
         raise NoVerdictError(text)
-    text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction installed"
-    versions = workers.versions()
-    raise NoVerdictError(f"{text} there?{versions}") from error
+    text = f"no worker can compute ({type(error).__name__}: {error}); is the same taction"
+    raise NoVerdictError(f"{text} ({metadata.version('taction')}) installed there?") from error
 
 
 def for_each_file(

@@ -6,7 +6,6 @@ costs only the point that it was computing.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -27,13 +26,6 @@ from taction.verification.studies.running.worker import (
 T = TypeVar("T")
 
 ATTEMPTS = 3  # to compute a point whose worker is killed
-START_UP = 0.7  # s of processor time to start the fork server and two processes
-_ROOT = __name__.removesuffix(".verification.studies.running.executors")
-PRELOAD = [
-    f"{_ROOT}.system.rare_collections",
-    f"{_ROOT}.verification.studies.sweep.point",
-    f"{_ROOT}.verification.engines.statespace.transients.exact",
-]
 
 
 def cores() -> int:
@@ -59,13 +51,7 @@ def local(jobs: int | None = None) -> Iterator[Workers]:
     pool = LocalPool(jobs or cores())
     try:
         busy = min(pool.jobs, cores())
-        yield Workers(
-            pool,
-            lambda: pool.jobs + 2,
-            (BrokenExecutor,),
-            processes=lambda: busy,
-            start_up=START_UP,
-        )
+        yield Workers(pool, lambda: pool.jobs + 2, (BrokenExecutor,), processes=lambda: busy)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
@@ -73,30 +59,21 @@ def local(jobs: int | None = None) -> Iterator[Workers]:
 class LocalPool(ThreadPoolExecutor):
     """A pool of threads with one process each; a killed process costs only its own call.
 
-    (In a `ProcessPoolExecutor` one killed process breaks the pool.) A call whose process was killed
-    is repeated in a new process, `ATTEMPTS` times in all; then its future raises `BrokenExecutor`.
+    A call whose process was killed is repeated in a new process, `ATTEMPTS` times in all; then its
+    future raises `BrokenExecutor`.
     """
 
     def __init__(self, jobs: int) -> None:
         super().__init__(jobs)
         self.jobs = jobs
         self._closed = False
+        self._all = [Worker(dict.fromkeys(THREADS, "1")) for _ in range(jobs)]
         self._idle: SimpleQueue[Worker] = SimpleQueue()
-        self._all: list[Worker] = []
-
-    def start(self) -> None:
-        """Start the processes, unless they are running; the first call does the same."""
-        if self._all or self._closed:
-            return
-        self._all = [Worker(_context(), dict.fromkeys(THREADS, "1")) for _ in range(self.jobs)]
         for worker in self._all:
             self._idle.put(worker)
-        for worker in self._all:
-            worker.start()
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
         """Run ``fn(*args, **kwargs)`` in the next free process."""
-        self.start()
         return super().submit(self._run, fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -107,8 +84,7 @@ class LocalPool(ThreadPoolExecutor):
             worker.end()
 
     def pids(self) -> list[int | None]:
-        """Return the process ids of the workers."""
-        self.start()
+        """Return the process ids of the workers, None of one that has not started."""
         return [worker.pid for worker in self._all]
 
     def _run(self, fn: Callable[..., T], *args: Any, **kwargs: Any) -> T:
@@ -123,15 +99,6 @@ class LocalPool(ThreadPoolExecutor):
             return worker.call(None, fn, *args, **kwargs)
         finally:
             self._idle.put(worker)
-
-
-def _context() -> Any:
-    """Return the start method of processes: never a plain fork, which copies locked locks."""
-    if "forkserver" not in multiprocessing.get_all_start_methods():
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(PRELOAD)
-    return context
 
 
 class _Here(Executor):

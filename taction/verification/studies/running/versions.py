@@ -16,7 +16,6 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -115,57 +114,29 @@ class OtherVersionsError(Exception):
     """A worker has other versions than the study; its results would not be comparable."""
 
 
-@dataclass(frozen=True, slots=True)
-class Versions:
-    """Versions of taction, of its source, of ngspice and of plug-ins."""
-
-    taction: str
-    code: bytes
-    ngspice: str
-    plugins: str = ""  # their names and versions
-
-    def differences(self, other: Versions) -> list[str]:
-        """Return the differences of `other` in words; empty if there are none."""
-        texts = []
-        if self.taction != other.taction:
-            texts.append(f"taction {other.taction} instead of {self.taction}")
-        if self.plugins != other.plugins:
-            names = [versions.plugins or "none" for versions in (other, self)]
-            texts.append(f"plug-ins: {names[0]} instead of {names[1]}")
-        elif self.taction == other.taction and self.code != other.code:
-            source = f"taction {self.taction}{' or of its plug-ins' if self.plugins else ''}"
-            texts.append(f"another state of the source of {source}")
-        if self.ngspice != other.ngspice:
-            texts.append(f"{other.ngspice} instead of {self.ngspice}")
-        return texts
-
-    def check_here(self) -> None:
-        """Raise OtherVersionsError if this process has other versions, or no ngspice."""
-        if texts := self.differences(_versions_here(bool(self.ngspice))):
-            raise OtherVersionsError(f"{platform.node()} has {', '.join(texts)}")
-
-
-def _versions_here(ngspice: bool) -> Versions:
-    """Return `own_versions`, also where no ngspice can be used."""
-    try:
-        return own_versions(ngspice)
-    except (SimulatorNotFound, SimulatorTooOld) as error:
-        reason = str(error).partition(". ")[0]  # without the remedy, which is for this machine
-        return replace(own_versions(False), ngspice=f"no usable ngspice ({reason})")
-
-
 @plugins.cached
-def own_versions(ngspice: bool) -> Versions:
-    """Return the versions of this process, with or without that of ngspice.
+def own_version(ngspice: bool) -> str:
+    """Return taction, its source, its plug-ins and ngspice, as far as they can change a result.
 
     Raises
     ------
     SimulatorNotFound, SimulatorTooOld
         No ngspice was found, or it is too old.
     """
-    name = simulator_name(find_simulator()) if ngspice else ""
     added = sorted(set(map(plugins.distribution, plugins.offers())))
-    return Versions(metadata.version("taction"), own_code(), name, ", ".join(added))
+    name = simulator_name(find_simulator()) if ngspice else "no ngspice"
+    source = f"taction {metadata.version('taction')} ({own_code().hex()[:8]})"
+    return ", ".join((source, *added, name))
+
+
+def check_version(version: str) -> None:
+    """Raise OtherVersionsError if this process has another version than the study."""
+    try:
+        here = own_version(not version.endswith("no ngspice"))
+    except (SimulatorNotFound, SimulatorTooOld) as error:
+        here = f"no usable ngspice ({str(error).partition('. ')[0]})"
+    if here != version:
+        raise OtherVersionsError(f"{platform.node()} has {here} instead of {version}")
 
 
 def simulator_name(simulator: Simulator) -> str:

@@ -1,41 +1,30 @@
 """A Python process that runs one call after the other and can be stopped; the workers of a study.
 
-The pool of a study has several workers; the work-precision study has one worker, because an
-integration in the study's own process cannot be interrupted when its time is up.
+Each worker has its own pipe, so that a process which is killed while it answers spoils no answer of
+another one. (The pools of `concurrent.futures` and of pebble share a pipe among all processes.)
 """
 
 from __future__ import annotations
 
-import functools
 import math
 import multiprocessing
 import os
-import signal
 import sys
-import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import util
 from multiprocessing.connection import Connection
 from types import ModuleType
 from typing import Any, TypeVar
 
 from taction.system.errors import NoVerdictError
-from taction.system.own_folders import MEMORY, make_own_folder, remove_own_folder, temporary_place
-from taction.system.processes import is_stopped
 from taction.verification.studies.running.worker_process import GRACE, serve
 
 T = TypeVar("T")
 
 START_UP = 60.0  # s to start Python and load SciPy on a busy machine
-STARTS = 5  # attempts to start a process
-WATCH, STOPPED = 1.0, 30  # s between two looks at a busy process; looks at a stopped process
-PAUSE = 0.05  # s after the first failed attempt, then twice as long each time
-LONGEST_PLACE = 50  # bytes of a folder's name; the name of a socket has at most 107
 SAFE_PATH = {
     "PYTHONSAFEPATH": "1",
     "PYTHONWARNINGS": os.environ.get("PYTHONWARNINGS", "ignore"),
@@ -61,15 +50,12 @@ class Worker:
 
     Parameters
     ----------
-    context : multiprocessing context, optional
-        Start method of the process; by default a new interpreter.
     variables : mapping of str to str
-        Environment variables of the process, and of the fork server if this worker starts it.
+        Environment variables of the process beside those of this one.
     """
 
-    def __init__(self, context: Any = None, variables: Mapping[str, str] | None = None) -> None:
+    def __init__(self, variables: Mapping[str, str] | None = None) -> None:
         self._variables = {**SAFE_PATH, **(variables or {})}
-        self._context = context or multiprocessing.get_context("spawn")
         self._ended = False
         self._process: multiprocessing.process.BaseProcess | None = None
         self._pipe: Connection | None = None
@@ -100,115 +86,70 @@ class Worker:
         TimeoutError
             The call took longer; the process was stopped.
         WorkerDiedError
-            The process ended, or was stopped for half a minute.
+            The process ended.
         NotStartedError
             No process starts.
         """
-        pipe = self.start()
-        if self._ended:  # by another thread while the process started
-            self.stop()
-            raise WorkerDiedError("the process was ended")
         try:
+            pipe = self.start()
             pipe.send((function, args, kw))
-            in_time = self._wait(pipe, math.inf if timeout is None else max(timeout, 0.0))
-            answer: tuple[bool, Any] = pipe.recv() if in_time else (False, None)
+            in_time = pipe.poll(None if timeout in (None, math.inf) else max(timeout or 0.0, 0.0))
+            done, value = pipe.recv() if in_time else (False, None)
         except (EOFError, OSError):
             self.stop()
             raise WorkerDiedError("the process died during the call") from None
         if not in_time:
             self.stop()
             raise TimeoutError(f"not done after {timeout:.3g} s")
-        done, value = answer
         if not done:
             raise value
         result: T = value
         return result
 
-    def _wait(self, pipe: Connection, timeout: float) -> bool:
-        """Wait for an answer; a process that somebody has stopped (SIGSTOP) counts as ended."""
-        end, stopped = time.monotonic() + timeout, 0
-        while (left := end - time.monotonic()) > 0.0:
-            if pipe.poll(min(left, WATCH)):
-                return True
-            if self._ended:
-                raise EOFError("the process was ended, and did not end")
-            stopped = stopped + 1 if self.pid is not None and is_stopped(self.pid) else 0
-            if stopped > STOPPED:
-                raise EOFError(f"the process was stopped for {STOPPED * WATCH:g} s")
-        return pipe.poll(0.0)
-
     def start(self) -> Connection:
         """Start the process, unless it is running; raise NotStartedError if it does not start."""
         if self._pipe is not None and self._process is not None and self._process.is_alive():
             return self._pipe
-        failure: Exception | None = None
-        for attempt in range(STARTS):
-            try:
-                return self._start()
-            except (EOFError, OSError) as error:
-                self.stop()
-                failure = error
-                if self._ended:
-                    break
-                # A killed fork server refuses connections until the kernel has ended the server.
-                time.sleep(PAUSE * 2**attempt)
-        raise NotStartedError(f"a second Python process did not start: {failure}") from failure
-
-    def _start(self) -> Connection:
         self.stop()
-        with _STARTING:
-            _own_socket_folder(os.getpid())
-        self._pipe, theirs = self._context.Pipe()
-        with theirs, _STARTING, _environment(self._variables), _script_left_out():
-            arguments = (theirs, dict(os.environ))
-            process = self._context.Process(target=serve, args=arguments, daemon=True)
-            # A fork server that does not answer would keep `start` waiting for ever.
-            with _limited(START_UP, _kill_fork_server):
-                process.start()
-        self._process = process
+        try:
+            self._pipe, theirs = multiprocessing.Pipe()
+            with theirs, _STARTING, _environment(self._variables), _script_left_out():
+                context = multiprocessing.get_context("spawn")
+                self._process = context.Process(target=serve, args=(theirs,), daemon=True)
+                self._process.start()
+        except OSError as error:
+            self._process = None
+            text = f"a second Python process did not start: {error}"
+            raise NotStartedError(text) from error
+        if self._ended:  # by another thread while the process started
+            self.stop()
+            raise WorkerDiedError("the process was ended")
         if not self._pipe.poll(START_UP):
-            raise EOFError(f"no answer within {START_UP:g} s")
+            self.stop()
+            raise NotStartedError(f"a second Python process gave no answer within {START_UP:g} s")
         self._pipe.recv()
         return self._pipe
 
     def stop(self) -> None:
         """End the process; its `finally` clauses run first and end its simulator."""
-        if self._process is not None and self._process.is_alive():
-            self._process.terminate()
-        if self._pipe is not None:
-            self._pipe.close()
-        if self._process is not None:
-            self._process.join(GRACE)
-            self._process.kill()
-            self._process.join(GRACE)
-            if self._process.is_alive():  # as far as a fork server says, which does not answer
-                _kill_fork_server()
-                self._process.join(GRACE)
-            with suppress(ValueError):  # its end is still unknown
-                self._process.close()
-        self._process = self._pipe = None
+        process, pipe, self._process, self._pipe = self._process, self._pipe, None, None
+        if process is not None:
+            process.terminate()
+            process.join(GRACE)
+            process.kill()
+            process.join()
+        if pipe is not None:
+            pipe.close()
 
     def end(self) -> None:
-        """End the process for good, from any thread; a running call is lost."""
+        """End the process for good, from any thread and without a wait; a running call is lost."""
         self._ended, process = True, self._process
-        # Python's end waits for the process; one that is stopped (SIGSTOP) needs SIGKILL.
-        util.Finalize(None, self.stop, exitpriority=1)
-        with suppress(AttributeError, ValueError):  # no process, or it was just closed
-            process.terminate()  # type: ignore[union-attr]
-
-
-@functools.cache
-def _own_socket_folder(process: int) -> None:
-    """Let multiprocessing keep the fork server's socket in a folder that a later run clears."""
-    place = temporary_place()
-    too_long = len(os.fsencode(place)) > LONGEST_PLACE and os.access(MEMORY, os.W_OK | os.X_OK)
-    folder = make_own_folder(MEMORY if too_long else place)
-    before, tempfile.tempdir = tempfile.tempdir, str(folder)
-    try:
-        util.get_temp_dir()  # it is removed with priority -100, and our folder after it
-    finally:
-        tempfile.tempdir = before
-    util.Finalize(None, remove_own_folder, args=(folder,), exitpriority=-101)
+        if process is not None:
+            with suppress(AttributeError, ValueError):  # it was just closed
+                process.terminate()
+                hard_end = threading.Timer(GRACE, process.kill)  # Python's end waits for it
+                hard_end.daemon = True
+                hard_end.start()
 
 
 @contextmanager
@@ -240,27 +181,6 @@ def _script_left_out() -> Iterator[None]:
         sys.modules["__main__"] = script
 
 
-@contextmanager
-def _limited(seconds: float, end: Callable[[], None]) -> Iterator[None]:
-    """Call `end` in a thread if the block takes longer than `seconds`."""
-    timer = threading.Timer(seconds, end)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-
-
-def _kill_fork_server() -> None:
-    from multiprocessing import forkserver  # not on every system
-
-    pid: int | None = getattr(forkserver._forkserver, "_forkserver_pid", None)
-    if pid is not None:
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-
-
 @dataclass(frozen=True, slots=True)
 class Workers:
     """An executor with its capacity and its exceptions."""
@@ -270,6 +190,4 @@ class Workers:
     lost: tuple[type[BaseException], ...]  # raised by a point that killed its workers
     closed: tuple[type[BaseException], ...] = (RuntimeError,)  # raised without workers
     processes: Callable[[], int] = lambda: 1  # number of points that are computed at a time
-    start_up: float = 0.0  # s of processor time before the first point
     check: Callable[[], None] = lambda: None  # raises NoVerdictError if no worker will answer
-    versions: Callable[[], str] = lambda: ""  # the taction of the workers and of this process

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.studies.running.collecting import attempted
-from taction.verification.studies.running.versions import Versions
+from taction.verification.studies.running.versions import check_version
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Effort, Verdict, verify
 from taction.verification.verdict.verify_together import Request, verify_together
@@ -24,7 +24,7 @@ class PointJob:
 
     scene: Scene  # with the point's values and its engine
     problem: InverseProblem  # of `scene`, whose files may be missing on the worker's machine
-    versions: Versions  # of the process that runs the sweep
+    version: str  # of the process that runs the sweep
 
 
 def compute(*jobs: PointJob | Record) -> list[Record | None]:
@@ -36,14 +36,14 @@ def compute(*jobs: PointJob | Record) -> list[Record | None]:
     Raises
     ------
     OtherVersionsError
-        This process has other versions of taction or ngspice than the job.
+        This process has another version of taction or ngspice than the job.
     SimulatorNotFound, SimulatorTooOld, OutOfDisk
         This machine can compute no point; the point itself may be right.
     """
     found = {place: job for place, job in enumerate(jobs) if isinstance(job, Record)}
     todo = {place: job for place, job in enumerate(jobs) if isinstance(job, PointJob)}
-    for versions in {id(job.versions): job.versions for job in todo.values()}.values():
-        versions.check_here()
+    for version in {job.version for job in todo.values()}:
+        check_version(version)
     if len(jobs) == 1:
         return [_computed(job) for job in todo.values()] or list(found.values())
     requests = [Request(job.scene, job.problem, effort=POINT_EFFORT) for job in todo.values()]

@@ -18,7 +18,7 @@ from taction.system.array_types import Ints
 from taction.system.errors import MACHINE_FAILURES, Interrupted, TactionError
 from taction.system.progress import Notice, Progress
 from taction.verification.studies.running.collecting import Pace, collected_together, together
-from taction.verification.studies.running.versions import digest, own_versions
+from taction.verification.studies.running.versions import digest, own_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
@@ -98,7 +98,7 @@ def sweep(
 def _jobs(plan: Plan, places: Ints) -> Iterator[tuple[bytes, PointJob | Record]]:
     """Yield key and job of each point; of a scene that cannot be made its record."""
     problems: dict[bytes, InverseProblem] = {}
-    versions = own_versions(plan.engine == "ngspice")
+    version = own_version(plan.engine == "ngspice")
     for point in Requests(plan, places):
         try:
             scene = with_values(plan.scene, point.values | {ENGINE: plan.engine})
@@ -110,7 +110,7 @@ def _jobs(plan: Plan, places: Ints) -> Iterator[tuple[bytes, PointJob | Record]]
         except TactionError as error:
             yield point.key, failure(error, str(error), plan.engine)
         else:
-            yield point.key, PointJob(scene, problems[wanted], versions)
+            yield point.key, PointJob(scene, problems[wanted], version)
 
 
 def computed(

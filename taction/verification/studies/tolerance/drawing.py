@@ -30,7 +30,7 @@ class SampleStore:
     def __init__(self, store: Store, board: VariedBoard, seed: int) -> None:
         problem = (board.problem.matrix, board.problem.strain)
         self._store = store
-        self._base = digest(board.versions, board.scene, *problem, board.nominal, seed)
+        self._base = digest(board.version, board.scene, *problem, board.nominal, seed)
 
     def get(self, number: int) -> BoardSample | None:
         """Return a sample, if it is stored; errors as `Store.record_of`."""

@@ -25,7 +25,7 @@ from taction.verification.studies.running.collecting import (
     collected_together,
     together,
 )
-from taction.verification.studies.running.versions import Versions
+from taction.verification.studies.running.versions import check_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.record import ERROR, Record, finite
@@ -112,13 +112,13 @@ class Varied(ABC):
         The board without deviations.
     varied : tuple of Parameter
         In the order of the deviations z.
-    versions : Versions
+    version : str
         Of the process that runs the study.
     """
 
     nominal: Circuit
     varied: tuple[Parameter, ...]
-    versions: Versions
+    version: str
     __dataclass_fields__: ClassVar[dict[str, Any]]  # of the subclass
 
     @property
@@ -196,7 +196,7 @@ def evaluate_together(*requests: tuple[Varied, int, Floats]) -> list[BoardSample
     if len(requests) == 1:
         return [evaluate(*requests[0])]
     board = requests[0][0]
-    board.versions.check_here()
+    check_version(board.version)
     return board.measured_together([(number, z) for _, number, z in requests])
 
 
@@ -210,7 +210,7 @@ def evaluate(board: Varied, number: int, z: Floats) -> BoardSample:
     SimulatorNotFound, SimulatorTooOld, OutOfDisk
         This machine can compute no sample; the sample itself may be right.
     """
-    board.versions.check_here()
+    check_version(board.version)
     return attempted(
         partial(board.measured, number, z),
         lambda error, reason: without_verdict(number, error, reason, board),

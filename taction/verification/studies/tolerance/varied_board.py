@@ -23,7 +23,7 @@ from taction.system.errors import Complaint, InputError
 from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import Result
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.studies.running.versions import Versions, own_versions
+from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
 from taction.verification.verdict.record import Record, signed_errors
 from taction.verification.verdict.simulation import choose_engine
@@ -93,7 +93,7 @@ class VariedBoard(Varied):
     varied: tuple[Parameter, ...]  # in the order of the deviations z
     ideal: IdealAnswer  # independent of the components
     full_margin: bool  # see `taction.verification.verdict.verify.Effort`
-    versions: Versions  # of the process that runs the study
+    version: str  # of the process that runs the study
 
     @property
     def name(self) -> str:
@@ -172,8 +172,8 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
         text = "every tolerance is zero: nothing varies"
         raise InputError(scene.file, Complaint("tolerances", "", text))
     ideal = ideal_answer(ideal_network(problem, scene), scene)
-    versions = own_versions(choose_engine(scene) == "ngspice")
-    return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, versions)
+    version = own_version(choose_engine(scene) == "ngspice")
+    return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, version)
 
 
 def sample_of(verdict: Verdict, number: int) -> BoardSample:

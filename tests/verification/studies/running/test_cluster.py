@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import time
 from contextlib import ExitStack
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -102,9 +102,10 @@ def test_a_worker_with_another_source_and_another_ngspice_is_refused(
         worker(stack, file, source=source, TACTION_NGSPICE=str(old))
         store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
         workers = stack.enter_context(cluster(address(file)))
-        with pytest.raises(NoVerdictError, match="another state of the source of ta") as refused:
+        text = r"ngspice-39 noopiter instead of taction .*, ngspice-"
+        with pytest.raises(NoVerdictError, match=text) as refused:
             sweep(plan, store, workers)
-        assert "ngspice-39 noopiter instead of ngspice-" in str(refused.value)
+        assert len(set(re.findall(r"taction [0-9.]+ \([0-9a-f]{8}\)", str(refused.value)))) == 2
         assert store.count() == 0
 
 
@@ -115,10 +116,8 @@ def test_a_worker_that_lacks_our_functions_is_named_with_both_versions(tmp_path:
         worker(stack, file, source=another_taction(tmp_path / "other", "0.1.7", without=gone))
         store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
         workers = stack.enter_context(cluster(address(file)))
-        with pytest.raises(NoVerdictError, match="no worker can compute") as refused:
+        with pytest.raises(NoVerdictError, match=r"is the same taction \(.*\) installed there"):
             sweep(small_plan(2), store, workers)
-        here = metadata.version("taction")
-        assert f"The workers have taction 0.1.7; here is {here}" in str(refused.value)
         assert store.count() == 0
 
 
@@ -237,7 +236,7 @@ def test_a_worker_without_ngspice_is_refused_like_one_of_another_version(
         worker(stack, file, TACTION_NGSPICE="/missing/ngspice")
         store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
         workers = stack.enter_context(cluster(address(file)))
-        text = "no usable ngspice .no executable '/missing/ngspice'. instead of ngspice-"
+        text = "no usable ngspice .no executable '/missing/ngspice'. instead of taction "
         with pytest.raises(NoVerdictError, match=text):
             sweep(small_plan(2, "ngspice"), store, workers)
         assert store.count() == 0

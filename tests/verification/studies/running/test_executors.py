@@ -27,6 +27,8 @@ from tests.support.paths import ROOT
 @pytest.fixture
 def pool() -> Iterator[LocalPool]:
     pool = LocalPool(2)
+    for each in pool._all:
+        each.start()
     yield pool
     pool.shutdown(wait=False, cancel_futures=True)
 
@@ -45,10 +47,6 @@ def gone_within(seconds: float, *pids: int | None) -> bool:
             return False
         time.sleep(0.01)
     return True
-
-
-def parent_of(pid: int | None) -> int:
-    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")")[1].split()[1])
 
 
 SCRIPT = """
@@ -80,17 +78,6 @@ def test_results_and_exceptions_come_back(pool: LocalPool) -> None:
 def test_one_blas_thread_a_worker(pool: LocalPool) -> None:
     assert pool.submit(os.getenv, "OMP_NUM_THREADS").result(60) == "1"
     assert pool.submit(os.getenv, "OPENBLAS_NUM_THREADS").result(60) == "1"
-
-
-def test_a_worker_has_the_environment_of_its_start(
-    pool: LocalPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("TACTION_OF_A_TEST", "first")
-    assert pool.submit(os.getenv, "TACTION_OF_A_TEST").result(60) == "first"  # the fork server runs
-    monkeypatch.setenv("TACTION_OF_A_TEST", "second")
-    later = LocalPool(1)
-    assert later.submit(os.getenv, "TACTION_OF_A_TEST").result(60) == "second"
-    later.shutdown(wait=False)
 
 
 def test_a_killed_worker_costs_its_own_task_only(pool: LocalPool, tmp_path: Path) -> None:
@@ -127,53 +114,13 @@ def test_a_task_that_kills_every_worker_is_given_up(pool: LocalPool) -> None:
     assert [future.result(60) for future in sound] == [2**k for k in range(6)]
 
 
-def test_a_killed_fork_server_is_replaced(pool: LocalPool) -> None:
-    server = parent_of(pool.pids()[0])
-    running = [pool.submit(time.sleep, 0.2) for _ in range(4)]
-    os.kill(server, signal.SIGKILL)
-    os.kill(pool.pids()[0], signal.SIGKILL)
-    assert [future.result(60) for future in running] == [None] * 4
-    threads = [pool.submit(os.getenv, "OMP_NUM_THREADS") for _ in range(4)]
-    assert {future.result(60) for future in threads} == {"1"}
-    assert pool.submit(pow, 2, 5).result(60) == 32
-
-
-def test_a_fork_server_that_does_not_answer_is_replaced(
-    pool: LocalPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    server, limited, first = parent_of(pool.pids()[0]), worker._limited, iter([1.0])
-    monkeypatch.setattr(worker, "_limited", lambda s, end: limited(next(first, s), end))
-    os.kill(server, signal.SIGSTOP)
-    os.kill(pool.pids()[0], signal.SIGKILL)
-    assert [pool.submit(pow, 2, k).result(60) for k in range(4)] == [1, 2, 4, 8]
-    assert gone_within(60.0, server)
-
-
-def test_a_stopped_worker_is_replaced(pool: LocalPool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(worker, "WATCH", 0.05)
-    stopped = pool.pids()[0]
-    os.kill(stopped, signal.SIGSTOP)
-    assert [pool.submit(pow, 2, k).result(60) for k in range(4)] == [1, 2, 4, 8]
-    assert stopped not in pool.pids()
-
-
-def test_a_slow_worker_is_not_a_stopped_worker(
-    pool: LocalPool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(worker, "WATCH", 0.01)
-    before = pool.pids()
-    pool.submit(time.sleep, 0.5).result(60)
-    assert pool.pids() == before
-
-
 def test_a_study_without_processes_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     """The 1st failure to start is the end: no point can be computed."""
-    monkeypatch.setattr(worker, "PAUSE", 1e-3)
 
-    def refuse(self: worker.Worker) -> None:
+    def refuse() -> None:
         raise OSError("no process")
 
-    monkeypatch.setattr(worker.Worker, "_start", refuse)
+    monkeypatch.setattr(worker.multiprocessing, "Pipe", refuse)
     with local(2) as workers, pytest.raises(NoVerdictError, match="did not start: no process"):
         list(collected(workers, pow, [(k, (2, k)) for k in range(4)]))
 
@@ -236,6 +183,8 @@ from taction.verification.studies.running.collecting import collected
 from taction.verification.studies.running.executors import LocalPool
 if __name__ == "__main__":
     pool = LocalPool(2)
+    for each in pool._all:
+        each.start()
     print(*pool.pids(), flush=True)
     pool.submit(time.sleep, 100)
     time.sleep(100)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from pathlib import Path
@@ -19,7 +20,7 @@ from taction.system.errors import (
     SimulationError,
     SimulatorNotFound,
 )
-from taction.verification.studies.running.versions import OtherVersionsError, Versions, own_versions
+from taction.verification.studies.running.versions import OtherVersionsError, own_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep import point as point_module
@@ -162,12 +163,10 @@ def test_a_changed_file_is_another_problem(tmp_path: Path, workers: Workers) -> 
 
 
 def test_another_version_at_the_worker_is_named() -> None:
-    own = own_versions(False)
-    job = PointJob(scene(), None, Versions("0.0.9", own.code, own.ngspice))  # type: ignore[arg-type]
-    with pytest.raises(OtherVersionsError, match=rf"taction {own.taction} instead of 0\.0\.9"):
+    job = PointJob(scene(), None, "taction 0.0.9, no ngspice")  # type: ignore[arg-type]
+    text = f"has {re.escape(own_version(False))} instead of taction 0.0.9, no ngspice"
+    with pytest.raises(OtherVersionsError, match=text):
         compute(job)
-    old, new = Versions("1", b"", "ngspice-39 noopiter"), Versions("1", b"", "ngspice-46 klu")
-    assert new.differences(old) == ["ngspice-39 noopiter instead of ngspice-46 klu"]
 
 
 def failing(error: Exception, *broken: type[Exception]) -> Workers:
@@ -200,7 +199,7 @@ def test_a_point_that_no_worker_survives_is_a_row(tmp_path: Path) -> None:
 
 def test_workers_without_taction_or_without_a_scheduler_are_named(tmp_path: Path) -> None:
     path = tmp_path / "a.sqlite"
-    with pytest.raises(NoVerdictError, match="same taction installed"):
+    with pytest.raises(NoVerdictError, match="is the same taction"):
         run(plan("C=50p"), path, failing(ModuleNotFoundError("No module named 'verification'")))
     closed = ThreadPoolExecutor(1)
     closed.shutdown()

@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import TactionError
 from taction.system.progress import Clock
-from taction.verification.studies.running.versions import own_versions
+from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import plan_sweep
@@ -56,7 +56,7 @@ def of_sweep(scene: Scene) -> dict[str, Any]:
         problem = make_problem(scene)
     except TactionError as error:
         return without_verdict(error, engine)
-    (result,) = compute(PointJob(scene, problem, own_versions(engine == "ngspice")))
+    (result,) = compute(PointJob(scene, problem, own_version(engine == "ngspice")))
     assert result is not None
     return result.to_plain()
 
