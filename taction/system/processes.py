@@ -1,4 +1,4 @@
-"""Processes of other programs: threads of their libraries, their state, those left behind (Linux).
+"""Processes of other programs: threads of their libraries, those left behind (Linux).
 
 A simulator and its descendants have the folder of their run as ``HOME``. A descendant that has made
 a session of its own is in no process group of ours and has another parent, but it keeps ``HOME``,
@@ -79,15 +79,6 @@ def _end_if_at_home(pid: int, home: bytes) -> bool:
         return False
     finally:
         os.close(number)
-
-
-def is_stopped(pid: int) -> bool:
-    """Return whether a signal has stopped a process; false where the system does not say."""
-    try:
-        text = (PROCESSES / str(pid) / "stat").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return False
-    return text.rpartition(")")[2].split()[0] in "Tt"
 
 
 @functools.cache

@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 import re
 
-from quantiphy import QuantiPhyError, Quantity
-
 UNITS: dict[str, tuple[str, ...]] = {
     "F": ("F", "farad", "farads"),
     "ohm": ("ohm", "ohms", "Ohm", "Ohms", "\N{GREEK CAPITAL LETTER OMEGA}", "\N{OHM SIGN}"),
@@ -27,13 +25,14 @@ UNITS: dict[str, tuple[str, ...]] = {
     "V/K": ("V/K",),
     "A/K": ("A/K",),
 }
-# quantiphy alone also accepts names of constants, "C = 10pF", "1kohm # a comment" and "1_000".
 _QUANTITY = re.compile(
     r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*([^\W\d_]*)\s*"
 )
 OHM = re.compile(r"ohm\b")
 MICRO = re.compile(r"(?<=\d )u(?=[A-Za-zΩ/])|(?<=V/)u(?=s\b)")
 PREFIXES = dict(zip(range(-18, 15, 3), ("a", "f", "p", "n", "u", "m", "", *"kMGT"), strict=True))
+POWERS = {name: power for power, name in PREFIXES.items() if name}
+POWERS |= {"K": 3, "µ": -6, "\N{GREEK SMALL LETTER MU}": -6}  # read, too
 NONE = "–"  # in the place of a value
 LONGEST = 100  # characters of a quantity
 EXAMPLES = {
@@ -131,9 +130,9 @@ def percent(share: float, digits: int = 3) -> str:
 
 
 def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
-    if len(text) > LONGEST:  # quantiphy takes seconds for thousands of digits
+    if len(text) > LONGEST:
         raise ValueError(f"over {LONGEST} characters; {expected}")
-    if "," in text:  # quantiphy reads "1,5pF" as 15 pF
+    if "," in text:
         raise ValueError(f"write the decimal point as '.', not as a comma; {expected}")
     above, slash, below = text.replace("\N{SQUARE ROOT}", "rt").partition("/")
     if slash and "/" in unit:
@@ -146,16 +145,13 @@ def _read(text: str, unit: str, expected: str) -> tuple[float, str]:
     if match is None:
         raise ValueError(f"not a number with a prefix and a unit; {expected}")
     digits, suffix = match.groups()
-    if suffix in UNITS[unit]:  # quantiphy reads the m of "1mho" as milli
+    if suffix in UNITS[unit]:  # the m of "1mho" is no prefix
         return number(digits), suffix
-    if suffix.lower().startswith("meg"):
-        suffix = "M" + suffix[3:]
-    number(digits)
-    try:
-        quantity = Quantity(digits + suffix, ignore_sf=False)
-    except QuantiPhyError as error:
-        raise ValueError(f"not a number with a prefix and a unit; {expected}") from error
-    return float(quantity.real), str(quantity.units)
+    length = 3 if suffix.lower().startswith("meg") else 1
+    power = 6 if length == 3 else POWERS.get(suffix[:1])
+    if power is None or "e" in digits.lower():
+        return number(digits), suffix
+    return number(f"{digits}e{power}"), suffix[length:]
 
 
 def show(value: float, unit: str, digits: int = 4) -> str:

@@ -17,9 +17,14 @@ import numpy as np
 from taction.netlist_gen.deck.elements import SortedCards, sorted_cards
 from taction.netlist_gen.deck.flat_cards import CardError
 from taction.verification.characterise.element_bench import TIGHT
-from taction.verification.engines.ngspice.commands import RESULT, TEXT, Answers, run_commands
+from taction.verification.engines.ngspice.commands import (
+    RESULT,
+    TEXT,
+    Answers,
+    listed_cards,
+    run_commands,
+)
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.listing import listed_cards
 
 AT_ONCE = "optran 1 1 1 0 0 0"  # no transient to the operating point
 TRIED = (

@@ -51,8 +51,8 @@ from taction.system.time_limit import more_time
 from taction.verification.characterise.element_bench import MISFIT, measured
 from taction.verification.characterise.element_parts import add_measured
 from taction.verification.characterise.operating_point import DeckPoint, find_point
+from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.ngspice.listing import expand
 from taction.verification.studies.ac_witness import AcWitness, stepping
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology

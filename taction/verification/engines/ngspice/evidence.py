@@ -54,7 +54,6 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
-from taction.system.foreign_files import MEGABYTE
 from taction.system.raw_file import Plot, read_complex, read_plots, read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
@@ -62,8 +61,6 @@ from taction.verification.engines.ngspice.screening import ScreenedDeck
 
 Result = TypeVar("Result")
 
-LONGEST_STREAM = 100 * MEGABYTE  # of stdout or stderr; a run that writes more is ended
-LONGEST_RESULT = 8000 * MEGABYTE  # of the raw file, likewise
 LONGEST_LINE = 300  # characters of a line of the error stream in a message
 
 
@@ -77,7 +74,6 @@ class Ending:
     seconds: float
     errors: str
     folder: Path
-    flooded: str = ""  # the file that became longer than `longest` allows
 
     @property
     def raw(self) -> Path:
@@ -120,16 +116,8 @@ _DOUBT = re.compile(r"singular matrix|gmin stepping|source stepping|transient op
 _EXPECTED = ("Note: Starting dynamic gmin stepping", "Note: Dynamic gmin stepping completed")
 
 
-def longest(file: str) -> int:
-    """Return the most bytes that ngspice may write into a file of the run folder."""
-    return LONGEST_RESULT if file == "out.raw" else LONGEST_STREAM
-
-
 def check_end(ending: Ending) -> None:
     """Check point 1 for time and signals; the log explains other exit statuses."""
-    if ending.flooded:
-        most = longest(ending.flooded) / MEGABYTE
-        raise BadEvidence(f"ngspice wrote over {most:g} MB into {ending.flooded} and was ended")
     if ending.timed_out:
         raise TimedOut(
             f"ngspice did not finish within {ending.timeout:g} s. Allow more time, a shorter record"

@@ -6,7 +6,7 @@ import contextlib
 import functools
 import os
 import re
-import select
+import resource
 import shutil
 import signal
 import subprocess
@@ -24,8 +24,7 @@ REMEDY = (
     " has the fast KLU solver), or name the executable in TACTION_NGSPICE"
 )
 PATIENCE = 20.0  # s to wait for a version
-LAST_WORDS = 1.0  # s from the end of what it prints to its own end
-ALIVE_INTERVAL = 0.02  # s between two looks whether the process still runs
+ALIVE_INTERVAL = 0.002  # s between two looks whether the process still runs
 LONGEST_ANSWER = 65_536  # bytes of a version
 SHOWN = 2_000  # characters of an answer in a message
 _INHERITED = ("LD_LIBRARY_PATH",)  # an ngspice in a folder of its own may need it
@@ -103,40 +102,30 @@ _on_path = functools.cache(_absolute)  # a search costs 0.1 ms; a failure is not
 
 def _answer(executable: str) -> str:
     """Return what ``-v`` prints up to its end, `LONGEST_ANSWER` bytes or `PATIENCE` seconds."""
-    process = subprocess.Popen(
-        [executable, "-v"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        env=environment(Path("/nonexistent")),
-        start_new_session=True,
-    )
-    end, text, ended = time.monotonic() + PATIENCE, b"", False
-    with process, process.stdout as stream:  # type: ignore[union-attr]  # a pipe was asked for
-        while len(text) < LONGEST_ANSWER and time.monotonic() < end:
-            ended = _has_ended(process)
-            if select.select([stream], [], [], 0.0 if ended else ALIVE_INTERVAL)[0]:
-                part = os.read(stream.fileno(), LONGEST_ANSWER)
-                if not part:  # the pipe is closed just before the process has ended
-                    end = min(end, time.monotonic() + LAST_WORDS)
-                    while not (ended := _has_ended(process)) and time.monotonic() < end:
-                        time.sleep(0.001)
-                    break
-                text += part
-            elif ended:  # a child may hold the pipe
-                break
+    with open(os.memfd_create("answer"), "w+b") as answer:  # noqa: PTH123 - of a number
+        process = subprocess.Popen(
+            [executable, "-v"],
+            stdin=subprocess.DEVNULL,
+            stdout=answer,
+            stderr=subprocess.STDOUT,
+            env=environment(Path("/nonexistent")),
+            start_new_session=True,
+        )
+        with contextlib.suppress(ProcessLookupError):  # it has ended
+            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (LONGEST_ANSWER, LONGEST_ANSWER))
+        end = time.monotonic() + PATIENCE
+        look = os.WEXITED | os.WNOHANG | os.WNOWAIT  # so that the group keeps its number
+        while not (ended := os.waitid(os.P_PID, process.pid, look)) and time.monotonic() < end:
+            time.sleep(ALIVE_INTERVAL)
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-    if ended and process.returncode < 0:
+        process.wait()
+        answer.seek(0)
+        text = answer.read().decode(errors="replace")
+    if ended and process.returncode < 0 and process.returncode != -signal.SIGXFSZ:
         ended_by = signal.Signals(-process.returncode).name
         raise SimulatorNotFound(f"{executable} -v was ended by {ended_by}. Run the command again")
-    return text.decode(errors="replace")
-
-
-def _has_ended(process: subprocess.Popen[bytes]) -> bool:
-    """Whether a process has ended; it keeps its number, so the group is still its own."""
-    look = os.WEXITED | os.WNOHANG | os.WNOWAIT
-    return os.waitid(os.P_PID, process.pid, look) is not None
+    return text
 
 
 @functools.cache

@@ -20,7 +20,7 @@ import subprocess
 import threading
 import time
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
@@ -43,7 +43,6 @@ from taction.verification.engines.ngspice.evidence import (
     Ending,
     accepted_waveforms,
     integrated_noise,
-    longest,
     small_signal_response,
 )
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
@@ -65,22 +64,16 @@ _ARGUMENTS = ("-b", "-n", "-r", "out.raw", "deck.cir")
 
 def command_line(simulator: Simulator) -> str:
     """Return a command line that repeats the run in its folder, also after the folder was moved."""
-    return _quoted(simulator.executable, tuple(environment(_HERE).items()))
-
-
-@functools.lru_cache(maxsize=4)
-def _quoted(executable: str, variables: tuple[tuple[str, str], ...]) -> str:
+    variables = environment(_HERE).items()
     words = [f"{name}={value}" for name, value in variables if value != str(_HERE)]
     homes = " ".join(f'{name}="$PWD"' for name, value in variables if value == str(_HERE))
-    return f"{shlex.join(['env', '-i', *words])} {homes} {shlex.join([executable, *_ARGUMENTS])}\n"
+    command = shlex.join([simulator.executable, *_ARGUMENTS])
+    return f"{shlex.join(['env', '-i', *words])} {homes} {command}\n"
 
 
 def launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
     """Start ngspice in `folder`, with its streams in files there."""
-    with (
-        open(f"{folder}/{STREAMS[0]}", "wb", buffering=0) as out,  # noqa: PTH123 - quicker
-        open(f"{folder}/{STREAMS[1]}", "wb", buffering=0) as err,  # noqa: PTH123
-    ):
+    with (folder / STREAMS[0]).open("wb") as out, (folder / STREAMS[1]).open("wb") as err:
         return subprocess.Popen(
             [*guard_of_process(), simulator.executable, *_ARGUMENTS],
             cwd=folder,
@@ -116,17 +109,12 @@ def make_folder(deck: ScreenedDeck, command: str, folder: Path | None) -> Path:
     except OSError as error:
         raise OutOfDisk(f"the run folder cannot be made: {error}") from error
     try:
-        _write(place, texts, "xb")
+        for name, text in texts.items():
+            (place / name).write_bytes(text.encode())
     except OSError as error:
         remove_own_folder(place)
         raise OutOfDisk(f"the run folder cannot be written: {error}") from error
     return place
-
-
-def _write(place: Path, texts: Mapping[str, str], mode: str) -> None:
-    for name, text in texts.items():
-        with open(f"{place}/{name}", mode) as file:  # noqa: PTH123 - half of Path.open's time
-            file.write(text.encode())
 
 
 def _empty(folder: Path) -> Path:
@@ -144,7 +132,18 @@ Result = TypeVar("Result")
 LONGEST_LOG = MEGABYTE
 """Bytes of an error stream that are read; of a longer stream only the beginning and the end."""
 
-LOOK_INTERVAL = 0.5  # s between two looks at the length of the files
+LONGEST_RESULT = 8000 * MEGABYTE
+"""Bytes of a file that ngspice may write; the system ends a run that writes more."""
+
+LOOK_INTERVAL = 0.5  # s between two looks at the share that is done
+
+
+def _limit(process: int, kind: int, most: int) -> None:
+    """Limit a process, unless its limit is lower already."""
+    with contextlib.suppress(ProcessLookupError):  # it has ended
+        known = [limit for limit in resource.prlimit(process, kind) if limit >= 0]  # -1: unlimited
+        least = min((most, *known))
+        resource.prlimit(process, kind, (least, least))
 
 
 class _Process:
@@ -157,11 +156,10 @@ class _Process:
         self.folder = folder
         self.started = self.ended = time.perf_counter()
         self._popen = launch(simulator, folder)
-        if memory is not None:  # of the guard, which becomes the simulator, too
-            most = resource.getrlimit(resource.RLIMIT_AS)[1]  # which nobody may raise
-            memory = memory if most == resource.RLIM_INFINITY else min(memory, most)
-            with contextlib.suppress(ProcessLookupError):  # it has ended
-                resource.prlimit(self._popen.pid, resource.RLIMIT_AS, (memory, memory))
+        limits = {resource.RLIMIT_FSIZE: LONGEST_RESULT, resource.RLIMIT_AS: memory}
+        for kind, most in limits.items():  # of the guard, which becomes the simulator, too
+            if most is not None:
+                _limit(self._popen.pid, kind, most)
         self._over = threading.Event()
         _thread.start_new_thread(self._watch, ())  # `Thread` would wait until it runs
 
@@ -183,12 +181,6 @@ class _Process:
     def _kill_group(self) -> None:
         with contextlib.suppress(ProcessLookupError):  # the group may end in the meantime
             os.killpg(self._popen.pid, signal.SIGKILL)
-
-    def flooded_file(self) -> str:
-        """Return the name of a file of the run folder that is too long, or nothing."""
-        with contextlib.suppress(OSError), os.scandir(self.folder) as files:
-            return next((f.name for f in files if f.stat().st_size > longest(f.name)), "")
-        return ""
 
     def discard(self, keep: bool) -> None:
         """End the process with all its descendants and, unless `keep`, remove its folder."""
@@ -267,13 +259,12 @@ class Run:
         """Wait for the end and return what `evidence` accepts; else keep the folder."""
         if not self._discard.alive:
             raise SimulationError("a run returns its result once, and never after it was cancelled")
-        process, flooded = self._process, ""
+        process = self._process
         end = process.started + self._timeout
         try:
             while not (ended := process.wait(min(end - time.perf_counter(), LOOK_INTERVAL))):
-                flooded = process.flooded_file()
                 self._say_share()
-                if flooded or time.perf_counter() >= end:
+                if time.perf_counter() >= end:
                     break
         finally:  # also on Ctrl-C, which reaches no other process group
             process.kill()
@@ -285,7 +276,6 @@ class Run:
             seconds=process.ended - process.started,
             errors=_error_stream(self.folder),
             folder=self.folder,
-            flooded=flooded,
         )
         try:
             result = evidence(self._deck, ending)

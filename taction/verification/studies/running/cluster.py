@@ -8,15 +8,20 @@ from __future__ import annotations
 
 import importlib
 import logging
+import pickle
 import re
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager, suppress
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 from taction.system.errors import Complaint, InputError, NoVerdictError
 from taction.verification.studies.running.worker import Workers
+
+T = TypeVar("T")
 
 PATIENCE = 15.0  # s to wait for an answer of a scheduler
 WORKER_PATIENCE = 60.0  # s to wait for a worker, at the start and after the loss of the last one
@@ -55,7 +60,7 @@ def cluster(address: str, announce: Callable[[str], None] = lambda text: None) -
         try:
             threads = _ClusterThreads(client, announce)
             yield Workers(
-                client.get_executor(),
+                _Cluster(client.get_executor()),
                 lambda: 2 * threads() + 2,
                 lost=(distributed.KilledWorker,),
                 closed=(RuntimeError, OSError, distributed.client.ClosedClientError),
@@ -101,6 +106,32 @@ async def _kind(distributed: Any, address: str) -> str:
     security = distributed.Security().get_connection_args("client")
     async with distributed.rpc(address, timeout=PATIENCE, connection_args=security) as other:
         return str((await other.identity())["type"])
+
+
+class _Call:
+    """A call that unpickling makes, so that Dask itself knows only `pickle.loads` and bytes.
+
+    A worker of Dask ends where it cannot unpickle a task, as where it has another taction. Here
+    the task is known everywhere, and what it lacks is the error of the task.
+    """
+
+    def __init__(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+        self._parts = (function, arguments)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return self._parts
+
+
+class _Cluster(Executor):
+    """Dask's executor; see `_Call`."""
+
+    def __init__(self, executor: Any) -> None:
+        self._executor = executor
+
+    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
+        call = pickle.dumps(_Call(partial(fn, **kwargs) if kwargs else fn, args))
+        future: Future[T] = self._executor.submit(pickle.loads, call)
+        return future
 
 
 class _ClusterThreads:

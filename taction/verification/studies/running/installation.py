@@ -15,7 +15,7 @@ from taction.system.errors import SimulationError
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 
-PACKAGES = ("PySpice", "numpy", "scipy", "pydantic", "click", "quantiphy", "rich")
+PACKAGES = ("PySpice", "numpy", "scipy", "pydantic", "click", "rich")
 EXTRAS = (
     ("matplotlib", "--plot", "pip install 'taction[plot]'"),
     ("jinja2", "--report", "pip install 'taction[report]'"),

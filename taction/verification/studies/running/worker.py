@@ -94,13 +94,14 @@ class Worker:
             pipe = self.start()
             pipe.send((function, args, kw))
             in_time = pipe.poll(None if timeout in (None, math.inf) else max(timeout or 0.0, 0.0))
-            done, value = pipe.recv() if in_time else (False, None)
+            answer: tuple[bool, Any] = pipe.recv() if in_time else (False, None)
         except (EOFError, OSError):
             self.stop()
             raise WorkerDiedError("the process died during the call") from None
         if not in_time:
             self.stop()
             raise TimeoutError(f"not done after {timeout:.3g} s")
+        done, value = answer
         if not done:
             raise value
         result: T = value

@@ -1,4 +1,4 @@
-"""ngspice lists a deck, and waits for the deck of its transient."""
+"""ngspice lists a deck."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from taction.system.errors import DidNotLoad, Killed, SimulationError, TimedOut
-from taction.verification.engines.ngspice import listing
+from taction.verification.engines.ngspice.commands import MEMORY, expand
 from taction.verification.engines.ngspice.executable import Simulator, find_simulator
-from taction.verification.engines.ngspice.listing import expand
 from tests.support.small_decks import wrapped
 
 LINES = (".param r=1k", "v1 in 0 1", "r1 in out {2*r}", "c1 out 0 1n")
@@ -41,7 +40,7 @@ def test_a_simulator_that_does_not_list_is_told_of(
 def test_a_listing_has_little_memory(simulator: Simulator, tmp_path: Path) -> None:
     told = tmp_path / "kilobytes"
     expand(LINES, wrapped(simulator, tmp_path, f"sleep 0.2; ulimit -v > {told}"))
-    assert int(told.read_text()) == listing.MEMORY // 1024
+    assert int(told.read_text()) == MEMORY // 1024
 
 
 @pytest.mark.parametrize(
