@@ -93,7 +93,7 @@ def _several(options: Mapping[str, Any]) -> Job | None:
 JUNIT = text_file("junit", "Write a JUnit XML report.", "verification.report.junit:files_junit")
 VERIFY_FILES = Job(
     function="verify_files",
-    document=f"{DOCUMENTS}.verdict:VerifyFilesDocument",
+    document=f"{DOCUMENTS}.plain:VerifyFilesDocument",
     outputs=(JUNIT,),
     schema="verify-files",
     after=lambda found, call: _annotate(found.documents, call),

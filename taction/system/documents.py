@@ -21,8 +21,6 @@ of the whole value, for what is made above the class's room; the place is below 
 
 from __future__ import annotations
 
-import ast
-import builtins
 import dataclasses
 import enum
 import inspect
@@ -32,7 +30,6 @@ import sys
 import types
 from collections.abc import Mapping
 from functools import cache
-from importlib import import_module
 from pathlib import PurePath
 from typing import (
     Annotated,
@@ -42,6 +39,7 @@ from typing import (
     Union,
     get_args,
     get_origin,
+    get_type_hints,
 )
 
 from taction.system.errors import listed
@@ -178,45 +176,18 @@ def _hint(kind: Any, name: str) -> Any:
     """Return the annotation of a field, of a property, or of what a method returns."""
     for base in kind.__mro__:
         if name in inspect.get_annotations(base):
-            return _evaluated(inspect.get_annotations(base)[name], base.__module__)
+            return _hints(base)[name]
     found = inspect.getattr_static(kind, name)
     return _returned(getattr(found, "fget", None) or getattr(found, "func", found))
 
 
-def _returned(function: Any) -> Any:
-    return _evaluated(function.__annotations__["return"], function.__module__)
-
-
-def _evaluated(annotation: Any, module: str) -> Any:
-    if not isinstance(annotation, str):
-        return annotation
-    return eval(annotation, vars(sys.modules[module]), _Guarded(module))  # noqa: S307 - our own
-
-
-class _Guarded(dict[str, Any]):
-    """The names that a module imports for type checking alone, each imported when it is used."""
-
-    def __init__(self, module: str) -> None:
-        self._module = module
-
-    def __missing__(self, key: str) -> Any:
-        if key in vars(sys.modules[self._module]) or hasattr(builtins, key):
-            raise KeyError(key)
-        module, name = _guarded_names(self._module)[key]
-        return getattr(import_module(module), name)
-
-
 @cache
-def _guarded_names(module: str) -> dict[str, tuple[str, str]]:
-    """Return the module and the name behind each name of an ``if TYPE_CHECKING``."""
-    places: dict[str, tuple[str, str]] = {}
-    for node in ast.parse(inspect.getsource(sys.modules[module])).body:
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-            for each in node.body:
-                if isinstance(each, ast.ImportFrom) and each.module is not None:
-                    for name in each.names:
-                        places[name.asname or name.name] = each.module, name.name
-    return places
+def _hints(of: Any) -> dict[str, Any]:
+    return get_type_hints(of, include_extras=True)
+
+
+def _returned(function: Any) -> Any:
+    return _hints(function)["return"]
 
 
 def document_of(kind: Any) -> Any:

@@ -231,7 +231,7 @@ class NewScene(Result):
     """The files of a new scene, and for a matrix the scaling and the verdict."""
 
     VIEW = "taction.verification.report.views.scaling:new_view"
-    DOCUMENT = "taction.verification.report.documents.verdict:NewMatrixDocument.of"
+    DOCUMENT = "taction.verification.report.documents.plain:NewMatrixDocument.of"
 
     file: str
     written: tuple[str, ...]

@@ -21,11 +21,11 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.stability.poles import poles_behind
 from taction.verification.verdict.opamp_level import at_level, has_large_signal
+from taction.verification.verdict.pruning import Pruning
 from taction.verification.verdict.transient_plan import plan_transient
 
 if TYPE_CHECKING:
     from taction.netlist_gen.deck.measures import Measures
-    from taction.verification.verdict.pruning import Pruning
 
 EVEN_POINTS = 125.0  # on a period of ringing: an error of about 1e-4 of the step in ngspice
 

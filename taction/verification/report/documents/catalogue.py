@@ -31,7 +31,7 @@ class Head:
 
 MODELS = {
     "verify": "verification.report.documents.verdict.VerdictBody",
-    "verify-files": "verification.report.documents.verdict.VerifyFilesDocument",
+    "verify-files": "verification.report.documents.plain.VerifyFilesDocument",
     "check": "verification.studies.board_check.BoardCheck",
     "demo": "verification.evidence.demonstration.Demonstration",
     "diff": "verification.studies.difference.VerdictDifference",
@@ -57,8 +57,8 @@ MODELS = {
     "models": "verification.report.documents.plain.ModelsDocument",
     "models-show": "verification.report.documents.plain.ShowDocument",
     "models-import": "verification.report.documents.plain.ImportDocument",
-    "new": "verification.report.documents.verdict.NewDocument",
-    "new-matrix": "verification.report.documents.verdict.NewMatrixDocument",
+    "new": "verification.report.documents.plain.NewDocument",
+    "new-matrix": "verification.report.documents.plain.NewMatrixDocument",
     "help": "verification.report.documents.plain.HelpDocument",
     "doctor": "verification.studies.running.installation.Installation",
     ERROR: "system.error_document.ErrorDocument",

@@ -1,24 +1,30 @@
-"""The documents of commands without a transient, in SI base units."""
+"""The documents of commands that are no document of one verdict, in SI base units."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, cast
 
 from taction.netlist_gen.scene.imported_opamps import StoredOpAmp
 from taction.netlist_gen.scene.keys import Value
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.presets import Origin
 from taction.system.documents import (
+    INLINE,
     OPTIONAL,
     Note,
     Number,
     taken,
 )
+from taction.system.error_document import Failure
 from taction.verification.characterise.characterise import OpAmpFigures
+from taction.verification.design.fresh_scene import NewScene
+from taction.verification.design.scaling import Scaled
+from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.report.views.opamp import TITLES, stated_figures
 from taction.verification.studies.vendor_model import ImportedModel
+from taction.verification.studies.verify_files import VerifiedFiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,3 +175,53 @@ class HelpDocument:
     fields: dict[str, FieldUse]
     schemas: dict[str, Mapping[str, Any]]
     scene_schema: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class WithoutVerdict:
+    """A file without a verdict."""
+
+    file: str
+    outcome: Literal["bad input", "inconclusive", "not run"]
+    error: Annotated[Failure | None, OPTIONAL] = None
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyFilesDocument:
+    """``taction verify`` with several scenes or a folder."""
+
+    DOCUMENT = (
+        *("outcome = files.outcome # the worst", "exit_status = files.exit_status"),
+        *("interrupted = files.interrupted", "counts = files.count", "verdicts"),
+    )
+
+    files: VerifiedFiles
+
+    @property
+    def verdicts(self) -> tuple[VerdictBody | WithoutVerdict, ...]:
+        """The documents, which are plain data already."""
+        return cast(tuple[VerdictBody | WithoutVerdict, ...], self.files.documents)
+
+
+@dataclass(frozen=True, slots=True)
+class NewMatrixDocument:
+    """``taction new FILE --matrix``: the scene, its scalings and its verdict."""
+
+    file: str
+    lambda_rule: str
+    recognised: tuple[str, ...]
+    scaling: Annotated[Scaled, INLINE]
+
+    @classmethod
+    def of(cls, found: NewScene) -> NewMatrixDocument | NewDocument:
+        """Return a new scene, for a matrix with its verdict."""
+        if found.fresh is None or found.scaled is None:
+            return NewDocument(found.file)
+        return cls(found.file, found.fresh.rule, tuple(found.fresh.notes), found.scaled)
+
+
+@dataclass(frozen=True, slots=True)
+class NewDocument:
+    """``taction new FILE``."""
+
+    file: str

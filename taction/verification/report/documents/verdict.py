@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import Any
 
 import numpy as np
 
-from taction.system.documents import (
-    INLINE,
-    OPTIONAL,
-    plain,
-)
-from taction.system.error_document import Failure
+from taction.system.documents import plain
+from taction.verification.design.remedies import Remedies
+from taction.verification.design.stable_ranges import StableRange, stable_ranges
 from taction.verification.stability.margin import Margin
 from taction.verification.verdict.active_sets import VisitedSet
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart, difference
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Record
 from taction.verification.verdict.verify import Verdict
-
-if TYPE_CHECKING:
-    from taction.verification.design.fresh_scene import NewScene
-    from taction.verification.design.remedies import Remedies
-    from taction.verification.design.scaling import Scaled
-    from taction.verification.design.stable_ranges import StableRange
-    from taction.verification.studies.verify_files import VerifiedFiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +118,6 @@ class VerdictBody:
 
         An unstable board has the nearest stable range of each key, too.
         """
-        from taction.verification.design.stable_ranges import stable_ranges
         from taction.verification.design.trials import Trials
         from taction.verification.engines.statespace.linearised.board import LinearBoard
         from taction.verification.stability.margin import margins
@@ -166,53 +155,3 @@ def budget_parts(budget: ErrorBudget) -> dict[str, BudgetPart]:
     if budget.total is not None:
         found["total"] = BudgetPart(budget.total, budget.summed)
     return found
-
-
-@dataclass(frozen=True, slots=True)
-class WithoutVerdict:
-    """A file without a verdict."""
-
-    file: str
-    outcome: Literal["bad input", "inconclusive", "not run"]
-    error: Annotated[Failure | None, OPTIONAL] = None
-
-
-@dataclass(frozen=True, slots=True)
-class VerifyFilesDocument:
-    """``taction verify`` with several scenes or a folder."""
-
-    DOCUMENT = (
-        *("outcome = files.outcome # the worst", "exit_status = files.exit_status"),
-        *("interrupted = files.interrupted", "counts = files.count", "verdicts"),
-    )
-
-    files: VerifiedFiles
-
-    @property
-    def verdicts(self) -> tuple[VerdictBody | WithoutVerdict, ...]:
-        """The documents, which are plain data already."""
-        return cast(tuple[VerdictBody | WithoutVerdict, ...], self.files.documents)
-
-
-@dataclass(frozen=True, slots=True)
-class NewMatrixDocument:
-    """``taction new FILE --matrix``: the scene, its scalings and its verdict."""
-
-    file: str
-    lambda_rule: str
-    recognised: tuple[str, ...]
-    scaling: Annotated[Scaled, INLINE]
-
-    @classmethod
-    def of(cls, found: NewScene) -> NewMatrixDocument | NewDocument:
-        """Return a new scene, for a matrix with its verdict."""
-        if found.fresh is None or found.scaled is None:
-            return NewDocument(found.file)
-        return cls(found.file, found.fresh.rule, tuple(found.fresh.notes), found.scaled)
-
-
-@dataclass(frozen=True, slots=True)
-class NewDocument:
-    """``taction new FILE``."""
-
-    file: str
