@@ -73,7 +73,8 @@ def run_command(function: Callable[[], object], *, as_json: bool, words: Sequenc
             return CLOSED_PIPE
         except OSError as error:
             _leave_stdout()
-            say(f"stdout cannot be written: {error.strerror}")
+            with suppress(OSError):  # stderr, neither
+                say(f"stdout cannot be written: {error.strerror}")
             return STATUS["inconclusive"]
     # A page that is served until Ctrl-C ends well by Ctrl-C, and only by it.
     ended = received and (status == INTERRUPTED or received[0] != signal.SIGINT)
@@ -190,9 +191,8 @@ def _told(text: str, words: Sequence[str]) -> str:
 
 
 def of_stdout(error: OSError) -> bool:
-    """Whether stdout takes no more; a full disk elsewhere is another error."""
-    raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
-    return error.errno == errno.EPIPE or (error.errno in FULL and getattr(raw, "failed", True))
+    """Whether a stream takes no more; a full disk elsewhere is another error of ours."""
+    return error.errno in (errno.EPIPE, *FULL)
 
 
 def refusal(error: BaseException | None) -> str:
@@ -267,33 +267,8 @@ def _report(error: TactionError, as_json: bool) -> int:
     return error.exit_status
 
 
-class _Stream(io.FileIO):
-    """Stdout or stderr as bytes; `failed` says whether a write failed.
-
-    A stderr loses what nobody takes: a message never changes how a command ends.
-    """
-
-    def __init__(self, number: int, *, lossy: bool) -> None:
-        super().__init__(number, "w", closefd=False)
-        self.failed, self._lossy = False, lossy
-
-    def write(self, data: Any) -> int:
-        """Write what can be written."""
-        try:
-            return super().write(data) or len(data)
-        except OSError:
-            self.failed = True
-            if not self._lossy:
-                raise
-            return len(data)
-
-
 def _prepare_streams() -> None:
-    """Replace closed streams, and let every stream write what its encoding lacks as ``?``.
-
-    A descriptor that the shell closed (``2>&-``) becomes /dev/null: the next file would have its
-    number, and a child's messages would be written into that file.
-    """
+    """Open closed descriptors, so that no file gets their numbers; write unknown signs as ``?``."""
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         os.set_inheritable(number, True)
     os.close(number)
@@ -301,14 +276,6 @@ def _prepare_streams() -> None:
         stream = getattr(sys, name)
         if stream is None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
-        elif stream is getattr(sys, f"__{name}__") and isinstance(stream, io.TextIOWrapper):
-            with suppress(OSError, ValueError):
-                raw = _Stream(stream.fileno(), lossy=name == "stderr")
-                lines = name == "stderr" or stream.line_buffering
-                made = io.TextIOWrapper(
-                    io.BufferedWriter(raw), stream.encoding, "replace", line_buffering=lines
-                )
-                setattr(sys, name, made)
         elif hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
 

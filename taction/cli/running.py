@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -27,6 +27,9 @@ from taction.cli.terminal import STATUS, console, display, print_json, say
 from taction.system.after_result import attempt
 from taction.system.errors import INTERRUPTED, Complaint, InputError, Interrupted, TactionError
 from taction.system.foreign_text import visible
+
+if TYPE_CHECKING:
+    from taction.netlist_gen.scene.scene import Scene
 
 BOARDS = ("scene", "first", "second")
 """Arguments that are one board. Of several boards a wrong one is a row of the result."""
@@ -64,16 +67,16 @@ def made(name: str, command: Command) -> click.Command:
 def run(command: Command, given: dict[str, Any]) -> None:
     """Run a command with its options, show the result, and end with the exit status."""
     job = (command.other and command.other(given)) or command
+    _check(command, job, given)
     # Of an option without a value the function's own default counts.
     known = {name: each.default for name, each in signature(job.function).items()}
     asked = {name: value for name, value in given.items() if name in known}
     unset = {name for name, value in asked.items() if value is None and known[name] is not None}
     unset -= {name for name in unset if known[name] is inspect.Parameter.empty}
     call = Call(asked | {name: known[name] for name in unset}, given)
-    _check(command, job, given)
     if job.before is not None:
         job.before(call)
-    if given.get("scene") is not None:
+    if "scene" in given:
         _ask(given["scene"])
     result, interrupted = _result(job, call)
     status = status_of(result)
@@ -117,10 +120,11 @@ def _result(job: Job, call: Call) -> tuple[Any, str]:
         raise
 
 
-def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
+def _check(command: Command, job: Job, given: dict[str, Any]) -> None:
     """Refuse, before any work, a scene with mistakes and an output that cannot be written.
 
-    Neither may an output be an input, or another output.
+    Neither may an output be an input, or another output. A scene that is read takes the place of
+    its name.
     """
     for output in command.outputs:
         if output.check is not None and given[output.name] is not None:
@@ -128,16 +132,17 @@ def _check(command: Command, job: Job, given: Mapping[str, Any]) -> None:
     for parameter in command.every:
         if parameter.reads and parameter.name not in BOARDS:
             _refuse_missing(parameter, _names(given[parameter.name]))
+    inputs = [name for p in command.every if p.reads for name in _names(given[p.name])]
     for name in BOARDS:
-        if str(given.get(name)).endswith(".toml"):
+        if given.get(name) is not None and (name == "scene" or given[name].endswith(".toml")):
             from taction.netlist_gen.scene.loading import load_scene
 
-            load_scene(given[name])
+            scene = load_scene(given[name])
+            given |= {"scene": scene} if name == "scene" else {}  # a comparison shows the names
     asked = {p: given[p.name] for p in command.every if p.writes and given[p.name]}
     if asked:
         from taction.verification.report.output_checks import check_folder, check_separate
 
-        inputs = [name for p in command.every if p.reads for name in _names(given[p.name])]
         check_separate(inputs, {p.option: file for p, file in asked.items()})
         for parameter, file in asked.items():
             if not _is_folder(parameter):
@@ -175,17 +180,11 @@ def _is_folder(parameter: CommandParameter) -> bool:
     return isinstance(kind, click.Path) and not kind.file_okay
 
 
-def _ask(scene: str) -> None:
-    """Ask on stderr what may be a slip in the scene; InputError lists its mistakes.
-
-    The scene is read first: a refused one needs neither numpy nor the modules of the verdict.
-    """
-    from taction.netlist_gen.scene.loading import load_scene
-
-    read = load_scene(scene)
+def _ask(scene: Scene | None) -> None:
+    """Ask on stderr what may be a slip in the scene."""
     from taction.netlist_gen.scene.questions import questions
 
-    for question in questions(read):
+    for question in questions(scene) if scene is not None else ():
         say(f"question: {question}")
 
 
