@@ -41,7 +41,7 @@ def exact_solution(
         g, slope = AMPLIFIERS[problem.regulariser]
         mu = mpmath.mpf(problem.lam) / (1 if problem.regulariser == "linear" else 2)
         T, eps = mpmath.matrix(problem.T.tolist()), mpmath.matrix(problem.eps.tolist())
-        channels, taken = problem.T.shape[1], 1 - problem.ridge_share
+        channels, taken = problem.T.shape[1], 1 - mpmath.mpf(problem.ridge_share)
         gram, load = T.T * T, T.T * eps
         v = mpmath.matrix(start.tolist())
         shift = mpmath.ones(channels, 1) * int(problem.bias)

@@ -16,7 +16,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.verification.studies.running.versions import digest
 from tests.support.making import write_matrix_scene
 
-SOLVER = importlib.import_module("taction.verification.reference.solve")
+SOLVER = importlib.import_module("taction.verification.reference.least_squares")
 T = [[1.0, 0.5, 0.1], [0.5, 1.0, 0.5], [0.1, 0.5, 1.0]]
 EPS = [0.3, 0.2, 0.1]
 STRAINS = [[0.3, 0.2, 0.1], [0.1, 0.0, -0.2], [0.0, 0.3, 0.0]]

@@ -12,7 +12,7 @@ from taction.system.errors import Complaint, InputError
 from taction.system.results import Result
 from taction.verification.reference.regularisers import REGULARISERS
 
-RELATIVE_ERROR = 1e-12
+RELATIVE_ERROR = 1e-6
 """A solution is trusted when its error bound is below this times its largest entry."""
 SMALLEST_SCALE = 1e-12
 """Least value of that largest entry (times |eps| / |T| for the linear regulariser)."""
@@ -128,7 +128,7 @@ class Solution(Result):
     error_bound : float
         Upper bound on ``max |u - u*|``; infinite if no bound is known.
     trusted : bool
-        The certificate is below its bound, so the error is below ``1e-12 max |u|``.
+        The certificate is below its bound, so the error is below ``1e-6 max |u|``.
     condition : float
         Condition number of the equations that were solved last.
     iterations : int

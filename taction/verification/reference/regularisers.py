@@ -16,8 +16,6 @@ import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.plugins import OpenTable
-from taction.verification.reference import doubledouble as dd
-from taction.verification.reference.doubledouble import DoubleDouble
 
 Function = Callable[[Floats], Floats]
 
@@ -59,12 +57,6 @@ class Pieces:
             u = self.g(v)
             return np.asarray(u * v - self.size * np.abs(u) - 0.5 * u * u)
 
-        def exact(v: DoubleDouble) -> DoubleDouble:
-            u = self.g(v.hi)
-            shift, free = DoubleDouble.of(self.size * np.sign(v.hi)), inside(v.hi)
-            whole = v - shift
-            return DoubleDouble(np.where(free, whole.hi, u), np.where(free, whole.lo, 0.0))
-
         def v_from_q(q: Floats, mu: float, h: Floats) -> Floats:
             size = mu * self.size
             u = np.clip((q - np.clip(q, -size, size)) / (mu + h), self.low, self.high)
@@ -76,7 +68,6 @@ class Pieces:
             slope=lambda v: inside(v).astype(np.float64),
             inverse=inverse,
             potential=potential,
-            exact=exact,
             v_from_q=v_from_q,
             largest_slope=lambda v, _: np.ones_like(v),
             slope_bound=np.ones_like,
@@ -92,7 +83,6 @@ class Regulariser:
     slope: Function  # derivative of g
     inverse: Function  # of g
     potential: Function  # ``Psi``
-    exact: Callable[[DoubleDouble], DoubleDouble]  # g in double-double arithmetic
     v_from_q: Callable[[Floats, float, Floats], Floats]  # ``v(q, mu, h)``: inverse of q(v)
     largest_slope: Callable[[Floats, Floats], Floats]  # ``(v, d)``: largest slope in [v - d, v + d]
     slope_bound: (
@@ -140,29 +130,6 @@ def _softplus_potential(v: Floats) -> Floats:
     return np.where(v > 0.0, 0.5 * v * v + np.pi**2 / 6.0 - tail, tail)
 
 
-def _softplus_exact(v: DoubleDouble) -> DoubleDouble:
-    positive = v.hi > 0.0
-    sign = np.where(positive, -1.0, 1.0)
-    fold = dd.log1p(dd.exp(DoubleDouble(sign * v.hi, sign * v.lo)))
-    ramp = DoubleDouble(np.where(positive, v.hi, 0.0), np.where(positive, v.lo, 0.0))
-    return fold + ramp
-
-
-def _signed(v: DoubleDouble, magnitude: DoubleDouble) -> DoubleDouble:
-    sign = np.sign(v.hi)
-    return DoubleDouble(sign * magnitude.hi, sign * magnitude.lo)
-
-
-def _sinh_exact(v: DoubleDouble) -> DoubleDouble:
-    rise = dd.expm1(_signed(v, v))
-    return _signed(v, (rise + rise / (dd.ONE + rise)) * dd.HALF)
-
-
-def _tanh_exact(v: DoubleDouble) -> DoubleDouble:
-    fall = dd.expm1(-_signed(v, v + v))
-    return _signed(v, -fall / (dd.ONE + dd.ONE + fall))
-
-
 def _v_from_q_exponential(q: Floats, mu: float, h: Floats) -> Floats:
     from scipy.special import wrightomega
 
@@ -198,7 +165,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=np.ones_like,
             inverse=lambda u: u,
             potential=lambda v: 0.5 * v * v,
-            exact=lambda v: v,
             v_from_q=lambda q, mu, h: q / (mu + h),
             largest_slope=lambda v, _: np.ones_like(v),
             slope_bound=np.ones_like,
@@ -209,7 +175,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=np.exp,
             inverse=np.log,
             potential=np.exp,
-            exact=dd.exp,
             v_from_q=_v_from_q_exponential,
             largest_slope=lambda v, d: np.exp(v + d),
             slope_bound=lambda u: u,
@@ -220,7 +185,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=np.cosh,
             inverse=np.arcsinh,
             potential=np.cosh,
-            exact=_sinh_exact,
             v_from_q=_v_from_q_sinh,
             largest_slope=lambda v, d: np.cosh(np.abs(v) + d),
             slope_bound=lambda u: 1.0 + np.abs(u),
@@ -230,7 +194,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=_sigmoid,
             inverse=lambda u: u + np.log(-np.expm1(-u)),
             potential=_softplus_potential,
-            exact=_softplus_exact,
             v_from_q=_v_from_q_softplus,
             largest_slope=lambda v, d: _sigmoid(v + d),
             slope_bound=lambda u: -np.expm1(-u),
@@ -240,7 +203,6 @@ REGULARISERS: Mapping[str, Regulariser] = OpenTable(
             slope=_sech2,
             inverse=np.arctanh,
             potential=lambda v: np.abs(v) + np.log1p(np.exp(-2.0 * np.abs(v))) - np.log(2.0),
-            exact=_tanh_exact,
             v_from_q=_v_from_q_tanh,
             largest_slope=lambda v, d: _sech2(np.maximum(np.abs(v) - d, 0.0)),
             slope_bound=np.ones_like,

@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import lsq_linear, nnls
 
 from taction.system.errors import InputError
-from taction.verification.reference.increasing_amplifiers import solve_maxent
 from taction.verification.reference.problem import Problem
+from taction.verification.reference.smooth import solve_smooth
 from taction.verification.reference.solve import solve
 from tests.support.piecewise_boards import KINDS, proximal
 
@@ -48,7 +48,7 @@ def test_a_proximal_gradient_ends_within_the_error_bound(kind: str, ridge: float
 @pytest.mark.parametrize("kind", KINDS)
 def test_newton_s_method_has_the_same_answer_with_the_whole_ridge_term(kind: str) -> None:
     problem = random_problem(3, kind, 1.0, bias=True)
-    assert solve(problem).u == pytest.approx(solve_maxent(problem).u, abs=1e-9)
+    assert solve(problem).u == pytest.approx(solve_smooth(problem).u, abs=1e-9)
 
 
 def test_the_lasso_of_orthogonal_columns_is_a_soft_threshold() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import mpmath
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from taction.system.errors import InputError, SolverError
-from taction.verification.reference.problem import Problem, Solution
+from taction.verification.reference.problem import Problem, Solution, solution_difference
 from taction.verification.reference.solve import solve
 from tests.support.oracle import count_claims, error_of, exact_solution, kernel, random_problems
 
@@ -184,3 +185,37 @@ def test_values_are_frozen() -> None:
     with pytest.raises(ValueError, match="read-only"):
         solution.u[0] = 1.0
     assert solution.lam == solution.problem.lam
+
+
+def test_a_change_is_bounded_by_the_errors_of_both() -> None:
+    """T = 2, eps = 5, lam = 1 has u = 2; T = 1 has u = 2.5."""
+    one, other = (solve(Problem(np.array([[T]]), np.array([5.0]), 1.0)) for T in (2.0, 1.0))
+    change, bound = solution_difference(one, other)
+    assert change == pytest.approx(0.5, rel=1e-12)
+    assert 0.5 <= bound <= 0.5 + 1e-12
+    assert bound == change + one.error_bound + other.error_bound
+
+
+def test_an_untrusted_solution_bounds_no_change() -> None:
+    singular, regular = (solve(Problem(T, np.ones(2), 0.0)) for T in (np.ones((2, 2)), np.eye(2)))
+    assert solution_difference(singular, regular)[1] == math.inf
+    assert solution_difference(regular, singular)[1] == math.inf
+
+
+def test_many_channels_are_right() -> None:
+    """More than 300 channels are factorised by QR, whose bound is sqrt(mu)."""
+    rng = np.random.default_rng(3)
+    T, eps = rng.standard_normal((320, 310)), rng.standard_normal(320)
+    solution = solve(Problem(T, eps, 1e-4))
+    assert solution.trusted
+    stack = np.vstack([T, 1e-2 * np.eye(310)])
+    wanted = np.linalg.lstsq(stack, np.concatenate([eps, np.zeros(310)]), rcond=None)[0]
+    assert solution.u == pytest.approx(wanted, abs=1e-9)
+
+
+def test_a_solution_of_nothing_has_a_bound_above_it() -> None:
+    """T^T eps is 0 exactly, so u is; what rounding leaves of it is within its bound."""
+    T = np.array([[0.0, 0.0, 0.0], [1.05, -1.65, 0.63], [1.27, 0.15, 0.25]])
+    solution = solve(Problem(T, np.array([1.0, 0.0, 0.0]), 2.6))
+    assert solution.trusted
+    assert float(np.abs(solution.u).max()) <= solution.error_bound < 1e-25

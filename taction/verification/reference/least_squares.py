@@ -1,0 +1,251 @@
+"""Solver for linear amplifiers and for regularisers of straight pieces: one least squares problem.
+
+Minimises ``1/2 |T u - eps|^2 + mu sum(size |u| + ridge u^2 / 2 + beta u)`` within bounds of u; of
+a linear amplifier only the ridge term is there, and mu may be 0. `active_set` finds the entries
+between two breaks. Those are free, and solve a linear problem by QR or SVD, refined with residuals
+that are rounded once. The unknowns are u and the residual ``r = eps - T u`` together (Bjorck, BIT
+7, 1967), so refinement contracts with the condition number and not with its square.
+
+With ``f1 = eps - T u - r``, f2 the gradient ``T^T r - mu (...)`` at the free entries and s the
+least singular value of ``[T_F; sqrt(mu ridge) 1]``, the error of a linear problem is at most
+``|f1| / s + |f2| / s^2``. Where entries are at breaks, strong convexity and the distances of their
+conditions from the limits bound it by four times that; entries without such a distance count as
+free for s, and what exceeds their limits counts as gradient.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from taction.system.array_types import EPS, Floats
+from taction.verification.reference.active_set import ActiveSet, search
+from taction.verification.reference.exact_products import PRODUCT_ERROR, Pair
+from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
+from taction.verification.reference.scaled_problem import ScaledProblem
+from taction.verification.reference.stacked_least_squares import SVD, Solver, factorise
+
+QR_CONDITION = 1e13
+"""Above this the SVD is used: sqrt(mu) is a poor bound on the least singular value."""
+SMALL = 300
+"""Up to this many channels or sensors the cost of the SVD is negligible."""
+REFINEMENTS = 20
+ENOUGH = 1e-17  # relative error of u at which refinement ends
+ATTEMPTS = 4  # searches: refinement may show that an entry belongs to a break
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Factor:
+    """A factorised matrix with its least singular value and its condition number."""
+
+    solve: Solver
+    least: float
+    condition: float
+
+    @classmethod
+    def svd(cls, T: Floats, mu: float) -> _Factor:
+        svd = SVD(T, mu)
+        return cls(svd.solve, svd.least, svd.condition)
+
+    @classmethod
+    def stacked(cls, s: ScaledProblem) -> _Factor:
+        solver = factorise(s.T, s.gram, np.ones(len(s.h)), s.mu)
+        return cls(solver, float(np.sqrt(s.mu)), _bound_on_condition(s))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answer:
+    """u and r with a bound on the error of each entry, infinite where u is not unique."""
+
+    u: Pair
+    r: Pair
+    error: float
+    least: float
+    condition: float
+    steps: int
+
+
+def _norm(x: Floats) -> float:
+    """Return the norm of x; the squares of its entries may underflow."""
+    peak = float(np.max(np.abs(x), initial=0.0))
+    return peak * float(np.linalg.norm(x / peak)) if peak > 0.0 else peak
+
+
+def _floor(s: ScaledProblem) -> float:
+    """Return the least value of what errors of u are compared with."""
+    if s.regulariser.pieces is not None:
+        return SMALLEST_SCALE
+    return SMALLEST_SCALE * float(np.linalg.norm(s.eps)) / s.norm if s.norm > 0.0 else 0.0
+
+
+def _bound_on_condition(s: ScaledProblem) -> float:
+    return float(np.sqrt(1.0 + s.norm**2 / s.mu)) if s.mu > 0.0 else float("inf")
+
+
+def _gradient(s: ScaledProblem, mu: float, u: Pair, r: Pair, load: Floats) -> tuple[Floats, float]:
+    """Return ``T^T r - mu u - load``, and a bound on what rounding adds to its norm."""
+    product = PRODUCT_ERROR * (s.norm * _norm(r.hi) + mu * _norm(u.hi))
+    return s.exact.transposed.sums(r, *u.times(-mu), -load), product
+
+
+def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: _Factor) -> _Answer:
+    """Solve for the free entries; refine until the residual stops shrinking."""
+    free, load, least = state.free, np.zeros(len(s.h)), factor.least
+    load[free] = s.mu * (state.slope + s.beta)
+    u, r = Pair.of(np.where(free, 0.0, state.u)), Pair.of(np.zeros(len(s.eps)))
+    best = _Answer(u, r, np.inf, least, factor.condition, 0)
+    before, floor = np.inf, _floor(s)
+    for step in range(REFINEMENTS):
+        f1 = -s.exact.sums(u, -s.eps, r.hi, r.lo)
+        f2, rounding = _gradient(s, mu, u, r, load)
+        rounding += PRODUCT_ERROR * s.norm * _norm(u.hi) * (least or s.norm)
+        left = _norm(f1) * (least or s.norm) + _norm(f2[free])
+        error = (left * (1.0 + 4.0 * EPS) + rounding) / least / least if least > 0.0 else np.inf
+        if step == 1 or left < before:
+            best = _Answer(u, r, error, least, factor.condition, step)
+        enough = error <= ENOUGH * max(float(np.abs(u.hi).max()), floor) or left <= rounding
+        if enough or (step > 1 and not left <= 0.5 * before):
+            break
+        du = np.zeros(len(s.h))
+        du[free] = factor.solve(f1, f2[free])
+        u, r = u + du, r + (f1 - s.T @ du)
+        before = left if step else np.inf
+    return best
+
+
+def _held(s: ScaledProblem, state: ActiveSet) -> _Answer:
+    """Return u where no entry is free."""
+    u = Pair.of(state.u.copy())
+    r = -s.exact.sums(u, -s.eps)
+    return _Answer(u, Pair(r, -s.exact.sums(u, -s.eps, r)), 0.0, np.inf, 1.0, 0)
+
+
+def _of_pieces(s: ScaledProblem, mu: float) -> _Answer:
+    """Search the active set and refine; an entry that refinement takes over a break is held."""
+    state, steps = ActiveSet.of(s), 0
+    for _ in range(ATTEMPTS):
+        steps += search(s, mu / s.mu, state)
+        if not state.free.any():
+            found = _held(s, state)
+            break
+        found = _refine(s, mu, state, _Factor.svd(s.T[:, state.free], mu))
+        low, high = state.limits()
+        new = found.u.hi[state.free]
+        outside = (new <= low) | (new >= high)
+        if not outside.any():
+            break
+        state.hold(np.flatnonzero(state.free)[outside], (new >= high)[outside])
+    else:
+        found = replace(found, error=np.inf)
+    return replace(_certified(s, mu, state, found), steps=steps + found.steps)
+
+
+def _certified(s: ScaledProblem, mu: float, state: ActiveSet, found: _Answer) -> _Answer:
+    """Bound the error where entries are held; those near their limits count as free."""
+    gradient = found.error * found.least**2 if state.free.any() else 0.0
+    force, rounding = _gradient(s, mu, found.u, found.r, np.full(len(s.h), s.mu * s.beta))
+    excess, _ = state.excess(force, s.mu)
+    loose, least, condition, E = state.free.copy(), found.least, found.condition, gradient
+    doubt = 4.0 * EPS * (np.abs(force) + s.mu * (1.0 + abs(s.beta))) + rounding
+    for _ in range(len(s.h) + 1):
+        needed = 2.0 * s.norm * E / least if least > 0.0 else np.inf
+        more = ~state.free & ~loose & (excess > -(needed + doubt))
+        if not more.any():
+            break
+        loose |= more
+        factor = _Factor.svd(s.T[:, loose], mu)
+        least, condition = factor.least, factor.condition
+        over = (excess + doubt)[loose & ~state.free]
+        E = gradient + float(np.linalg.norm(np.maximum(over, 0.0)))
+    error = 4.0 * E / least / least if least > 0.0 else np.inf
+    return replace(found, error=error, least=least, condition=condition)
+
+
+def solve_least_squares(problem: Problem, strains: Iterable[Floats]) -> list[Solution]:
+    """Solve a problem of a linear amplifier or of straight pieces, for each of `strains` (M,).
+
+    A linear problem factorises T once.
+
+    Raises
+    ------
+    SolverError
+        The search does not end, a decomposition does not converge, or T is too small for lambda.
+
+    Examples
+    --------
+    >>> T, eps = np.eye(2), np.array([3.0, 0.4])
+    >>> lasso = Problem(T, eps, 1.0, "deadzone", ridge_share=0.0)
+    >>> solve_least_squares(lasso, [eps])[0].u.tolist()
+    [2.5, 0.0]
+    """
+    start = time.perf_counter()
+    base = ScaledProblem.of(problem)
+    linear, mu = base.regulariser.pieces is None, base.mu * problem.ridge_share
+    stacked, svd = cache(lambda: _Factor.stacked(base)), cache(lambda: _Factor.svd(base.T, mu))
+    solutions = []
+    for eps in strains:
+        each, s = replace(problem, eps=eps), base.with_strain(eps)
+        solution = None
+        if not linear:
+            solution = _solution(each, s, _of_pieces(s, mu), start)
+        elif min(s.T.shape) > SMALL and _bound_on_condition(s) < QR_CONDITION:
+            solution = _solution(each, s, _refine(s, mu, ActiveSet.of(s), stacked()), start)
+        # The least singular value may be well above sqrt(mu).
+        if solution is None or (linear and not solution.trusted):
+            solution = _solution(each, s, _refine(s, mu, ActiveSet.of(s), svd()), start)
+        solutions.append(solution)
+        start = time.perf_counter()
+    return solutions
+
+
+def _solution(problem: Problem, s: ScaledProblem, found: _Answer, start: float) -> Solution:
+    """Return the answer with its certificate, and the reason where it is not trusted."""
+    u, residual, pieces = found.u.hi, found.r.hi, s.regulariser.pieces
+    peak, size = float(np.max(np.abs(u))), float(np.linalg.norm(s.eps))
+    rounding = EPS / 2.0 * peak  # of u, and of mu times the share of the ridge term
+    if problem.ridge_share not in {0.0, 1.0}:
+        rounding += 2.0 * EPS * float(np.linalg.norm(u))
+    error, allowed = found.error + rounding, RELATIVE_ERROR * max(peak, _floor(s))
+    trusted = bool(error <= allowed)
+    unit = s.norm * (s.norm * float(np.linalg.norm(u)) + size) or 1.0
+    weight = min(found.least, s.norm) ** 2 / unit
+    ridge, slope = problem.ridge_share, 0.0 if pieces is None else pieces.size
+    penalty = float(np.sum(slope * np.abs(u) + 0.5 * ridge * u * u + s.beta * u))
+    v = None if pieces is None else residual @ s.T / s.mu - s.beta + (1.0 - ridge) * u
+    return Solution(
+        problem=problem,
+        u=u,
+        v=v,
+        objective=2.0 * s.scale**2 * (0.5 * float(residual @ residual) + s.mu * penalty),
+        certificate_kind="relative residual",
+        certificate=found.error * weight,
+        bound=max(allowed - rounding, 0.0) * weight,
+        error_bound=error,
+        trusted=trusted,
+        condition=found.condition,
+        iterations=found.steps,
+        seconds=time.perf_counter() - start,
+        reason="" if trusted else _reason(problem, found),
+    )
+
+
+def _reason(problem: Problem, found: _Answer) -> str:
+    if problem.regulariser != "linear":
+        return (
+            "the minimum is not unique, or double precision does not tell: columns of T at the free"
+            " entries depend on one another; keep a ridge term (ridge_share above 0)"
+        )
+    known = f"its condition number is {found.condition:.3g}"
+    if problem.lam == 0.0:
+        return (
+            f"T is singular to double precision: {known}; remove rows or columns that say the same,"
+            " or use a lambda above 0 (topology 'ridge')"
+        )
+    return (
+        f"double precision is not enough for lambda = {problem.lam!r}: the condition number is"
+        f" {found.condition:.3g}; use a larger lambda or fewer channels"
+    )

@@ -1,0 +1,263 @@
+"""Solver for the regularisers of increasing amplifiers: Newton's method, then refinement.
+
+Minimises ``1/2 |T u - eps|^2 + mu sum(phi(u) + beta u)``, ``u = g(v)``, ``phi' = g^-1``. Newton's
+method in ``q = mu v + h g(v)`` neither overflows nor stalls as mu goes to 0, where it becomes an
+active-set method; a homotopy in mu starts where one step nearly suffices.
+
+The refinement has a dual vector r beside v, both of twice the digits of double precision. The
+duality gap ``1/2 |f1|^2 + mu sum(divergence of f2/mu)`` of ``f1 = eps - T u - r`` and
+``f2 = T^T r - mu (v + beta)`` is then free of cancellation. So is v, and ``u = g(v) + g'(v) dv``
+for its last digits dv. What double precision adds to g counts as a shift of v, or as a part of f1
+where g is so flat that v would move far. The gap is at least mu times the Bregman divergence of u
+from the minimiser, which bounds the error of u.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from taction.system.array_types import EPS, Floats
+from taction.verification.reference.exact_products import PRODUCT_ERROR, Pair
+from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
+from taction.verification.reference.regularisers import Regulariser
+from taction.verification.reference.scaled_problem import LARGEST, ScaledProblem
+from taction.verification.reference.stacked_least_squares import factorise
+
+STAGE, CONVERGED = 1.0, 1e-10
+"""Squares of the relative error of u at which a stage of the homotopy and the last one end."""
+MAX_STEPS = 100
+OBJECTIVE_ROUNDING = 1e-14
+"""Relative rounding error of the objective, which the line search ignores."""
+SHORTEST_STEP = 1e-10
+FACTOR = 0.03
+"""Factor between two values of mu in the homotopy."""
+FUNCTION_ERROR = 4.0 * EPS
+"""Relative error of g in double precision."""
+LARGEST_SHIFT = 1e-3
+"""Largest shift of v that stands for the error of g: the slope falls by at most 1.25 over it."""
+NEAR = 1e-8
+"""Largest `lo` of v at which a step leaves `hi` as it is."""
+ENOUGH = 1e-12
+"""Relative error of u at which refinement ends."""
+SMALL_STEP = 0.1
+_NODES = np.array([0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5])
+_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+MAX_REFINEMENTS = 60
+STALLED, PATIENCE = 0.5, 6
+"""Refinement ends if the gap shrinks by less than `STALLED` in so many steps in turn. A step that
+increases the gap can lead to where Newton's method converges; the best point is kept."""
+STEP_LENGTHS = (1.0, 0.25, 0.0625, 0.015625)
+"""Shares of a correction that are tried."""
+
+
+def error_bound(ratio: float, slope_bound: float) -> float:
+    """Return the largest ``|u - u*|`` for a gap of mu times `ratio`.
+
+    The divergence is at least ``d^2 / 2`` over the largest slope between u and u*, and that slope
+    is at most ``slope_bound + d``.
+    """
+    return ratio + float(np.sqrt(ratio * ratio + 2.0 * ratio * slope_bound))
+
+
+def divergence(regulariser: Regulariser, v: Floats, size: Floats) -> float:
+    """Bound ``sum Psi(v + d) - Psi(v) - g(v) d`` for ``|d| <= size``, free of cancellation."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.sum(0.5 * size * size * regulariser.largest_slope(v, size)))
+
+
+def _objective(s: ScaledProblem, v: Floats, mu: float) -> float:
+    u = s.regulariser.g(v)
+    residual = s.eps - s.T @ u
+    return float(0.5 * residual @ residual + mu * np.sum(s.regulariser.energy(v) + s.beta * u))
+
+
+def _newton(s: ScaledProblem, mu: float, v: Floats, share: float) -> tuple[Floats, Floats, int]:
+    """Minimise at `mu` from v until the square of the relative error is `share`, or rounding.
+
+    Return v, the dual vector r (M,) and the number of steps.
+    """
+    reg, before, size = s.regulariser, np.inf, float(np.linalg.norm(s.eps))
+    objective = _objective(s, v, mu)
+    for step in range(MAX_STEPS):
+        u, D = reg.g(v), np.sqrt(reg.slope(v))
+        residual = s.eps - s.T @ u
+        y = factorise(s.T, s.gram, D, mu)(residual, -mu * D * (v + s.beta))
+        bend = s.T @ (D * y)
+        force = (residual - bend) @ s.T - mu * (v + s.beta)  # mu times the step in v
+        dq = force + s.h * D * y
+        gap = 0.5 * float(bend @ bend) + mu * divergence(reg, v, np.abs(force) / mu)
+        if gap <= mu * share * float(np.sum(reg.slope_bound(u))):
+            return reg.v_from_q(mu * v + s.h * u + dq, mu, s.h), residual - bend, step
+        rounding = OBJECTIVE_ROUNDING * (abs(objective) + size * float(np.linalg.norm(residual)))
+        if gap <= rounding and gap > 0.5 * before:
+            return v, residual, step
+        before, q, length = gap, mu * v + s.h * u, 1.0
+        fall = 1e-4 * float(mu * y @ y + bend @ bend)
+        while True:
+            trial = reg.v_from_q(q + length * dq, mu, s.h)
+            reached = _objective(s, trial, mu)
+            if reached <= objective - length * fall + rounding:
+                break
+            length *= 0.5
+            if length < SHORTEST_STEP:
+                return v, residual, step
+        v, objective = trial, reached
+    return v, s.eps - s.T @ reg.g(v), MAX_STEPS
+
+
+def _homotopy(s: ScaledProblem) -> tuple[Floats, Floats, int]:
+    """Follow the minimiser from a large mu down to ``s.mu``; return what `_newton` does."""
+    mu, steps = max(s.mu, s.norm**2), 0
+    v = np.full(len(s.h), -s.beta)
+    while mu > s.mu:
+        v, _, taken = _newton(s, mu, v, STAGE)
+        steps += taken
+        smooth = mu * (v + s.beta) + s.h * s.regulariser.g(v)  # continuous as mu goes to 0
+        mu = max(FACTOR * mu, s.mu)
+        v = s.regulariser.v_from_q(smooth - mu * s.beta, mu, s.h)
+    v, r, taken = _newton(s, mu, v, CONVERGED)
+    return v, r, steps + taken
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _DualPair:
+    """A primal-dual pair with its residuals, its gap, and the bound on the error of u."""
+
+    v: Pair
+    r: Pair
+    u: Floats
+    f1: Floats
+    f2: Floats
+    gap: float
+    error: float
+
+    @classmethod
+    def at(cls, s: ScaledProblem, v: Pair, r: Pair) -> _DualPair:
+        """Evaluate the gap of a pair, with bounds on the rounding of its residuals."""
+        u, slope = s.regulariser.g(v.hi), s.regulariser.slope(v.hi)
+        if not np.max(np.abs(np.concatenate([u, r.hi, v.hi]))) < LARGEST:
+            return cls(v, r, u, s.eps, v.hi, np.inf, np.inf)
+        f1 = -s.exact.sums(Pair(u, slope * v.lo), -s.eps, r.hi, r.lo)
+        f2 = s.exact.transposed.sums(r, *v.times(-s.mu), np.full(len(u), -s.mu * s.beta))
+        product = PRODUCT_ERROR * s.norm
+        off = FUNCTION_ERROR * np.abs(u) + slope * v.lo**2  # |g''| <= 2 g'
+        shift = np.divide(1.25 * off, slope, out=np.full(len(u), np.inf), where=slope > 0.0)
+        steep = (shift <= LARGEST_SHIFT) & (slope * s.h >= s.mu)
+        misfit = float(np.linalg.norm(np.abs(f1) + np.abs(s.T) @ np.where(steep, 0.0, off)))
+        misfit = (1.0 + 4.0 * EPS) * misfit + product * float(np.linalg.norm(u))
+        rounding = product * float(np.linalg.norm(r.hi)) + PRODUCT_ERROR * s.mu * np.abs(v.hi)
+        dv = (np.abs(f2) * (1.0 + 4.0 * EPS) + rounding) / s.mu + np.where(steep, shift, 0.0)
+        gap = 0.5 * misfit * misfit + s.mu * divergence(s.regulariser, v.hi, dv)
+        if not np.isfinite(gap):
+            return cls(v, r, u, f1, f2, np.inf, np.inf)
+        u = u + slope * v.lo
+        largest, peak = float(np.max(s.regulariser.slope_bound(u))), float(np.max(np.abs(u)))
+        error = error_bound(gap / s.mu, largest) + FUNCTION_ERROR * peak
+        return cls(v, r, u, f1, f2, gap, error)
+
+    @property
+    def peak(self) -> float:
+        """What errors of u are compared with."""
+        return max(float(np.max(np.abs(self.u))), SMALLEST_SCALE)
+
+
+def _moved(v: Pair, dv: Floats) -> Pair:
+    """Return v + dv; a small step leaves `hi`, and so the rounding of ``g(hi)``."""
+    lo, far = v.lo + dv, v + dv
+    near = np.abs(lo) <= NEAR
+    return Pair(np.where(near, v.hi, far.hi), np.where(near, lo, far.lo))
+
+
+def _steps_in_v(s: ScaledProblem, v: Floats, dq: Floats) -> tuple[Floats, Floats]:
+    """Return the dv of a step in ``q = mu v + h g(v)``: exact for small steps, and linearised."""
+    linear = dq / (s.mu + s.h * s.regulariser.slope(v))
+    dv = linear
+    for _ in range(4):  # ``g(v + dv) - g(v)`` is dv times the mean slope between
+        between = v + np.multiply.outer(_NODES, dv)
+        dv = dq / (s.mu + s.h * (_WEIGHTS @ s.regulariser.slope(between)))
+    return np.where(np.abs(linear) < SMALL_STEP, dv, linear), linear
+
+
+def _corrected(s: ScaledProblem, p: _DualPair) -> _DualPair:
+    """Take one Newton step for v and r together, shortened until the gap falls.
+
+    Where the gap does not fall, the step with the least gap is taken.
+    """
+    D = np.sqrt(s.regulariser.slope(p.v.hi))
+    y = factorise(s.T, s.gram, D, s.mu)(p.f1, D * p.f2)
+    dr = p.f1 - s.T @ (D * y)
+    # Newton's method is nearly linear in q but not in v: for an ill-conditioned T only the exact
+    # step converges. Far from the solution the linearised step is sometimes better.
+    dq, trials = p.f2 + dr @ s.T + s.h * D * y, list[_DualPair]()
+    for length in STEP_LENGTHS:
+        for dv in _steps_in_v(s, p.v.hi, length * dq):
+            trials.append(_DualPair.at(s, _moved(p.v, dv), p.r + length * dr))
+            if trials[-1].gap < p.gap:
+                return trials[-1]
+    return min(trials, key=lambda trial: trial.gap)
+
+
+def _refine(s: ScaledProblem, v: Floats, r: Floats) -> tuple[_DualPair, int]:
+    """Improve until the gap stops shrinking or the error is that of double precision."""
+    best = point = _DualPair.at(s, Pair.of(v), Pair.of(r))
+    idle = 0  # steps without progress
+    for step in range(MAX_REFINEMENTS):
+        patience = 1 if best.error <= RELATIVE_ERROR * best.peak else PATIENCE
+        if best.error <= ENOUGH * best.peak or idle >= patience:
+            return best, step
+        with np.errstate(all="ignore"):
+            point = _corrected(s, point)
+        if not np.isfinite(point.gap):
+            return best, step + 1
+        idle = idle + 1 if point.gap > STALLED * best.gap else 0
+        best = point if point.gap < best.gap else best
+    return best, MAX_REFINEMENTS
+
+
+def solve_smooth(problem: Problem) -> Solution:
+    """Solve for a regulariser of an increasing amplifier.
+
+    Parameters
+    ----------
+    problem : Problem
+        ``lam`` positive.
+
+    Returns
+    -------
+    Solution
+        Certificate: duality gap in the units of the objective.
+    """
+    start = time.perf_counter()
+    s = ScaledProblem.of(problem)
+    v, r, steps = _homotopy(s)
+    point, refinements = _refine(s, v, r)
+    slope = float(np.max(s.regulariser.slope_bound(point.u)))
+    most = RELATIVE_ERROR * point.peak
+    allowed = most - FUNCTION_ERROR * float(np.max(np.abs(point.u)))
+    unscale = 2.0 * s.scale * s.scale
+    certificate = unscale * point.gap
+    bound = unscale * s.mu * allowed * allowed / (2.0 * (slope + allowed))
+    trusted = bool(point.error <= most)
+    return Solution(
+        problem=problem,
+        u=point.u,
+        v=point.v.hi + point.v.lo,
+        objective=unscale * _objective(s, point.v.hi, s.mu),
+        certificate_kind="duality gap",
+        certificate=certificate,
+        bound=bound,
+        error_bound=point.error,
+        trusted=trusted,
+        condition=float(np.sqrt(1.0 + s.gram.diagonal() @ s.regulariser.slope(point.v.hi) / s.mu)),
+        iterations=steps + refinements,
+        seconds=time.perf_counter() - start,
+        reason=""
+        if trusted
+        else (
+            f"the duality gap {certificate:.3g} is above {bound:.3g}: double precision is not"
+            " enough; use a larger lambda or a better conditioned matrix"
+        ),
+    )
