@@ -245,7 +245,7 @@ def accuracy(
     scene : path or Scene
         The board.
     budget : float
-        Wall time for the study, s; with less time a shorter part of the transient is run.
+        Wall time for the runs, s; the finest settings are left out when it is used up.
     progress : callable, optional
         Receives the name of each stage, with what is left of the budget.
 

@@ -97,10 +97,10 @@ def quick_stories(monkeypatch: pytest.MonkeyPatch) -> None:
     """`demo` by the state-space engine; of `reproduce` and `accuracy` what takes no time."""
     from taction.verification.evidence import demonstration
     from taction.verification.evidence.paper import findings, reproduce
-    from taction.verification.studies.work_precision import ladders, study
+    from taction.verification.studies.work_precision import study
 
     few = tuple(replace(method, ladder=method.ladder[:2]) for method in study.METHODS[::2])
-    monkeypatch.setattr(ladders, "REPEATS", 1)
+    monkeypatch.setattr(study, "REPEATS", 1)
     monkeypatch.setitem(study.run_study.__kwdefaults__, "methods", few)
     quick = {name: reproduce.CHAPTERS[name] for name in ("kernels", "equations")}
     monkeypatch.setattr(reproduce, "CHAPTERS", quick)

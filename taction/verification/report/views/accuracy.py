@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from taction.system.quantities import readable
 from taction.verification.report.blocks import (
     BOTH,
     Block,
@@ -20,9 +19,8 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark
-from taction.verification.report.texts import figure, number_cell, quantity
+from taction.verification.report.texts import number_cell, quantity
 from taction.verification.report.views.origin import origin_section
-from taction.verification.studies.work_precision.errors import NORMS
 from taction.verification.studies.work_precision.methods import Method
 from taction.verification.studies.work_precision.study import (
     ERRORS,
@@ -32,13 +30,6 @@ from taction.verification.studies.work_precision.study import (
 )
 
 PROBLEMS = {"board": "the whole board", "ideal": "the network with ideal op-amps"}
-TITLES = {
-    "final": "error at the end",
-    "maximum": "largest error",
-    "settling_time": "settling error",
-    "frequency": "frequency error",
-    "growth_rate": "growth error",
-}
 MARKS = ("circle", "square", "diamond", "triangle-down", "triangle-up", "star", "cross", "hexagon")
 LINES: tuple[Line, ...] = ("solid", "dash", "dot", "dashdot")
 LOWEST = 1e-15  # place of an error of exactly 0
@@ -98,7 +89,7 @@ def _methods(study: WorkPrecisionStudy, problem: str) -> dict[Method, tuple[str,
 def _known(study: WorkPrecisionStudy, method: Method) -> list[SettingResult]:
     """Return the runs of a method with a time and an error."""
     points = study.of(method)
-    return [p for p in points if p.errors["maximum"] is not None and p.seconds is not None]
+    return [p for p in points if p.error is not None and p.seconds is not None]
 
 
 def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
@@ -126,7 +117,7 @@ def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
     """Return the errors over the run times; a bar goes from the fastest to the slowest run."""
     methods, late = _methods(study, problem), list[Curve]()
     marks: list[Mark] = []
-    if floor := study.problems[problem].floor["maximum"]:
+    if floor := study.problems[problem].floor:
         marks.append(Limit(floor, "y", "error of the reference", "muted"))
     top = max((float(_errors(_known(study, m)).max(initial=1.0)) for m in methods), default=1.0)
     for method, (colour, mark, line) in methods.items():
@@ -166,11 +157,11 @@ def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
 
 
 def _errors(points: list[SettingResult]) -> np.ndarray:
-    return np.array([max(p.errors["maximum"] or 0.0, LOWEST) for p in points], dtype=np.float64)
+    return np.array([max(p.error or 0.0, LOWEST) for p in points], dtype=np.float64)
 
 
 def _error_text(point: SettingResult) -> str:
-    return f"error {point.errors['maximum']:.2e} in {quantity(point.seconds, 's', 3)}"
+    return f"error {point.error:.2e} in {quantity(point.seconds, 's', 3)}"
 
 
 def _best(study: WorkPrecisionStudy, problem: str) -> str:
@@ -178,8 +169,8 @@ def _best(study: WorkPrecisionStudy, problem: str) -> str:
     runs = [p for method in _methods(study, problem) for p in _known(study, method)]
     if len(runs) < 2:
         return "only one run was measured: no trend" if runs else "no run was measured"
-    best = min(runs, key=lambda p: (p.errors["maximum"] or 0.0, p.seconds or 0.0))
-    text = f"the most accurate is {best.method.name}, {best.errors['maximum']:.1e}"
+    best = min(runs, key=lambda p: (p.error or 0.0, p.seconds or 0.0))
+    text = f"the most accurate is {best.method.name}, {best.error:.1e}"
     return f"{text} in {quantity(best.seconds, 's', 3)}"
 
 
@@ -190,18 +181,18 @@ def _steps(study: WorkPrecisionStudy, problem: str) -> Chart:
     marks: list[Mark] = []
     orders: dict[float, str] = {}
     for method, (colour, shape, _) in _methods(study, problem).items():
-        points, order = study.of(method), study.orders[method.name]
+        points, order = study.of(method), study.order(method)
         for fitted in (True, False):
             shown = [
                 p
                 for place, p in enumerate(points)
                 if (place in order.points) is fitted
-                and p.errors["maximum"] is not None
+                and p.error is not None
                 and p.mean_step is not None
             ]
             steps = np.array([p.mean_step for p in shown], dtype=np.float64) / unit
             mark = shape if fitted else _open(shape)
-            texts = tuple(f"{method.name} {p.name}: {p.errors['maximum']:.2e}" for p in shown)
+            texts = tuple(f"{method.name} {p.name}: {p.error:.2e}" for p in shown)
             marks.append(
                 Curve(
                     steps, _errors(shown), method.name, colour, "", mark, size=5.0,
@@ -250,19 +241,12 @@ def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
         "runs": lambda each: each.repeats,
         "steps": lambda each: each.steps,
         "factorisations": lambda each: each.factorisations,
+        "largest error": lambda each: Cell(_power(each.error), each.error),
     }
-    for norm in NORMS:
-        if any(point.errors[norm] is not None for point in points):
-            columns[TITLES[norm]] = partial(_error, norm)
     title = f"Wall times and errors of {PROBLEMS[problem]}"
     yield Table.of(title, points, columns, _scale_text(study, problem))
     notes = (f"{p.method.name}, {p.name}: {p.status} {p.note}" for p in points if p.note)
     yield Notes("", tuple(notes))
-
-
-def _error(norm: str, point: SettingResult) -> Cell:
-    value = point.errors[norm]
-    return Cell(_power(value), value)
 
 
 def _power(value: float | None) -> str:
@@ -271,21 +255,17 @@ def _power(value: float | None) -> str:
 
 def _scale_text(study: WorkPrecisionStudy, problem: str) -> str:
     """Return how the errors of a problem are measured."""
-    errors = study.problems[problem]
-    scale = errors.scale
-    if scale is None:
-        return "Errors are fractions of the step. No reference."
-    settling = "not reached" if scale.settling_time is None else figure(scale.settling_time, "s")
-    text = f"Errors are fractions of the step. Reference: {errors.references[0]}"
-    if len(errors.references) > 1:
-        text += f", checked by {errors.references[1]}; the largest difference of the two is"
-        text += f" {_power(errors.floor['maximum'])}"
-    return f"{text}; step {quantity(scale.amplitude, 'V')}; ±{100 * scale.band:g} % at {settling}."
+    found = study.problems[problem]
+    text = f"Largest error over time and outputs, over the step. Reference: {found.references[0]}"
+    if len(found.references) > 1:
+        text += f", checked by {found.references[1]}; the largest difference of the two is"
+        text += f" {_power(found.floor)}"
+    return f"{text}; step {quantity(found.amplitude, 'V')}."
 
 
 def _cheapest(study: WorkPrecisionStudy) -> Table:
     of_all = {error: _choice(study.cheapest(error)) for error in ERRORS}
-    of_ngspice = {error: _choice(study.cheapest(error, engines=["ngspice"])) for error in ERRORS}
+    of_ngspice = {error: _choice(study.cheapest(error, ["ngspice"])) for error in ERRORS}
     columns: dict[str, Callable[[float], Shown]] = {
         "largest error": lambda error: Cell(f"{error:.0e}", error),
         "cheapest": lambda error: of_all[error][0],
@@ -310,7 +290,6 @@ def _orders(study: WorkPrecisionStudy) -> Table:
         "fitted": _fitted,
         "theory": lambda each: each.method.theory,
         "from settings": lambda each: ", ".join(f"{s:g}" for s in each.fitted) or None,
-        "left out": lambda each: readable(each.order.reason),
     }
     shown = (each for each in study.ladders if each.method.setting)
     note = "Of the largest error over time, against the mean step."

@@ -36,10 +36,8 @@ from taction.verification.reference.dynamics import IdealNetwork, ScaledNetwork
 from taction.verification.verdict.companion import outputs
 from taction.verification.verdict.transient_plan import coarser
 
-BASE_POINTS = 125.0  # points per period of `Task.transient`
-MAX_INSTANTS = 4000  # of a record for the comparison with the reference,
-MAX_VALUES = 60_000  # instants times channels,
-MIN_INSTANTS = 500  # also with many channels
+BASE_POINTS = 125.0  # points per period of the task's transient
+COMPARED = 1000  # instants of a record that are compared with the reference, at most
 IDEAL_STOP = 10.0  # times R C: the slowest mode has decayed to 5e-5
 Integrator = Literal["Radau", "BDF", "LSODA", "DOP853"]
 _COUNT = {
@@ -67,7 +65,7 @@ class MethodTask:
 class MethodRun:
     """One run of one method."""
 
-    time: Floats  # the instants of `stride`, (P,), s
+    time: Floats  # compared instants (P,), s
     u: Floats  # (P, N), V
     seconds: float  # wall time of the ngspice process, or of the computation with its output
     steps: int  # accepted steps; 0 for a method without steps
@@ -77,27 +75,6 @@ class MethodRun:
 def load_integrators() -> None:
     """Import SciPy's integrators before the first measurement."""
     import scipy.integrate  # noqa: F401
-
-
-def any_board(circuit: Circuit) -> str:
-    """Accept every board: return an empty string."""
-    return ""
-
-
-def linear_board(circuit: Circuit) -> str:
-    """Return why a method for linear boards refuses this board, or an empty string."""
-    return "" if circuit.is_linear else "the board is not linear"
-
-
-def small_board(circuit: Circuit) -> str:
-    """Return why a method with dense matrices refuses this board, or an empty string."""
-    large = LinearBoard(circuit).descriptor.is_large
-    return "too many unknowns for dense matrices" if large else ""
-
-
-def small_linear_board(circuit: Circuit) -> str:
-    """Return why a dense method for linear boards refuses this board, or an empty string."""
-    return linear_board(circuit) or small_board(circuit)
 
 
 def ngspice(
@@ -150,7 +127,7 @@ def scipy_run(task: MethodTask, tolerance: float, method: Integrator) -> MethodR
     started = clock.perf_counter()
     time, u, factorisations = integrate_ideal(task, tolerance, method)
     seconds = clock.perf_counter() - started
-    chosen = stride(*u.shape)
+    chosen = _compared(len(time))
     return MethodRun(time[chosen], u[chosen], seconds, len(time) - 1, factorisations)
 
 
@@ -192,16 +169,14 @@ def integrate_ideal(
     return solution.t * unit, u, int(solution.nlu)
 
 
-def stride(count: int, channels: int) -> NDArray[np.intp]:
+def _compared(count: int) -> NDArray[np.intp]:
     """Return the indices of the compared points of a record: equally spaced, and the last one."""
-    limit = min(max(MAX_VALUES // channels, MIN_INSTANTS), MAX_INSTANTS)
-    step = max(-(-count // limit), 1)
-    return np.unique(np.append(np.arange(0, count, step), count - 1))
+    return np.unique(np.append(np.arange(0, count, -(-count // COMPARED)), count - 1))
 
 
 def _thinned(task: MethodTask, waveforms: Waveforms) -> MethodRun:
-    chosen = stride(len(waveforms.time), len(task.circuit.outputs))
-    u, cost = outputs(task.circuit, waveforms)[chosen], waveforms.cost
+    chosen, cost = _compared(len(waveforms.time)), waveforms.cost
+    u = outputs(task.circuit, waveforms)[chosen]
     return MethodRun(waveforms.time[chosen], u, cost.seconds, cost.points, cost.factorisations)
 
 
@@ -222,7 +197,14 @@ class Method:
     run: Callable[..., MethodRun]  # of task and setting; of ngspice also of a time limit in s
     order: float | None  # in theory; None for a method without an order or of variable order
     theory: str  # the order in words
-    refuses: Callable[[Circuit], str] = any_board  # why not for a board, or empty
+    modes: bool = False  # whether it needs a linear board and dense matrices
+
+    def refuses(self, circuit: Circuit) -> str:
+        """Return why it cannot run a board, or an empty string."""
+        if self.modes and not circuit.is_linear:
+            return "the board is not linear"
+        large = self.modes and LinearBoard(circuit).descriptor.is_large
+        return "too many unknowns for dense matrices" if large else ""
 
 
 VARIES = "1 to 5, chosen by the integrator"
@@ -238,7 +220,7 @@ METHODS: tuple[Method, ...] = (
     ),
     Method(
         "state space, exact", "statespace", "modes", "board", "", (0.0,),
-        exact, None, "no step: rounding alone", small_linear_board,
+        exact, None, "no step: rounding alone", modes=True,
     ),
     Method(
         "state space, implicit", "statespace", "Radau IIA, 9 stages", "board", "tolerance",
