@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.system.array_types import Floats, Indices
+from taction.system.array_types import Floats
 from taction.system.reading_definitions import RISE_LEVELS, SETTLING_BAND, SMALL_STEP
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS, Regulariser
@@ -149,42 +149,36 @@ class Response:
 
         return _root(excess, float(self.time[last]), float(self.time[last + 1]))
 
-    def rise_times(self, *channels: int) -> Floats:
+    def rise_time(self, channel: int) -> float:
         """Return the time from 10 to 90 % of a channel's own step, first crossings.
 
         Parameters
         ----------
-        *channels : int
-            From 0; without them every channel.
+        channel : int
+            From 0.
 
         Returns
         -------
-        ndarray (K,)
-            One time for each of the K channels, s; not a number where the step is under 5 % of the
-            step amplitude or the record ends before 90 %.
+        float
+            s; not a number where the step is under 5 % of the step amplitude or the record ends
+            before 90 %.
         """
+        start, step = self.start[channel], self.target[channel] - self.start[channel]
+        if self.amplitude == 0.0 or abs(step) < SMALL_STEP * self.amplitude:
+            return float("nan")
+
+        def instant(level: float) -> float:
+            def height(t: Floats) -> Floats:
+                return np.asarray((self.outputs(t)[:, channel] - start) / step - level)
+
+            above = height(self.time) >= 0.0
+            first = int(np.argmax(above))
+            if not above[first]:
+                return float("nan")
+            return _root(height, float(self.time[max(first - 1, 0)]), float(self.time[first]))
+
         low, high = RISE_LEVELS
-        asked: Indices = np.array(channels or range(len(self.target)), dtype=np.intp)
-        return (self._crossings(high, asked) - self._crossings(low, asked))[asked]
-
-    def _crossings(self, level: float, asked: Indices) -> Floats:
-        step = self.target - self.start
-        moving = asked[np.abs(step[asked]) >= SMALL_STEP * self.amplitude]
-        times = np.full(len(step), np.nan)
-        if self.amplitude == 0.0:
-            return times
-        progress = (self.outputs(self.time)[:, moving] - self.start[moving]) / step[moving]
-        above = progress >= level
-        for column, n in enumerate(moving.tolist()):
-            if not above[:, column].any():
-                continue
-            first = int(np.argmax(above[:, column]))
-
-            def height(t: Floats, n: int = n) -> Floats:
-                return np.asarray((self.outputs(t)[:, n] - self.start[n]) / step[n] - level)
-
-            times[n] = _root(height, float(self.time[max(first - 1, 0)]), float(self.time[first]))
-        return times
+        return instant(high) - instant(low)
 
 
 def _root(f: Callable[[Floats], Floats], low: float, high: float) -> float:

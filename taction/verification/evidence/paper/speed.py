@@ -51,7 +51,7 @@ def _times(sizes: tuple[int, ...], *, weighted: bool) -> Times:
         T = geometry.matrix * (geometry.spacing if weighted else 1.0)
         network = unit_network(T, T @ geometry.stress, MU, "linear")
         response = ideal_linear(network, np.zeros(N))
-        rise.append(float(response.rise_times(N // 2)[0]))
+        rise.append(response.rise_time(N // 2))
         settling.append(response.settling_time())
     return rise, settling
 
