@@ -19,7 +19,6 @@ from taction.netlist_gen.scene.scene import DEFAULT_RESISTANCE, Scene
 from taction.system import plugins
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.verification.reference import networks
 from taction.verification.reference.dynamics import (
     AtOnce,
     IdealNetwork,
@@ -28,6 +27,7 @@ from taction.verification.reference.dynamics import (
     ideal_transient,
     lambda_times_resistance,
 )
+from taction.verification.reference.networks import AT_ONCE
 from taction.verification.reference.problem import Problem, Solution
 from taction.verification.reference.regularisers import REGULARISERS
 
@@ -127,9 +127,7 @@ def _at_once(network: AtOnce, problem: InverseProblem, scene: Scene) -> IdealNet
     return IdealNetwork(T, eps, lam, RC=0.0, U0=volts, solver=network.solver)
 
 
-NETWORKS: Mapping[str, AtOnce] = plugins.OpenTable(
-    "taction.networks", plugins.objects_of(networks, "NETWORK"), AtOnce
-)
+NETWORKS: Mapping[str, AtOnce] = plugins.OpenTable("taction.networks", AT_ONCE, AtOnce)
 """Networks without capacitors by their topologies; all others follow the flow of eq (9)."""
 
 

@@ -27,7 +27,7 @@ from taction.verification.reference.active_set import ActiveSet, search
 from taction.verification.reference.exact_products import PRODUCT_ERROR, Pair
 from taction.verification.reference.problem import RELATIVE_ERROR, SMALLEST_SCALE, Problem, Solution
 from taction.verification.reference.scaled_problem import ScaledProblem
-from taction.verification.reference.stacked_least_squares import SVD, Solver, factorise
+from taction.verification.reference.stacked_least_squares import SVD, Stacked, factorise
 
 QR_CONDITION = 1e13
 """Above this the SVD is used: sqrt(mu) is a poor bound on the least singular value."""
@@ -36,25 +36,6 @@ SMALL = 300
 REFINEMENTS = 20
 ENOUGH = 1e-17  # relative error of u at which refinement ends
 ATTEMPTS = 4  # searches: refinement may show that an entry belongs to a break
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Factor:
-    """A factorised matrix with its least singular value and its condition number."""
-
-    solve: Solver
-    least: float
-    condition: float
-
-    @classmethod
-    def svd(cls, T: Floats, mu: float) -> _Factor:
-        svd = SVD(T, mu)
-        return cls(svd.solve, svd.least, svd.condition)
-
-    @classmethod
-    def stacked(cls, s: ScaledProblem) -> _Factor:
-        solver = factorise(s.T, s.gram, np.ones(len(s.h)), s.mu)
-        return cls(solver, float(np.sqrt(s.mu)), _bound_on_condition(s))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,8 +63,14 @@ def _floor(s: ScaledProblem) -> float:
     return SMALLEST_SCALE * float(np.linalg.norm(s.eps)) / s.norm if s.norm > 0.0 else 0.0
 
 
-def _bound_on_condition(s: ScaledProblem) -> float:
+def _condition(s: ScaledProblem) -> float:
+    """Return a bound on the condition number of ``[T; sqrt(mu) 1]``."""
     return float(np.sqrt(1.0 + s.norm**2 / s.mu)) if s.mu > 0.0 else float("inf")
+
+
+def _stacked(s: ScaledProblem) -> Stacked:
+    solver = factorise(s.T, s.gram, np.ones(len(s.h)), s.mu)
+    return Stacked(solver, float(np.sqrt(s.mu)), _condition(s))
 
 
 def _gradient(s: ScaledProblem, mu: float, u: Pair, r: Pair, load: Floats) -> tuple[Floats, float]:
@@ -92,7 +79,7 @@ def _gradient(s: ScaledProblem, mu: float, u: Pair, r: Pair, load: Floats) -> tu
     return s.exact.transposed.sums(r, *u.times(-mu), -load), product
 
 
-def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: _Factor) -> _Answer:
+def _refine(s: ScaledProblem, mu: float, state: ActiveSet, factor: SVD | Stacked) -> _Answer:
     """Solve for the free entries; refine until the residual stops shrinking."""
     free, load, least = state.free, np.zeros(len(s.h)), factor.least
     load[free] = s.mu * (state.slope + s.beta)
@@ -132,7 +119,7 @@ def _of_pieces(s: ScaledProblem, mu: float) -> _Answer:
         if not state.free.any():
             found = _held(s, state)
             break
-        found = _refine(s, mu, state, _Factor.svd(s.T[:, state.free], mu))
+        found = _refine(s, mu, state, SVD(s.T[:, state.free], mu))
         low, high = state.limits()
         new = found.u.hi[state.free]
         outside = (new <= low) | (new >= high)
@@ -157,7 +144,7 @@ def _certified(s: ScaledProblem, mu: float, state: ActiveSet, found: _Answer) ->
         if not more.any():
             break
         loose |= more
-        factor = _Factor.svd(s.T[:, loose], mu)
+        factor = SVD(s.T[:, loose], mu)
         least, condition = factor.least, factor.condition
         over = (excess + doubt)[loose & ~state.free]
         E = gradient + float(np.linalg.norm(np.maximum(over, 0.0)))
@@ -185,14 +172,14 @@ def solve_least_squares(problem: Problem, strains: Iterable[Floats]) -> list[Sol
     start = time.perf_counter()
     base = ScaledProblem.of(problem)
     linear, mu = base.regulariser.pieces is None, base.mu * problem.ridge_share
-    stacked, svd = cache(lambda: _Factor.stacked(base)), cache(lambda: _Factor.svd(base.T, mu))
+    stacked, svd = cache(lambda: _stacked(base)), cache(lambda: SVD(base.T, mu))
     solutions = []
     for eps in strains:
         each, s = replace(problem, eps=eps), base.with_strain(eps)
         solution = None
         if not linear:
             solution = _solution(each, s, _of_pieces(s, mu), start)
-        elif min(s.T.shape) > SMALL and _bound_on_condition(s) < QR_CONDITION:
+        elif min(s.T.shape) > SMALL and _condition(s) < QR_CONDITION:
             solution = _solution(each, s, _refine(s, mu, ActiveSet.of(s), stacked()), start)
         # The least singular value may be well above sqrt(mu).
         if solution is None or (linear and not solution.trusted):
@@ -243,7 +230,7 @@ def _reason(problem: Problem, found: _Answer) -> str:
     if problem.lam == 0.0:
         return (
             f"T is singular to double precision: {known}; remove rows or columns that say the same,"
-            " or use a lambda above 0 (topology 'ridge')"
+            " or use a lambda above 0, as ridge regression has"
         )
     return (
         f"double precision is not enough for lambda = {problem.lam!r}: the condition number is"

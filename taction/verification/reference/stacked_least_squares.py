@@ -7,6 +7,7 @@ f1 is not multiplied by the square of the condition number.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -58,6 +59,15 @@ def factorise(T: Floats, gram: Floats, D: Floats, mu: float) -> Solver:
         return np.asarray(dtrtrs(R, f1 @ Q[: len(T)] + z)[0])
 
     return solve
+
+
+@dataclass(frozen=True, slots=True)
+class Stacked:
+    """A factorised stacked matrix with its least singular value and its condition number."""
+
+    solve: Solver
+    least: float
+    condition: float
 
 
 class SVD:

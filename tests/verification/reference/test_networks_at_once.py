@@ -17,7 +17,7 @@ from taction.verification.reference.ideal_answer import (
     ideal_answer,
     ideal_network,
 )
-from taction.verification.reference.networks.inv import solve_square
+from taction.verification.reference.networks import solve_square
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 from tests.support.making import make_scene, matrix_problem
