@@ -42,15 +42,10 @@ NEAR = 1e-8
 """Largest `lo` of v at which a step leaves `hi` as it is."""
 ENOUGH = 1e-12
 """Relative error of u at which refinement ends."""
-SMALL_STEP = 0.1
-_NODES = np.array([0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5])
-_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 MAX_REFINEMENTS = 60
 STALLED, PATIENCE = 0.5, 6
 """Refinement ends if the gap shrinks by less than `STALLED` in so many steps in turn. A step that
 increases the gap can lead to where Newton's method converges; the best point is kept."""
-STEP_LENGTHS = (1.0, 0.25, 0.0625, 0.015625)
-"""Shares of a correction that are tried."""
 
 
 def error_bound(ratio: float, slope_bound: float) -> float:
@@ -171,33 +166,14 @@ def _moved(v: Pair, dv: Floats) -> Pair:
     return Pair(np.where(near, v.hi, far.hi), np.where(near, lo, far.lo))
 
 
-def _steps_in_v(s: ScaledProblem, v: Floats, dq: Floats) -> tuple[Floats, Floats]:
-    """Return the dv of a step in ``q = mu v + h g(v)``: exact for small steps, and linearised."""
-    linear = dq / (s.mu + s.h * s.regulariser.slope(v))
-    dv = linear
-    for _ in range(4):  # ``g(v + dv) - g(v)`` is dv times the mean slope between
-        between = v + np.multiply.outer(_NODES, dv)
-        dv = dq / (s.mu + s.h * (_WEIGHTS @ s.regulariser.slope(between)))
-    return np.where(np.abs(linear) < SMALL_STEP, dv, linear), linear
-
-
 def _corrected(s: ScaledProblem, p: _DualPair) -> _DualPair:
-    """Take one Newton step for v and r together, shortened until the gap falls.
-
-    Where the gap does not fall, the step with the least gap is taken.
-    """
-    D = np.sqrt(s.regulariser.slope(p.v.hi))
+    """Take one Newton step for v and r together."""
+    slope = s.regulariser.slope(p.v.hi)
+    D = np.sqrt(slope)
     y = factorise(s.T, s.gram, D, s.mu)(p.f1, D * p.f2)
     dr = p.f1 - s.T @ (D * y)
-    # Newton's method is nearly linear in q but not in v: for an ill-conditioned T only the exact
-    # step converges. Far from the solution the linearised step is sometimes better.
-    dq, trials = p.f2 + dr @ s.T + s.h * D * y, list[_DualPair]()
-    for length in STEP_LENGTHS:
-        for dv in _steps_in_v(s, p.v.hi, length * dq):
-            trials.append(_DualPair.at(s, _moved(p.v, dv), p.r + length * dr))
-            if trials[-1].gap < p.gap:
-                return trials[-1]
-    return min(trials, key=lambda trial: trial.gap)
+    dq = p.f2 + dr @ s.T + s.h * D * y  # the step in ``q = mu v + h g(v)``
+    return _DualPair.at(s, _moved(p.v, dq / (s.mu + s.h * slope)), p.r + dr)
 
 
 def _refine(s: ScaledProblem, v: Floats, r: Floats) -> tuple[_DualPair, int]:
