@@ -14,6 +14,7 @@ from the minimiser, which bounds the error of u.
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
@@ -54,13 +55,13 @@ def error_bound(ratio: float, slope_bound: float) -> float:
     The divergence is at least ``d^2 / 2`` over the largest slope between u and u*, and that slope
     is at most ``slope_bound + d``.
     """
-    return ratio + float(np.sqrt(ratio * ratio + 2.0 * ratio * slope_bound))
+    ratio += float(np.finfo(float).tiny)  # the squares of tiny outputs underflow
+    return ratio + math.sqrt(ratio) * math.sqrt(ratio + 2.0 * slope_bound)
 
 
 def divergence(regulariser: Regulariser, v: Floats, size: Floats) -> float:
     """Bound ``sum Psi(v + d) - Psi(v) - g(v) d`` for ``|d| <= size``, free of cancellation."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return float(np.sum(0.5 * size * size * regulariser.largest_slope(v, size)))
+    return float(np.sum(0.5 * size * size * regulariser.largest_slope(v, size)))
 
 
 def _objective(s: ScaledProblem, v: Floats, mu: float) -> float:
@@ -184,8 +185,7 @@ def _refine(s: ScaledProblem, v: Floats, r: Floats) -> tuple[_DualPair, int]:
         patience = 1 if best.error <= RELATIVE_ERROR * best.peak else PATIENCE
         if best.error <= ENOUGH * best.peak or idle >= patience:
             return best, step
-        with np.errstate(all="ignore"):
-            point = _corrected(s, point)
+        point = _corrected(s, point)
         if not np.isfinite(point.gap):
             return best, step + 1
         idle = idle + 1 if point.gap > STALLED * best.gap else 0
@@ -208,8 +208,9 @@ def solve_smooth(problem: Problem) -> Solution:
     """
     start = time.perf_counter()
     s = ScaledProblem.of(problem)
-    v, r, steps = _homotopy(s)
-    point, refinements = _refine(s, v, r)
+    with np.errstate(all="ignore"):  # a step that overflows has no finite gap
+        v, r, steps = _homotopy(s)
+        point, refinements = _refine(s, v, r)
     slope = float(np.max(s.regulariser.slope_bound(point.u)))
     most = RELATIVE_ERROR * point.peak
     allowed = most - FUNCTION_ERROR * float(np.max(np.abs(point.u)))

@@ -64,6 +64,12 @@ def test_channels_whose_output_underflows_report_v() -> None:
     assert solution.v.tolist() == pytest.approx([float(x) for x in found[1]], rel=1e-13)
 
 
+@pytest.mark.parametrize("strain", [-1.1, -2.5, -3.6])
+def test_the_bound_of_an_output_whose_square_underflows(strain: float) -> None:
+    solution = assert_right(Problem(np.eye(1), np.array([strain]), 0.0107, "exponential", True))
+    assert 0.0 < solution.u[0] < 1e-80
+
+
 def test_one_channel_in_closed_form() -> None:
     # |u - e|^2 + lam (u log u - u): u + mu log u = e, so u = mu W(exp(e / mu) / mu).
     solution = solve(Problem(np.eye(1), np.array([2.0]), 0.6, "exponential"))
