@@ -22,10 +22,10 @@ from taction.netlist_gen.analysis import (
 from taction.netlist_gen.board.circuit import GROUND, NEEDED, Circuit, Output, common_facts
 from taction.netlist_gen.board.parts import CurrentSource, OpAmpCell, Resistor, VoltageSource
 from taction.netlist_gen.deck.deck import Deck
+from taction.netlist_gen.deck.measures import noise_cards
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.system.array_types import Complexes, Floats
-from taction.verification.characterise.bench import IN, OUT, bench_deck, frequencies
 from taction.verification.characterise.characterise import Bode, slope, supply_of
 from taction.verification.engines.ngspice.executable import Simulator
 from taction.verification.engines.ngspice.process import simulate, start
@@ -33,6 +33,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import noise_intensities
 from taction.verification.engines.statespace.transients.simulate import simulate as integrate
 
+IN, OUT = "in", "out"
 OHMS = 1.0  # of the source of a step
 TIGHT = ".options noopiter reltol=1e-7 abstol=1e-18 vntol=1e-12 chgtol=1e-21 gmin=1e-18"
 POINTS = 2000  # of a transient
@@ -315,3 +316,25 @@ def step_response(opamp: OpAmp, witness: Witness) -> tuple[Floats, Floats]:
 
 def _linear(opamp: OpAmp) -> OpAmp:
     return replace(opamp.small_signal, input_errors=False)
+
+
+def bench_deck(lines: list[str], analysis: Analysis, saved: tuple[str, ...]) -> Deck:
+    """Return a deck with the cards of its analysis."""
+    save = ".save " + " ".join(f"v({node})" for node in saved)
+    cards = [save, ".op"]
+    if isinstance(analysis, NoiseAnalysis):
+        cards = noise_cards(analysis, OUT)
+    elif isinstance(analysis, SmallSignal):
+        band = analysis.band
+        stop = band.stop * (1.0 + 1e-9)  # rounding could leave out the last frequency
+        cards = [save, f".ac dec {band.density} {band.start!r} {stop!r}"]
+    elif isinstance(analysis, Transient):
+        step = repr(analysis.max_step)
+        start = " uic" if analysis.initial == "zero" else ""
+        cards = [save, f".tran {step} {analysis.stop!r} 0.0 {step}{start}"]
+    return Deck("\n".join([*lines, *cards, ".end", ""]), saved, analysis)
+
+
+def frequencies(band: NoiseBand) -> Floats:
+    """Return the frequencies of a band, Hz."""
+    return np.asarray(band.start * 10.0 ** (np.arange(band.steps + 1) / band.density))

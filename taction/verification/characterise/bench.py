@@ -4,21 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from taction.netlist_gen.analysis import (
-    Analysis,
-    NoiseAnalysis,
-    NoiseBand,
-    SmallSignal,
-    Transient,
-)
+from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.deck.measures import noise_cards
 from taction.spice_models.imported import Subcircuit, instance
-from taction.system.array_types import Floats
 
-IN, OUT = "in", "out"
+OUT = "out"
+DRIVEN = ("vdrive", "vinp", "iload")  # inverting input, other input, output
 VENDOR = (
     ".options reltol=1e-6 abstol=1e-15 vntol=1e-9",
     ".options reltol=1e-5 abstol=1e-13 vntol=1e-7",
@@ -60,59 +51,31 @@ class VendorBench:
         """The role of each port, with the node behind the probe of the inverting input."""
         return tuple("pin" if role == "inn" else role for role in self.pins)
 
-    def lines(self, excited: str = "", step: str = "") -> list[str]:
+    def lines(self, step: str = "") -> list[str]:
         """Return the cards, without those of an analysis.
 
-        Parameters
-        ----------
-        excited : str
-            Where a small signal of 1 V or 1 A is: ``"inn"``, ``"inp"`` or ``"out"``.
-        step : str
-            The voltage at the non-inverting input over the time; then the output has a load, to
-            the middle of the supplies.
+        With a `step`, the voltage at the non-inverting input over the time, the output has a load,
+        to the middle of the supplies. `DRIVEN` are the sources of small signals, which are off.
         """
-        size = {place: float(place == excited) for place in ("inp", "inn", "out")}
         return [
             *self.subcircuit.lines,
             f"Vcc vcc 0 dc {self.middle + self.supply!r}",
             f"Vee vee 0 dc {self.middle - self.supply!r}",
             f"Vmid mid 0 dc {self.middle!r}",
-            f"Vinp {'far' if step else 'inp'} mid dc 0.0 ac {size['inp']!r} {step}".rstrip(),
+            f"Vinp {'far' if step else 'inp'} mid dc 0.0 ac 0.0 {step}".rstrip(),
             instance(self.subcircuit, self.wired, self.compensation),
             "Vinn inn pin dc 0.0",  # its current is that of the pin
             *SERVO,
             "Eservo inn drive slow 0 1.0",
-            f"Vdrive drive 0 dc 0.0 ac {size['inn']!r}",
-            f"Iload 0 out dc 0.0 ac {size['out']!r}",
+            "Vdrive drive 0 dc 0.0 ac 0.0",
+            "Iload 0 out dc 0.0 ac 0.0",
             *([f"Rload out mid {LOAD!r}", f"Rstep far inp {CLAMPED!r}"] if step else []),
             *(f"H{node} {node} 0 {source}" for node, source in PROBES.items()),
         ]
 
-    def deck(self, analysis: Analysis, excited: str = "", step: str = "") -> Deck:
-        """Return the deck of an analysis; see `lines`."""
-        title = "* test bench of an imported op-amp"
-        return bench_deck(
-            [title, *self.lines(excited, step), self.options], analysis, (OUT, "inn", *PROBES)
-        )
-
-
-def bench_deck(lines: list[str], analysis: Analysis, saved: tuple[str, ...]) -> Deck:
-    """Return a deck with the cards of its analysis."""
-    save = ".save " + " ".join(f"v({node})" for node in saved)
-    cards = [save, ".op"]
-    if isinstance(analysis, NoiseAnalysis):
-        cards = noise_cards(analysis, OUT)
-    elif isinstance(analysis, SmallSignal):
-        band = analysis.band
-        stop = band.stop * (1.0 + 1e-9)  # rounding could leave out the last frequency
-        cards = [save, f".ac dec {band.density} {band.start!r} {stop!r}"]
-    elif isinstance(analysis, Transient):
-        step = repr(analysis.max_step)
-        start = " uic" if analysis.initial == "zero" else ""
-        cards = [save, f".tran {step} {analysis.stop!r} 0.0 {step}{start}"]
-    return Deck("\n".join([*lines, *cards, ".end", ""]), saved, analysis)
-
-
-def frequencies(band: NoiseBand) -> Floats:
-    """Return the frequencies of a band, Hz."""
-    return np.asarray(band.start * 10.0 ** (np.arange(band.steps + 1) / band.density))
+    def deck(self, plan: Transient, step: str) -> Deck:
+        """Return the deck of a transient, with its `step`."""
+        title, save = "* test bench of an imported op-amp", f".save v({OUT})"
+        run = f".tran {plan.max_step!r} {plan.stop!r} 0.0 {plan.max_step!r}"
+        cards = [title, *self.lines(step), self.options, save, run, ".end", ""]
+        return Deck("\n".join(cards), (OUT,), plan)

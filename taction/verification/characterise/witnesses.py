@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
-import numpy as np
-
-from taction.netlist_gen.analysis import NoiseBand, OperatingPoint, SmallSignal, Transient
+from taction.netlist_gen.analysis import Transient
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import SingularCircuit, StepTooSmall, TimedOut
+from taction.system.errors import SimulationError, SingularCircuit, StepTooSmall, TimedOut
 from taction.system.own_folders import remove_own_folder
-from taction.verification.characterise.bench import OUT, SWITCHED, VENDOR, VendorBench
+from taction.verification.characterise.bench import (
+    DRIVEN,
+    OUT,
+    PROBES,
+    SWITCHED,
+    VENDOR,
+    VendorBench,
+)
+from taction.verification.engines.ngspice.commands import RESULT, run_commands
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import simulate, start
+from taction.verification.engines.ngspice.process import simulate
 
-Found = TypeVar("Found")
 EDGE = 1e-3  # of the period of large steps: a jump in no time stops many a vendor's model
 POINTS = 2000  # of a transient
 TIMEOUT = 120.0  # s, of one run of ngspice
-WIDE = NoiseBand(start=1e-3, steps=520, density=40)  # 1 mHz to 10 GHz: of a vendor's model
+SWEEP = f"ac dec 40 1e-3 {1e10 * (1.0 + 1e-9)!r}"  # rounding could leave out the last frequency
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,48 +67,39 @@ class Simulation:
         SimulationError
             No run, with any of the options `VENDOR`.
         """
-        return self._with_options(bench, VENDOR, self._responses)
-
-    def _with_options(
-        self, bench: VendorBench, all_options: Sequence[str], run: Callable[[VendorBench], Found]
-    ) -> Found:
-        """Return what a run gives with the first options with which it ends well."""
-        for options in all_options:
-            try:
-                return run(replace(bench, options=options))
-            except (SingularCircuit, StepTooSmall, TimedOut) as error:
-                failure = error
-                if failure.folder is not None and options != all_options[-1]:
-                    remove_own_folder(failure.folder)
-        raise failure
-
-    def _responses(self, bench: VendorBench) -> Responses:
-        with start(bench.deck(OperatingPoint()), self.simulator, timeout=TIMEOUT) as run:
-            output, inverting, *amps = map(float, run.result().values[-1])
-            output, inverting = output - bench.middle, inverting - bench.middle
-        f, one = self._respond(bench, "inn")
-        other, loaded = (self._respond(bench, place)[1] for place in ("inp", "out"))
-        return Responses(
-            bench=bench,
-            frequencies=f,  # as ngspice rounded them
-            gain=-one[:, 0] / one[:, 1],
-            impedance=loaded[:, 0],
-            admittance=one[:, 2] / one[:, 1],
-            mutual_admittance=one[:, 3] / one[:, 1],
-            other_gain=other[:, 0],
-            other_admittance=other[:, 3],
-            output=output,
-            inverting=inverting,
-            into_inverting=amps[0],
-            into_other=amps[1],
-            supply_current=amps[2],
+        commands = ["save all", "op", f"write {RESULT}", "set appendwrite"]
+        for source in DRIVEN:  # each from a new start, which the same point follows
+            commands += ["reset", f"alter {source} acmag=1", SWEEP, f"write {RESULT}"]
+        for options in VENDOR:
+            cards = [*bench.lines(), options]
+            answers = run_commands(cards, commands, self.simulator, seconds=TIMEOUT)
+            if len(answers.plots) == 1 + len(DRIVEN):
+                break
+        else:
+            raise SimulationError(f"ngspice does not simulate the model: {answers.complaint}")
+        rest, one, other, loaded = (
+            dict(zip(map(str.lower, names), values.T, strict=True))
+            for names, values in answers.plots
         )
-
-    def _respond(self, bench: VendorBench, excited: str) -> tuple[Floats, Complexes]:
-        deck = bench.deck(SmallSignal(WIDE), excited)
-        with start(deck, self.simulator, timeout=TIMEOUT) as run:
-            f, values = run.response()
-        return np.asarray(f), values
+        output, inverting, into_inverting, into_other, supply = (
+            float(rest[f"v({node})"][-1].real) for node in (OUT, "inn", *PROBES)
+        )
+        inn = one["v(inn)"]
+        return Responses(
+            bench=replace(bench, options=options),
+            frequencies=one["frequency"].real,  # as ngspice rounded them
+            gain=-one["v(out)"] / inn,
+            impedance=loaded["v(out)"],
+            admittance=one["v(of_inn)"] / inn,
+            mutual_admittance=one["v(of_inp)"] / inn,
+            other_gain=other["v(out)"],
+            other_admittance=other["v(of_inp)"],
+            output=output - bench.middle,
+            inverting=inverting - bench.middle,
+            into_inverting=into_inverting,
+            into_other=into_other,
+            supply_current=supply,
+        )
 
     def switched(self, bench: VendorBench, volts: float, period: float) -> tuple[Floats, Floats]:
         """Return instants, s, and the output, V, that is driven to both of its ends.
@@ -122,8 +116,13 @@ class Simulation:
         step = f"pwl({' '.join(points)})"
         plan = Transient(3.0 * period, period / POINTS, initial="rest")
 
-        def run(bench: VendorBench) -> tuple[Floats, Floats]:
-            wave = simulate(bench.deck(plan, step=step), self.simulator, timeout=TIMEOUT)
-            return wave.time, wave[OUT] - bench.middle
-
-        return self._with_options(bench, SWITCHED, run)
+        for options in SWITCHED:
+            deck = replace(bench, options=options).deck(plan, step)
+            try:
+                wave = simulate(deck, self.simulator, timeout=TIMEOUT)
+                return wave.time, wave[OUT] - bench.middle
+            except (SingularCircuit, StepTooSmall, TimedOut) as error:
+                failure = error
+                if failure.folder is not None and options != SWITCHED[-1]:
+                    remove_own_folder(failure.folder)
+        raise failure
