@@ -210,7 +210,7 @@ def main() -> None:
     """Design and verify regularising op-amp and resistor networks with SPICE.
 
     Exit status: 0 pass, 1 a check failed, 2 bad input, 3 no verdict. `taction --json --help` prints
-    all commands, options, schemas and exit statuses as one JSON document.
+    all commands and options as one JSON document.
     """
     # ngspice uses the other cores. BLAS threads that wait for a busy core spin: the poles of 64
     # channels took a minute instead of a second. Users with free cores can set the variables.

@@ -1,7 +1,4 @@
-"""``taction --json --help``: everything that scripts and agents need, as one document.
-
-A test makes every call of `EXAMPLES` and reads every answer.
-"""
+"""``taction --json --help``: every command with its arguments and options, as one document."""
 
 from __future__ import annotations
 
@@ -12,85 +9,7 @@ from typing import Any
 import click
 
 from taction.cli.terminal import own_name
-from taction.netlist_gen.scene.keys import SYMBOLS
 
-EXIT_STATUSES = {
-    0: "pass, or the question was answered",
-    1: "a check failed, or results differ",
-    2: "bad input: a scene, a file or an option",
-    3: "no verdict: inconclusive, or no result to trust",
-    129: "SIGHUP, after all clean-up",
-    130: "SIGINT (Ctrl-C), after all clean-up",
-    141: "the reader of stdout has gone",
-    143: "SIGTERM, after all clean-up",
-}
-ENVIRONMENT = {
-    "TACTION_NGSPICE": "an ngspice in the place of the one on the PATH",
-    "TACTION_FOLDERS": "folders, a JSON list of texts: other files are not read",
-    "COLUMNS": "width of the tables where stdout is no terminal; 160 by default",
-    "NO_COLOR": "set: no colours on a terminal",
-    "GITHUB_ACTIONS": "true: `taction verify` and `regress` print annotations, as with --annotate",
-    "OMP_NUM_THREADS": "threads of the numerical libraries; 1 by default, ngspice uses other cores",
-    "OPENBLAS_NUM_THREADS": "the same",
-    "MKL_NUM_THREADS": "the same",
-    "TMPDIR": "folder of temporary files and of simulations",
-    "_TACTION_COMPLETE": "bash_source, zsh_source or fish_source: print the shell completion",
-}
-SCENE = """\
-[problem]
-kind = "tactile"
-channels = 3
-[design]
-capacitance = "100pF"
-opamp = "opa189"
-[checks]
-settling_time = "1ms"
-"""
-SCENE_FILE: dict[str, Any] = {
-    "format": "TOML; all keys, their types and defaults are in scene_schema",
-    "quantities": "a number in SI base units, or text with prefix and unit: 1e-11 or '10pF';"
-    " m is milli, M is mega, u is micro",
-    "symbols": {**SYMBOLS, "gain": "design.gain", "lambda": "design.lambda"},
-    "example": SCENE,
-}
-NUMBER = "settling_time"
-EXAMPLES: tuple[dict[str, Any], ...] = (
-    {
-        "task": "verify a board with C = 100 pF and read its settling time, s",
-        "files": {"board.toml": SCENE},
-        "call": "taction verify board.toml --json",
-        "schema": "verify-2",
-        "read": [NUMBER],
-    },
-    {
-        "task": "verify all scenes of a folder and read the outcome of the first",
-        "files": {"boards/one.toml": SCENE},
-        "call": "taction verify boards --json",
-        "schema": "verify-files-2",
-        "read": ["verdicts", 0, "outcome"],
-    },
-    {
-        "task": "verify the board at five values of C and read the settling time at the last",
-        "files": {"board.toml": SCENE},
-        "call": "taction sweep board.toml --over C=10pF:100pF:5 --jobs 1 --json",
-        "schema": "sweep-2",
-        "read": ["points", 4, NUMBER],
-    },
-    {
-        "task": "find the values of C at which the board begins to oscillate",
-        "files": {"board.toml": SCENE},
-        "call": "taction onset board.toml --over C=100fF:100pF:31 --no-confirm --json",
-        "schema": "onset-2",
-        "read": ["stable_ranges", 0, 0],
-    },
-    {
-        "task": "read which key of a scene is wrong, and what would be accepted",
-        "files": {"board.toml": SCENE.replace("capacitance", "capacitanc")},
-        "call": "taction verify board.toml --json",
-        "schema": "error-2",
-        "read": ["error", "complaints", 0, "accepted"],
-    },
-)
 TYPES = {  # click's names
     "Bool": "boolean",
     "File": "path",
@@ -106,11 +25,7 @@ TYPES = {  # click's names
 
 
 def reference(main: click.Group, names: Sequence[str] = ()) -> dict[str, Any]:
-    """Return commands, exit statuses, environment variables and schemas; made from click.
-
-    `fields` says for every field of a document its unit and the schemas that have it. With `names`
-    of commands it has only these commands and those below them, and no fields and schemas.
-    """
+    """Return the commands, or those of `names` and those below them; made from click."""
     from taction.verification.report.documents.catalogue import document_head
 
     with main.make_context("taction", [], resilient_parsing=True) as context:
@@ -119,24 +34,6 @@ def reference(main: click.Group, names: Sequence[str] = ()) -> dict[str, Any]:
         "program": "taction",
         "usage": "taction COMMAND [OPTIONS] [ARGUMENTS]; --json: one document on stdout",
         "commands": commands,
-        "exit_statuses": {str(status): text for status, text in EXIT_STATUSES.items()},
-        "environment": ENVIRONMENT,
-        "scene_file": SCENE_FILE,
-        "examples": list(EXAMPLES),
-        **_schemas(every=not names),
-    }
-
-
-def _schemas(*, every: bool) -> dict[str, Any]:
-    if not every:
-        return {"fields": {}, "schemas": {}, "scene_schema": {}}
-    from taction.netlist_gen.scene.scene import scene_type
-    from taction.verification.report.documents.catalogue import MODELS, fields, schema, schema_name
-
-    return {
-        "fields": fields(),
-        "schemas": {schema_name(name): schema(name) for name in MODELS},
-        "scene_schema": scene_type().model_json_schema(by_alias=True),
     }
 
 

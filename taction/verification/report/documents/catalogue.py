@@ -128,31 +128,3 @@ def schema(name: str) -> dict[str, Any]:
     properties = {"taction": document_schema.schema(Head), **made.pop("properties", {})}
     required = ["taction", *made.pop("required", [])]
     return first | made | {"properties": properties, "required": required}
-
-
-def fields() -> dict[str, dict[str, Any]]:
-    """Return for every field of a document its unit, if it has one, and the schemas that have it.
-
-    Examples
-    --------
-    >>> found = fields()["stable_ranges"]
-    >>> found["unit"], found["schemas"]
-    (None, ['verify-2', 'verify-files-2', 'check-2', 'montecarlo-sample-2', 'tune-2', 'scale-2', \
-'onset-2', 'new-matrix-2'])
-    """
-    found: dict[str, dict[str, Any]] = {}
-    for name in MODELS:
-        for field in sorted(set(_names(schema(name)))):
-            entry = found.setdefault(field, {"unit": None, "schemas": []})
-            entry["unit"] = entry["unit"] or units(name).get(field)
-            entry["schemas"].append(schema_name(name))
-    return dict(sorted(found.items()))
-
-
-def _names(part: Any) -> Iterator[str]:
-    if isinstance(part, dict):
-        yield from part.get("properties", {})
-        part = list(part.values())
-    if isinstance(part, list):
-        for item in part:
-            yield from _names(item)

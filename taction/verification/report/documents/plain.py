@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, cast
 
@@ -133,48 +132,12 @@ class CommandHelp:
 
 
 @dataclass(frozen=True, slots=True)
-class SceneFileEntry:
-    """How a scene is written; `symbols` are short names of keys for ``--over``."""
-
-    format: str
-    quantities: str
-    symbols: dict[str, str]
-    example: str
-
-
-@dataclass(frozen=True, slots=True)
-class Example:
-    """A call with the files that it needs; `read` leads to the answer in its document."""
-
-    task: str
-    files: dict[str, str]
-    call: str
-    schema: str
-    read: list[str | int]
-
-
-@dataclass(frozen=True, slots=True)
-class FieldUse:
-    """A field of documents; null: it has no unit, or the field `unit` beside it has it."""
-
-    unit: str | None
-    schemas: list[str]
-
-
-@dataclass(frozen=True, slots=True)
 class HelpDocument:
     """``taction --json --help``."""
 
     program: str
     usage: str
     commands: list[CommandHelp]
-    exit_statuses: dict[str, str]
-    environment: dict[str, str]
-    scene_file: SceneFileEntry
-    examples: list[Example]
-    fields: dict[str, FieldUse]
-    schemas: dict[str, Mapping[str, Any]]
-    scene_schema: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
