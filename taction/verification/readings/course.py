@@ -140,7 +140,6 @@ class Courses:
         flows = [course.solution.flow for course in courses]
         self._courses, self.channels = courses, len(courses[0].signs)
         self._flows = flows
-        self._own: list[slice | Ints] = [slice(None)] * len(courses)  # channels that are evaluated
         self.ends = np.array([course.ends for course in courses])
         self.noise = np.array([course.noise for course in courses])
         self.detail = np.array([course.detail for course in courses])
@@ -156,13 +155,6 @@ class Courses:
     def count(self) -> int:
         """Number of boards."""
         return len(self._courses)
-
-    def narrow(self, wanted: Bools) -> None:
-        """Evaluate only the channels that are `wanted` (boards, N), if boards have many."""
-        own = [np.flatnonzero(row) for row in wanted]
-        self._own = list[slice | Ints](own)
-        flows = (course.solution.flow for course in self._courses)
-        self._flows = [flow.columns(some) for flow, some in zip(flows, own, strict=True)]
 
     @functools.cached_property
     def end_bounds(self) -> Floats:
@@ -195,19 +187,11 @@ class Courses:
         """Return the real part of sums over terms (m, Q) with weights (boards, N, m); (Q, N)."""
         if self.channels > FEW:
             some, k = min(counts[board[0]], len(left)), board[0]
-            a, b = left[:some].T, weight[k, self._own[k], :some].T
+            a, b = left[:some].T, weight[k, :, :some].T
             found = a.real @ b.real
-            return self._placed(found - a.imag @ b.imag if np.iscomplexobj(a) else found, k)
+            return found - a.imag @ b.imag if np.iscomplexobj(a) else found
         parts = (np.ascontiguousarray(weight[:, n].T) for n in range(self.channels))
         return np.stack([_total(np.real(left * part[:, board])) for part in parts], axis=1)
-
-    def _placed(self, found: Floats, k: int) -> Floats:
-        """Return what was found of board k's own channels, (Q, own), as that of all, (Q, N)."""
-        if isinstance(self._own[k], slice):
-            return found
-        placed = np.zeros((len(found), self.channels))
-        placed[:, self._own[k]] = found
-        return placed
 
     def _lives(self, level: Floats) -> Floats:
         """Return instants at which modes fall below a `level` (boards,), s, (m, boards)."""
@@ -268,8 +252,7 @@ class Courses:
             at, of = times[some], board[some]
             if self.channels > FEW:
                 k, signs = of[0], self._courses[of[0]].signs
-                pair = (self._placed(found, k) * signs for found in self._flows[k].pair(at))
-                values[some], slopes[some] = pair
+                values[some], slopes[some] = (found * signs for found in self._flows[k].pair(at))
                 continue
             for terms in self._terms:
                 basis = terms.basis(at, of)
@@ -292,15 +275,10 @@ class Courses:
             at, of = times[some], board[some]
             if self.channels > FEW:
                 k = of[0]
-                found[some] = self._placed(self._flows[k].bounds(at), k) + self.end_bounds[k]
+                found[some] = self._flows[k].bounds(at) + self.end_bounds[k]
             else:
                 found[some] = self._few_bounds(at, of)
         return found
-
-    @property
-    def most_bounds(self) -> Floats:
-        """Bounds on the error of the errors at any time, V, (boards, N)."""
-        return np.array([course.solution.flow.errors for course in self._courses]) + self.end_bounds
 
     def _few_bounds(self, times: Floats, board: Ints) -> Floats:
         counts, rates, lag, vague, rest = self._bound_terms

@@ -8,7 +8,6 @@ from taction.system.array_types import Floats
 
 SLACK = 0.05  # of the smaller slope times the width, where an interval rises and then falls: the
 # tangents meet at most so far above the ends, and a resolved cubic's top errs by 0.0013 of that
-STEEP = 0.2  # of the slopes times the width: above 4/27, the most of a cubic, and half of `SLACK`
 
 
 def cubic_ranges(

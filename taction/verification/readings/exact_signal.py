@@ -15,7 +15,7 @@ operation over all boards, channels and levels.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.verification.readings.course import FINENESS, Course, Courses
 from taction.verification.readings.crossings import Crossings
-from taction.verification.readings.cubics import SLACK, STEEP, cubic_ranges
+from taction.verification.readings.cubics import SLACK, cubic_ranges
 
 PIECES = 64  # largest number of pieces of a refined interval
 FEW = 4  # most pieces where a bound alone may exclude them: it falls by the fourth power
@@ -40,8 +40,6 @@ class ExactGrid:
 
     Attributes
     ----------
-    chosen : ndarray (N,)
-        The channels of each board that the grid has, at first all of them.
     time, board : ndarray (P,)
         s, from 0, and to which of the `courses` it belongs. Interval k lies between the points
         k and k + 1, the last one of a board (`tail`) after all its points.
@@ -58,38 +56,13 @@ class ExactGrid:
         Errors at the end of time, V.
     """
 
-    def __init__(
-        self, courses: Sequence[Course], sieve: Callable[[ExactGrid], Bools] | None = None
-    ) -> None:
-        """`sieve` tells which channels are wanted (boards, N) before all that follows."""
+    def __init__(self, courses: Sequence[Course]) -> None:
         self.courses = Courses(courses)
-        self.chosen, self.ends = np.arange(self.courses.channels), self.courses.ends.ravel()
+        self.channels, self.ends = self.courses.channels, self.courses.ends.ravel()
         self.time, self.board = self.courses.first_grids()
         self.resolved: Bools = np.zeros(len(self.time), dtype=np.bool_)
         self._place(self._evaluate(self.time, self.board))
-        if sieve is not None:
-            self.narrow(sieve(self))
-        self._bound_errors(self._columns, self.time, self.board)
         self._bound(np.arange(len(self.time)))
-
-    @property
-    def channels(self) -> int:
-        """Number of channels of each board."""
-        return len(self.chosen)
-
-    def narrow(self, wanted: Bools) -> Ints:
-        """Keep the channels that are `wanted` (boards, N) of any board, and return their places.
-
-        Those of a board that are not wanted of this board have no meaning any more.
-        """
-        kept = np.flatnonzero(wanted.any(axis=0))
-        every = np.zeros((self.courses.count, self.courses.channels), dtype=np.bool_)
-        every[:, self.chosen] = wanted
-        self.courses.narrow(every)
-        self.chosen = self.chosen[kept]
-        self.ends = self.courses.ends[:, self.chosen].ravel()
-        self._place(self._columns[:, :, kept])
-        return kept
 
     def _place(self, columns: Floats) -> None:
         """Set the values of all points and intervals, (P, 8, N); find where each board is."""
@@ -100,37 +73,15 @@ class ExactGrid:
         self.tail = np.append(self.board[1:] != self.board[:-1], True)
 
     def _evaluate(self, times: Floats, board: Ints) -> Floats:
-        """Return errors and slopes at `times` of rising boards, then room: (Q, 8, N)."""
+        """Return errors, slopes and bounds at `times` of rising boards, then room: (Q, 8, N)."""
         columns = np.empty((len(times), 8, self.channels))
-        for column, values in enumerate(self.courses.evaluate(times, board)):
-            columns[:, column] = values[:, self.chosen]
-        return columns
-
-    def _bound_errors(self, columns: Floats, times: Floats, board: Ints) -> Floats:
-        """Add the bounds on the errors to what `_evaluate` returned, and return it."""
-        columns[:, 2] = self.courses.bounds(times, board)[:, self.chosen]
+        columns[:, 0], columns[:, 1] = self.courses.evaluate(times, board)
+        columns[:, 2] = self.courses.bounds(times, board)
         return columns
 
     def largest(self, values: Floats) -> Floats:
         """Return the largest values of each board, (boards, N), of points or intervals (P, N)."""
         return np.asarray(np.maximum.reduceat(values, self.first))
-
-    def rough_tops(self) -> Floats:
-        """Return bounds that no cap of a board exceeds, V, (boards, N), at a part of the cost.
-
-        Before any channel is left out.
-        Between its ends a cubic is at most 4/27 of its slopes times the width above them, and the
-        slack at most half of `SLACK`.
-        """
-        inner, last = np.flatnonzero(~self.tail), np.flatnonzero(self.tail)
-        tops, width = np.empty_like(self.errors), self.time[inner + 1] - self.time[inner]
-        room, _ = self.courses.room(self.time[inner], width, self.board[inner])
-        sizes, speeds = np.abs(self.errors), STEEP * np.abs(self.slopes)
-        tops[inner] = np.maximum(sizes[inner], sizes[inner + 1]) + room
-        tops[inner] += width[:, None] * (speeds[inner] + speeds[inner + 1])
-        left = self.courses.remainder(self.time[last], self.board[last])
-        tops[last] = np.abs(self.courses.ends) + left
-        return self.largest(tops)
 
     def _bound(self, places: Ints) -> None:
         """Bound the intervals at `places`."""
@@ -141,7 +92,7 @@ class ExactGrid:
             at = places[last]
             left = self.courses.remainder(self.time[at], self.board[at])
             end = self.courses.ends[self.board[at]]
-            self.caps[at] = np.stack([end + left, left - end], axis=1)[:, :, self.chosen]
+            self.caps[at] = np.stack([end + left, left - end], axis=1)
         places = places[~last]
         width = self.time[places + 1] - self.time[places]
         rate = self.courses.rate(self.time[places], self.board[places])
@@ -156,10 +107,10 @@ class ExactGrid:
             return
         begin, end, board = self.time[coarse], self.time[coarse + 1], self.board[coarse]
         room, rings = self.courses.room(begin, end - begin, board)
-        self.caps[coarse] += room[:, None, self.chosen]
+        self.caps[coarse] += room[:, None]
         bounds = self.courses.envelopes(begin[rings], end[rings], board[rings])
         loud = coarse[rings]
-        self.caps[loud] = np.minimum(self.caps[loud], bounds[:, :, self.chosen])
+        self.caps[loud] = np.minimum(self.caps[loud], bounds)
 
     def _ends(self, places: Ints) -> tuple[Floats, Floats, Floats, Floats]:
         """Return errors at both ends of intervals, then slopes, (Q, N) each."""
@@ -219,15 +170,13 @@ class ExactGrid:
 
         self.time, self.board = with_new(self.time, new), with_new(self.board, owner)
         self.resolved = with_new(self.resolved, np.zeros(len(new), dtype=np.bool_))
-        columns = self._bound_errors(self._evaluate(new, owner), new, owner)
-        self._place(with_new(self._columns, columns))
+        self._place(with_new(self._columns, self._evaluate(new, owner)))
         before = np.searchsorted(into, places)  # points that stand before each of the places
         self._bound(np.sort(np.concatenate([places + before, into + 1 + np.arange(len(new))])))
 
     def _chosen(self, times: Floats, row: Ints, order: int) -> tuple[Floats, Floats]:
         """Return the derivatives of two orders from `order` of one row at each time, (Q,)."""
-        board, channel = np.divmod(row, self.channels)
-        return self.courses.sums(times, board, self.chosen[channel], order)
+        return self.courses.sums(times, *np.divmod(row, self.channels), order)
 
     def value(self, row: Ints, times: Floats) -> Floats:
         """Return the error of one row at each instant, (Q,)."""
@@ -282,22 +231,14 @@ class ExactSignal:
     """Errors of the channels of boards with exact solutions, a `readings.Signal`.
 
     The boards have equally many channels. The signal has the channels of all of them, those of the
-    first board first.
+    first board first. Maxima are searched of those that are `wanted` (boards, N).
     """
 
-    def __init__(self, *courses: Course, sieve: Callable[[ExactGrid], Bools] | None = None) -> None:
-        self.grid = ExactGrid(courses, sieve)
+    def __init__(self, *courses: Course) -> None:
+        self.grid = ExactGrid(courses)
         self.wanted = np.ones((len(courses), self.grid.channels), dtype=np.bool_)
         self.ends = self.grid.ends
         self.level = self.grid.courses.level
-
-    def narrow(self, wanted: Bools) -> None:
-        """Keep the channels that are `wanted` (boards, N) of any board.
-
-        Maxima are searched of those that are wanted of a board; others have no meaning any more.
-        """
-        kept = self.grid.narrow(wanted)
-        self.ends, self.wanted = self.grid.ends, wanted[:, kept]
 
     @property
     def end_bounds(self) -> Floats:

@@ -215,53 +215,40 @@ def _exact(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
     return [found[place] for place in range(len(boards))]
 
 
-def _peaks(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
-    """Return the loads of boards with equally many rows that no upper bound excludes.
+def _peaks(boards: Sequence[tuple[_Loads, Exact]]) -> Iterator[tuple[Load, ...]]:
+    """Yield the loads of boards with equally many rows that no upper bound excludes.
 
-    Rough bounds exclude most rows before the others are bounded closely.
+    A row is kept if it may be above `FULL` of its limit, or the largest of its quantity. The peaks
+    are searched of the rows that any of the boards keeps.
     """
+    grid = ExactGrid([_course(*each) for each in boards])
     kinds = np.array([[list(UNITS).index(row.quantity) for row in each.rows] for each, _ in boards])
-
-    def sieve(grid: ExactGrid) -> Bools:
-        tops = grid.rough_tops()
-        return _not_excluded(kinds, grid, tops, tops + grid.courses.most_bounds)
-
-    signal = ExactSignal(*(_course(*each) for each in boards), sieve=sieve)
-    grid, found = signal.grid, list[tuple[Load, ...]]()
     tops, full = (grid.largest(x.max(axis=1)) for x in (grid.caps, grid.caps + grid.reach[:, None]))
-    signal.narrow(_not_excluded(kinds, grid, tops, full))
+    ends = np.abs(grid.ends).reshape(kinds.shape)
+    worst, every = np.zeros((len(boards), len(UNITS))), np.arange(len(boards))[:, None]
+    np.maximum.at(worst, (every, kinds), np.maximum(grid.largest(np.abs(grid.errors)), ends))
+    wanted = (tops >= worst[every, kinds]) | (full > FULL)
+    rows = np.flatnonzero(wanted.any(axis=0))
+    signal = ExactSignal(*(_course(loads, exact.columns(rows)) for loads, exact in boards))
+    signal.wanted = wanted[:, rows]
+    grid, shape = signal.grid, signal.wanted.shape
     (high, above), (low, below) = (
-        [part.reshape(len(boards), -1) for part in signal.highest(sign)] for sign in (1.0, -1.0)
+        [part.reshape(shape) for part in signal.highest(sign)] for sign in (1.0, -1.0)
     )
     peaks, errors = np.maximum(high, low), np.where(high > low, above, below)
-    ends = np.abs(grid.ends).reshape(len(boards), -1)
     for k, some in grid.courses.each(grid.board):
         own = np.flatnonzero(signal.wanted[k])
-        sizes, time = np.abs(grid.errors[some][:, own]), np.append(grid.time[some], math.inf)
-        at = time[np.append(sizes, ends[k : k + 1, own], axis=0).argmax(axis=0)]
+        heights, time = np.abs(grid.errors[some][:, own]), np.append(grid.time[some], math.inf)
+        at = time[np.append(heights, ends[k : k + 1, rows[own]], axis=0).argmax(axis=0)]
         loads = boards[k][0]
-        part = _Loads.of(loads.board, tuple(loads.rows[row] for row in grid.chosen[own].tolist()))
-        found.append(tuple(part.loads(peaks[k, own], at, errors[k, own])))
-    return found
+        part = _Loads.of(loads.board, tuple(loads.rows[row] for row in rows[own].tolist()))
+        yield tuple(part.loads(peaks[k, own], at, errors[k, own]))
 
 
 def _course(loads: _Loads, solution: Exact) -> Course:
     """Return the way of the loads, in parts of their limits."""
-    count = len(loads.rows)
+    count = len(solution.final)
     return Course(solution, np.ones(count), np.zeros(count), PRECISION, DETAIL)
-
-
-def _not_excluded(kinds: Ints, grid: ExactGrid, tops: Floats, full: Floats) -> Bools:
-    """Return which rows no upper bound excludes, (boards, K); see `PartLoads`.
-
-    `kinds` are the places of the rows' quantities in `UNITS`, before the grid was narrowed. `tops`
-    are upper bounds, and `full` also has the bounds of the errors.
-    """
-    kinds, every = kinds[:, grid.chosen], np.arange(len(kinds))[:, None]
-    ends = np.abs(grid.ends).reshape(kinds.shape)
-    worst = np.zeros((len(kinds), len(UNITS)))
-    np.maximum.at(worst, (every, kinds), np.maximum(grid.largest(np.abs(grid.errors)), ends))
-    return np.asarray((tops >= worst[every, kinds]) | (full > FULL))
 
 
 def _instants(transient: Transient) -> Floats:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,6 @@ from taction.system.array_types import Floats
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.readings.course import FEW, Course, Courses
-from taction.verification.readings.exact_signal import ExactGrid
 from tests.support.boards import lags, paper_board, single_mode
 
 TIMES = np.array([0.0, 1e-9, 2e-7, 1e-6, 5e-6, 4e-5])
@@ -50,38 +47,6 @@ def test_errors_slopes_and_bounds_are_those_of_each_solution(kind: str) -> None:
         wanted = solution.derivative(TIMES) * signs
         assert slopes == pytest.approx(wanted, rel=1e-9, abs=1e-12 * scale * rate)
         assert bounds == pytest.approx(solution.bounds(TIMES) + 1e-9, rel=1e-9)
-        assert np.all(bounds <= together.most_bounds[k] * (1.0 + 1e-9))
-
-
-def test_of_a_narrowed_board_only_the_wanted_channels_are_evaluated() -> None:
-    each = courses(BOARDS["many channels"])
-    board, times = np.repeat(np.arange(len(each)), len(TIMES)), np.tile(TIMES, len(each))
-    whole, narrow = Courses(each), Courses(each)
-    wanted = np.zeros((len(each), whole.channels), dtype=np.bool_)
-    wanted[:, 1] = wanted[0, 3] = True
-    narrow.narrow(wanted)
-    found, every = (
-        [*one.evaluate(times, board), one.bounds(times, board)] for one in (narrow, whole)
-    )
-    own = wanted[board]
-    for values, wide in zip(found, every, strict=True):
-        assert values[own] == pytest.approx(wide[own], rel=1e-12, abs=1e-12 * np.abs(wide).max())
-    assert np.all(found[1][~own] == 0.0)
-    assert np.any(every[1][~own] != 0.0)
-
-
-@pytest.mark.parametrize("kind", BOARDS)
-def test_no_cap_of_a_grid_is_above_its_rough_top(kind: str) -> None:
-    """Of intervals that the points resolve, and of others; the caps are also those of ``-e``."""
-    each = [replace(course, detail=1e-2) for course in courses(BOARDS[kind])]
-    resolved = set[bool]()
-    for some in (each, courses(BOARDS[kind])):
-        grid = ExactGrid(some)
-        caps, tops = grid.largest(grid.caps.max(axis=1)), grid.rough_tops()
-        assert np.all(caps <= tops)
-        assert np.all(tops < 2.0 * caps)
-        resolved |= set(grid.resolved.tolist())
-    assert resolved == {True, False}
 
 
 @pytest.mark.parametrize("kind", BOARDS)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.array_types import EPS, Complexes, Floats
+from taction.system.array_types import EPS, Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import (
     Initial,
@@ -50,6 +50,17 @@ class Exact:
     def error(self) -> float:
         """Bound on the rounding error of any node at any time, V, to first order."""
         return self.flow.error + float(self.rest_error.max(initial=0.0))
+
+    def columns(self, chosen: Ints) -> Exact:
+        """Return the solution of some nodes."""
+        return replace(
+            self,
+            nodes=tuple(self.nodes[k] for k in chosen.tolist()),
+            start=self.start[chosen],
+            final=self.final[chosen],
+            rest_error=self.rest_error[chosen],
+            flow=self.flow.columns(chosen),
+        )
 
     def bounds(self, times: Floats) -> Floats:
         """Return bounds on the rounding error at `times` (P,), V, to first order; shape (P, K)."""
