@@ -1,8 +1,7 @@
 """The ways of boards' channels to their targets, with bounds and the instants that resolve them.
 
 The numbers of many boards stand in the same arrays, so that each step of a search is some array
-operations over all boards. A board has the same digits beside others as alone: sums of few channels
-go mode after mode, and those of many are products of one board's own matrices.
+operations over all boards. Sums over modes are products of each board's own matrices.
 """
 
 from __future__ import annotations
@@ -26,8 +25,7 @@ SEEN = 2.0  # width times |p| up to which a chord bounds a mode better than its 
 LONGER = 1.1  # times the end of the grid: the least next end
 EARLY = 4.0 ** -np.arange(13, 1, -1)  # of the fastest mode's time constant: the first instants
 NOISE = 0.1  # of the error bound: smaller amplitudes are not followed
-FEW = 4  # channels up to which sums over modes of many boards are quicker than products of each
-BLOCK, BOARD_BLOCK = 1 << 15, 512  # instants that are evaluated together: of all boards, of one
+BLOCK = 1 << 18  # modes times instants that are evaluated together
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,49 +77,6 @@ def _stacked(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     return np.ascontiguousarray(found.T if found.ndim == 2 else found.swapaxes(1, 2))
 
 
-class _Terms:
-    """The ringing exponentials of many boards, or the others, in arrays (m, boards)."""
-
-    def __init__(self, courses: Sequence[Course], *, ringing: bool) -> None:
-        flows = [course.solution.flow for course in courses]
-        some = [np.flatnonzero((flow.poles.imag != 0.0) == ringing) for flow in flows]
-        each = list(zip(flows, some, strict=True))
-        poles = _stacked([flow.poles[at] for flow, at in each])
-        share = _stacked(
-            [flow.share[at] * c.signs for c, (flow, at) in zip(courses, each, strict=True)]
-        )
-        self.poles, self.share = (poles, share) if ringing else (poles.real, share.real)
-        self.powers = _stacked([flow.powers[at] for flow, at in each])
-        self.scales = _stacked([flow.scales[at] for flow, at in each])
-        self.rates = _stacked([flow.rates[at] for flow, at in each])
-        self.speeds = _stacked([flow.speeds[at] for flow, at in each])
-        self.counts = [len(at) for at in some]
-        self._highest = int(self.powers.max(initial=0))
-
-    @functools.cached_property
-    def shares(self) -> Complexes:
-        """Shares of the values and of two time derivatives, (3, boards, N, m)."""
-        found, poles, scales = [self.share], self.poles.T[:, None], self.scales.T[:, None]
-        for _ in range(2):
-            after = np.zeros_like(self.share)
-            after[:, :, :-1] = np.where(self.powers.T[:, None, 1:] > 0, found[-1][:, :, 1:], 0.0)
-            found.append(found[-1] * poles + scales * after)
-        return np.array(found)
-
-    def basis(self, times: Floats, board: Ints) -> Complexes:
-        """Return the terms with shares of 1 at `times` (Q,), (m, Q)."""
-        basis: Complexes = np.exp(self.poles[:, board] * times)
-        for k in range(1, self._highest + 1):
-            grown = self.scales[:, board] * times / k
-            basis *= np.where(self.powers[:, board] >= k, grown, 1.0)
-        return basis
-
-
-def _total(terms: NDArray[Any]) -> Floats:
-    """Return the sums of terms (m, Q), one after the other; 0 without any."""
-    return np.add.accumulate(terms, axis=0)[-1] if len(terms) else np.zeros(terms.shape[1])
-
-
 class Courses:
     """The courses of boards with equally many channels, N.
 
@@ -139,17 +94,39 @@ class Courses:
     def __init__(self, courses: Sequence[Course]) -> None:
         flows = [course.solution.flow for course in courses]
         self._courses, self.channels = courses, len(courses[0].signs)
-        self._flows = flows
         self.ends = np.array([course.ends for course in courses])
         self.noise = np.array([course.noise for course in courses])
         self.detail = np.array([course.detail for course in courses])
         self.level = np.maximum([course.level for course in courses], self.noise)
-        self._terms = tuple(_Terms(courses, ringing=ringing) for ringing in (False, True))
-        self._counts = [len(flow.rates) for flow in flows]
+        self._poles = _stacked([flow.poles for flow in flows])
+        self._powers = _stacked([flow.powers for flow in flows])
+        self._scales = _stacked([flow.scales for flow in flows])
         self._rates = _stacked([flow.rates for flow in flows])
         self._speeds = _stacked([flow.speeds for flow in flows])
-        self._weight = _stacked([np.abs(flow.share) for flow in flows])
+        self._share = _stacked(
+            [flow.share * c.signs for flow, c in zip(flows, courses, strict=True)]
+        )
+        self._weight = np.abs(self._share)
         self._largest = np.ascontiguousarray(self._weight.max(axis=1, initial=0.0).T)
+        self._highest = int(self._powers.max(initial=0))
+
+    @functools.cached_property
+    def _shares(self) -> list[Complexes]:
+        """Shares of the values and of two time derivatives, (boards, N, m) each."""
+        found, poles, scales = [self._share], self._poles.T[:, None], self._scales.T[:, None]
+        for _ in range(2):
+            after = np.zeros_like(self._share)
+            after[:, :, :-1] = np.where(self._powers.T[:, None, 1:] > 0, found[-1][:, :, 1:], 0.0)
+            found.append(found[-1] * poles + scales * after)
+        return found
+
+    def _basis(self, times: Floats, board: Ints) -> Complexes:
+        """Return the terms with shares of 1 at `times` (Q,), (m, Q)."""
+        basis: Complexes = np.exp(self._poles[:, board] * times)
+        for k in range(1, self._highest + 1):
+            grown = self._scales[:, board] * times / k
+            basis *= np.where(self._powers[:, board] >= k, grown, 1.0)
+        return basis
 
     @property
     def count(self) -> int:
@@ -169,29 +146,21 @@ class Courses:
             if begin < end:
                 yield k, slice(begin, end)
 
-    def _pieces(self, board: Ints) -> Iterator[slice]:
-        """Yield parts of a rising list that are evaluated together: with many channels of a board.
+    def _blocks(self, board: Ints) -> Iterator[slice]:
+        """Yield parts of a rising list of instants that are evaluated together."""
+        length = max(BLOCK // max(len(self._rates), 1), 1)
+        for first in range(0, len(board), length):
+            yield slice(first, first + length)
 
-        No array of a step is large then.
-        """
-        parts: list[tuple[int, int, int]] = [(0, len(board), BLOCK)]
-        if self.channels > FEW:
-            parts = [(s.start, s.stop, BOARD_BLOCK) for _, s in self.each(board)]
-        for begin, end, length in parts:
-            for first in range(begin, end, length):
-                yield slice(first, min(first + length, end))
-
-    def _product(
-        self, left: Complexes | Floats, weight: Complexes | Floats, board: Ints, counts: list[int]
-    ) -> Floats:
+    def _sums(self, left: Complexes | Floats, weight: Complexes | Floats, board: Ints) -> Floats:
         """Return the real part of sums over terms (m, Q) with weights (boards, N, m); (Q, N)."""
-        if self.channels > FEW:
-            some, k = min(counts[board[0]], len(left)), board[0]
-            a, b = left[:some].T, weight[k, :, :some].T
-            found = a.real @ b.real
-            return found - a.imag @ b.imag if np.iscomplexobj(a) else found
-        parts = (np.ascontiguousarray(weight[:, n].T) for n in range(self.channels))
-        return np.stack([_total(np.real(left * part[:, board])) for part in parts], axis=1)
+        found = np.empty((len(board), self.channels))
+        for k, some in self.each(board):
+            a, b = left[:, some].T, weight[k].T
+            found[some] = a.real @ b.real
+            if np.iscomplexobj(a) and np.iscomplexobj(b):
+                found[some] -= a.imag @ b.imag
+        return found
 
     def _lives(self, level: Floats) -> Floats:
         """Return instants at which modes fall below a `level` (boards,), s, (m, boards)."""
@@ -247,63 +216,46 @@ class Courses:
 
     def evaluate(self, times: Floats, board: Ints) -> tuple[Floats, Floats]:
         """Return errors and slopes at `times`, (Q, N) each."""
-        values, slopes = np.zeros((2, len(times), self.channels))
-        for some in self._pieces(board):
-            at, of = times[some], board[some]
-            if self.channels > FEW:
-                k, signs = of[0], self._courses[of[0]].signs
-                values[some], slopes[some] = (found * signs for found in self._flows[k].pair(at))
-                continue
-            for terms in self._terms:
-                basis = terms.basis(at, of)
-                for sums, share in zip((values, slopes), terms.shares, strict=False):
-                    sums[some] += self._product(basis, share, of, terms.counts)
-        values += self.ends[board]
-        return values, slopes
+        values, slopes = np.empty((2, len(times), self.channels))
+        for some in self._blocks(board):
+            basis, of = self._basis(times[some], board[some]), board[some]
+            values[some] = self._sums(basis, self._shares[0], of)
+            slopes[some] = self._sums(basis, self._shares[1], of)
+        return values + self.ends[board], slopes
 
     @functools.cached_property
-    def _bound_terms(self) -> tuple[list[int], Floats, Floats, Floats, Floats]:
+    def _bound_terms(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """Rates (m, boards), lags and errors (boards, N, m), and errors that stay (boards, N)."""
         parts = [course.solution.flow.bound_terms for course in self._courses]
         rates, lag, vague, omitted = (list(each) for each in zip(*parts, strict=True))
-        rest = np.array(omitted) + self.end_bounds
-        return list(map(len, rates)), _stacked(rates), _stacked(lag), _stacked(vague), rest
+        return _stacked(rates), _stacked(lag), _stacked(vague), np.array(omitted) + self.end_bounds
 
     def bounds(self, times: Floats, board: Ints) -> Floats:
         """Return bounds on the error of the errors at `times`, V, (Q, N)."""
-        found = np.empty((len(times), self.channels))
-        for some in self._pieces(board):
+        rates, lag, vague, rest = self._bound_terms
+        found = rest[board]
+        for some in self._blocks(board):
             at, of = times[some], board[some]
-            if self.channels > FEW:
-                k = of[0]
-                found[some] = self._flows[k].bounds(at) + self.end_bounds[k]
-            else:
-                found[some] = self._few_bounds(at, of)
+            left = np.exp(rates[:, of] * at)
+            found[some] += self._sums(at * left, lag, of) + self._sums(left, vague, of)
         return found
-
-    def _few_bounds(self, times: Floats, board: Ints) -> Floats:
-        counts, rates, lag, vague, rest = self._bound_terms
-        left = np.exp(rates[:, board] * times)
-        aged = self._product(times * left, lag, board, counts)
-        return np.asarray(aged + self._product(left, vague, board, counts) + rest[board])
 
     def sums(self, times: Floats, board: Ints, channel: Ints, order: int) -> tuple[Floats, Floats]:
         """Return derivatives of two orders from `order` of one channel at each time, (Q,)."""
-        sums = np.zeros((2, len(times)))
-        for terms in self._terms:
-            basis = terms.basis(times, board)
-            for k in range(2):
-                share = terms.shares[order + k][board, channel].T
-                sums[k] += _total((basis * share).real)
-        first, second = sums
+        basis = self._basis(times, board)
+        first, second = (
+            np.einsum("mq,qm->q", basis, self._shares[order + k][board, channel]).real
+            for k in range(2)
+        )
         return (first, second) if order else (first + self.ends[board, channel], second)
 
     def remainder(self, times: Floats, board: Ints) -> Floats:
         """Return bounds on what the modes have left after `times`, V, (Q, N)."""
         found = np.empty((len(times), self.channels))
-        for some in self._pieces(board):
+        for some in self._blocks(board):
             of = board[some]
             size = np.exp(self._rates[:, of] * times[some])
-            found[some] = self._product(size, self._weight, of, self._counts)
+            found[some] = self._sums(size, self._weight, of)
         return found
 
     def room(self, begin: Floats, width: Floats, board: Ints) -> tuple[Floats, Bools]:
@@ -314,13 +266,13 @@ class Courses:
         tells where such a mode is above `detail`, so that `envelopes` are the better bounds.
         """
         room, loud = np.empty((len(begin), self.channels)), np.empty(len(begin))
-        for some in self._pieces(board):
+        for some in self._blocks(board):
             of = board[some]
             angle = self._speeds[:, of] * width[some]
             size, most = np.exp(self._rates[:, of] * begin[some]), 2.0 + 0.3 * angle
             slow, fast = size * np.minimum(angle**4 / 384.0, most), np.where(angle > SEEN, size, 0)
-            room[some] = self._product(slow, self._weight, of, self._counts)
-            loud[some] = _total(fast * self._largest[:, of])
+            room[some] = self._sums(slow, self._weight, of)
+            loud[some] = (fast * self._largest[:, of]).sum(axis=0)
         return room, loud > self.detail[board]
 
     def envelopes(self, begin: Floats, end: Floats, board: Ints) -> Floats:
@@ -329,18 +281,15 @@ class Courses:
         Returns the bounds, V, (Q, 2, N).
         """
         found = np.empty((len(begin), 2, self.channels))
-        for some in self._pieces(board):
+        for some in self._blocks(board):
             first, last, of = begin[some], end[some], board[some]
-            width, still = last - first, np.zeros((2, len(first), self.channels))
-            for terms in self._terms:
-                seen = terms.speeds[:, of] * width <= SEEN
-                for side, at in enumerate((first, last)):
-                    shape = terms.basis(at, of) * seen
-                    still[side] += self._product(shape, terms.share, of, terms.counts)
-            angle = self._speeds[:, of] * width
-            bend = np.where(angle <= SEEN, angle**2 / 8.0, 1.0)
-            size = np.exp(self._rates[:, of] * first) * bend
-            room, ends = self._product(size, self._weight, of, self._counts), self.ends[of]
+            angle = self._speeds[:, of] * (last - first)
+            ends, seen = self.ends[of], angle <= SEEN
+            still = np.stack(
+                [self._sums(self._basis(at, of) * seen, self._share, of) for at in (first, last)]
+            )
+            bend = np.where(seen, angle**2 / 8.0, 1.0)
+            room = self._sums(np.exp(self._rates[:, of] * first) * bend, self._weight, of)
             found[some, 0] = still.max(axis=0) + ends + room
             found[some, 1] = room - still.min(axis=0) - ends
         return found
