@@ -28,6 +28,10 @@ _WEAK = 0.1  # of a strong line: a weaker line at a third of its frequency is no
 _ROUNDS = 6  # of the fit; each takes the growth and the frequency of the one before
 _FADED = 0.01  # of the largest amplitude: below, a decayed ringing is not fitted
 _LINEAR_FRACTION = 0.25  # of a limit cycle's amplitude: below, the growth is still exponential
+_FITTED_WINDOWS = 16  # least number of windows of a fit
+_MIXED = 4  # most modes of nearly one frequency
+_GONE = 1e-3  # magnitude of an exponential that decays within one window
+_SEEN = 0.02  # of the largest: a mode of a smaller share at the end is not told apart
 _NEAR = 0.1  # relative distance of the fitted frequency from its line
 _MOST = 0.5  # of a channel's ringing: a mode of a smaller share says nothing of the channel
 _FEWEST_WINDOWS = 4  # of a fit
@@ -124,10 +128,10 @@ class _Windows:
     samples: Floats  # (M, n, K)
 
     @classmethod
-    def of(cls, time: Floats, signals: Floats, width: float, apart: float) -> _Windows:
-        """Return windows of a `width`, whose middles are `apart`, s, or closer if they are few."""
+    def of(cls, time: Floats, signals: Floats, width: float, apart: float, fewest: int) -> _Windows:
+        """Return windows of a `width`, with middles `apart`, s, or closer: `fewest` or more."""
         span = float(time[-1] - time[0])
-        count = min(max(int((span - width) / apart) + 1, _FEWEST_WINDOWS), _WINDOWS)
+        count = min(max(int((span - width) / apart) + 1, fewest), _WINDOWS)
         width = min(width, 0.9 * span)
         begin = np.linspace(time[0], time[-1] - width, count)
         away = width * ((np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5)
@@ -135,13 +139,18 @@ class _Windows:
         values = lagrange(time, signals, np.clip(at, time[0], time[-1]), 6)
         return cls(begin + 0.5 * width, away, values.reshape(count, _INSTANTS, -1))
 
+    @property
+    def width(self) -> float:
+        """Width of a window, s."""
+        return 2.0 * float(self.away[-1])
+
     def fit(self, pole: complex, trend: int) -> tuple[Complexes, Floats]:
         """Fit a trend of so many powers and ``exp(pole t)``, or a slope if the pole is 0.
 
         Returns the amplitudes in the middle of each window, and the amplitudes of what is left,
         (M, K) each.
         """
-        x, reach = self.away, 2.0 * self.away[-1]
+        x, reach = self.away, self.width
         tone = np.exp(pole * x)
         columns = [x**k / reach**k for k in range(trend)]
         columns += [tone.real, tone.imag] if pole else [x / reach]
@@ -281,13 +290,14 @@ def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> 
     if period is None:
         return RecordRinging(time[-1:], np.zeros((1, signals.shape[1])), None, None)
     pole, width = 2j * np.pi / period, 2.0 * period
-    whole = windows = _Windows.of(time, signals, width, period)
+    whole = _Windows.of(time, signals, width, period, _FEWEST_WINDOWS)
     tones, rest = whole.fit(pole, _TREND)
     amplitude = np.abs(tones) + rest
     kept, doubt = _stretch(amplitude.max(axis=1))
+    used = time.size
     if kept < len(amplitude):
         used = max(int(np.searchsorted(time, whole.middle[kept - 1] + period)), 8)
-        windows = _Windows.of(time[:used], signals[:used], width, period)
+    windows = _Windows.of(time[:used], signals[:used], width, period, _FITTED_WINDOWS)
     mode = _fit(windows, pole, _TREND, doubt)
     if mode is not None and mode.residual < GOOD_FIT:  # now exact for it
         tones, rest = whole.fit(complex(mode.growth_rate, math.tau * mode.frequency), _TREND)
@@ -300,14 +310,15 @@ def find_ringing(time: Floats, signals: Floats, period: float | None = None) -> 
 def find_growth(time: Floats, signals: Floats) -> Mode | None:
     """Fit ``exp(growth_rate t)`` to a record that does not ring; parameters as `find_ringing`."""
     width = float(time[-1] - time[0]) / 8.0
-    return _fit(_Windows.of(time, signals, width, width / 2.0), 0j, 1, "")
+    return _fit(_Windows.of(time, signals, width, width / 2.0, _FITTED_WINDOWS), 0j, 1, "")
 
 
 def _fit(windows: _Windows, pole: complex, trend: int, doubt: str) -> Mode | None:
     """Fit one complex exponential to all windows, from a pole near it; None without a signal.
 
     Each round fits tones that grow as the last one found: then they are exact for one exponential.
-    A window counts by how little its tone leaves, so the start of a step counts little.
+    A window counts by how little its tone leaves, so the start of a step counts little. A
+    mode of nearly the same frequency that decays less counts as an uncertainty of a decay.
     """
     t, rings = windows.middle - windows.middle.mean(), bool(pole.imag)
     if len(t) < _FEWEST_WINDOWS:
@@ -334,6 +345,8 @@ def _fit(windows: _Windows, pole: complex, trend: int, doubt: str) -> Mode | Non
     start, stop = (float(windows.middle[k] + windows.away[k]) for k in (0, -1))
     last = np.abs(shape) * math.exp(level + growth * (stop - float(windows.middle.mean())))
     length = stop - start
+    if growth < -2.0 * sigma:
+        sigma = max([sigma, *(rate - growth for rate in _rates(tones, float(t[1] - t[0])))])
     periods = length * pole.imag / math.tau if rings else math.inf
     doubts = [doubt, _doubts(periods, residual, growth * length, sigma * length)]
     return Mode(
@@ -346,6 +359,28 @@ def _fit(windows: _Windows, pole: complex, trend: int, doubt: str) -> Mode | Non
         stop=stop,
         doubt="; ".join(filter(None, doubts)),
     )
+
+
+def _rates(tones: Complexes, apart: float) -> Floats:
+    """Return the growth rates of the modes in amplitudes (M, K) of windows, 1/s.
+
+    The amplitudes are sums of exponentials, whatever the tone is: the shift by one window in the
+    subspace of their Hankel matrix has these exponentials as eigenvalues (ESPRIT: Roy and Kailath,
+    IEEE Trans. ASSP 37, 984, 1989).
+    """
+    size = len(tones) // 2
+    hankel = np.lib.stride_tricks.sliding_window_view(tones, size, axis=0)
+    left, strength, _ = np.linalg.svd(hankel.reshape(-1, size).T, full_matrices=False)
+    noise = max(10.0 * float(np.median(strength)), 1e-5 * float(strength[0]))
+    order = min(int(np.count_nonzero(strength > noise)), _MIXED, size - 1)
+    base = left[:, : max(order, 1)]
+    poles = np.linalg.eigvals(np.linalg.lstsq(base[:-1], base[1:], rcond=None)[0])
+    poles = poles[np.abs(np.log(np.maximum(np.abs(poles), _GONE))) < -math.log(_GONE)]
+    powers = poles ** np.arange(len(tones))[:, None]
+    shares = np.abs(np.linalg.lstsq(powers, tones, rcond=None)[0]).max(axis=1, initial=0.0)
+    last = shares * np.abs(powers[-1])
+    rates = np.log(np.abs(poles)) / apart
+    return np.asarray(rates[last > _SEEN * last.max(initial=0.0)])
 
 
 def _doubts(periods: float, residual: float, growth: float, sigma: float) -> str:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from taction.verification.readings.ringing import Mode, find_growth, find_ringing, saturates, slows
+from taction.verification.readings.ringing import (
+    GOOD_FIT,
+    Mode,
+    find_growth,
+    find_ringing,
+    saturates,
+    slows,
+)
 
 F0 = 123456.0
 SHAPE = np.array([1, -0.5, 0.3, 0, -0.3, 0.5, -1])  # antisymmetric: the channels' sum is zero
@@ -57,6 +64,17 @@ def test_of_two_modes_two_per_cent_apart_the_lasting_one_is_within_its_uncertain
     mode = fitted(time, np.column_stack([first + second, first - 0.5 * second]))
     assert mode.frequency == pytest.approx(F0, rel=1e-3)
     assert abs(mode.growth_rate + 900.0) < 2.0 * mode.growth_sigma < 600.0
+
+
+@pytest.mark.parametrize("periods", [4, 5, 7, 9])
+@pytest.mark.parametrize("phase", [0.0, 0.7, 2.0, 3.0])
+def test_a_short_record_does_not_hide_a_growing_mode_behind_a_fading_one(periods, phase):
+    """The two ring at nearly one frequency, as modes of a board near its onset."""
+    time = np.linspace(0, periods / F0, 2001)
+    grows, fades = ring(time, 500.0), ring(time, -17e3, 0.995 * F0, phase)
+    shares = np.outer(grows, [0.4, 0.2]) + np.outer(fades, [0.2, -0.05])
+    mode = fitted(time, shares)
+    assert not mode.decays or mode.residual > GOOD_FIT
 
 
 def test_noise_is_covered_by_sigma(rng):
