@@ -160,7 +160,8 @@ class _Windows:
         rest = self.samples - basis @ found
         left = np.sqrt(2.0 * (weight**2 @ rest**2) / float(weight @ weight))
         last = found[:, trend:]
-        return (last[:, 0] - 1j * last[:, 1] if pole else last[:, 0] + 0j), np.asarray(left)
+        tones = last[:, 0] - 1j * last[:, 1] if pole else last[:, 0]
+        return np.asarray(tones, dtype=np.complex128), np.asarray(left)
 
 
 def _mixed(signals: Floats) -> Floats:
