@@ -82,7 +82,7 @@ def visited_sets(recording: Recording) -> tuple[VisitedSet, ...]:
     devices, pieces = board.descriptor.devices, curve.run.reported.amplifiers
     return tuple(
         _visited(
-            board, key, pieces.slopes_along(np.zeros((1, devices.count, 1)), np.array([key]))[0],
+            board, key, pieces.slopes_along(np.zeros((1, devices.count)), np.array([key]))[0],
             float(begins[keys.index(key)]), stays[key], keys.count(key),
         )
         for key in stays

@@ -23,7 +23,7 @@ from taction.system.progress import Clock
 from taction.verification.engines.ngspice.process import find_simulator, simulate
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
-from taction.verification.engines.statespace.transients.integrator import Dense
+from taction.verification.engines.statespace.transients.dense import Dense
 from taction.verification.engines.statespace.transients.stepped import Task, simulate_together
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -143,6 +143,11 @@ class LinearBoard:
         """The equations of a large board, for solves without a dense matrix of all unknowns."""
         point = self.operating_point
         return self._bare if point is None else Structure(self.descriptor, point.slopes)
+
+    @functools.cached_property
+    def integrations(self) -> dict[Hashable, Any]:
+        """Transients by steps, which one verification uses several times; see `stepped`."""
+        return {}
 
     @functools.cached_property
     def coarse(self) -> LinearBoard:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,6 +17,7 @@ from taction.verification.engines.statespace.transients.straight_pieces import S
 # end, so that the coefficient is half of its change; a mode that rings may be off by twice that.
 LAYER = 4.0
 RESOLVED = 1.0 / 16.0  # of a coefficient: that of half a step which resolves its modes is 1/256
+SAME = 1e-12  # relative: two instants that only rounding tells apart
 
 
 @dataclass(eq=False)
@@ -31,16 +32,14 @@ class Dense:
         Coefficients over a step.
     levels : list of int
         Binary logarithms of the lengths, in units of the base.
-    rejected, factorisations : int
+    factorisations : int
         What it cost.
     escaped : bool
         Whether it ended early because a voltage passed its limit.
     rounding : float
-        What rounding left where it was more than the tolerance, V.
-    coarse : bool
-        Whether it was in a step.
-    tails : list of float
-        The largest last Legendre coefficient of each accepted step, V, without its rounding.
+        What rounding left where it was more than a small part of the tolerance, V.
+    tail : float
+        The largest last Legendre coefficient of a step, V, without its rounding.
     switches : list of Switch
         The straight pieces of the amplifiers: those of the start, and after each passage of one.
     failure : str
@@ -50,12 +49,10 @@ class Dense:
     ends: list[float] = field(default_factory=lambda: [0.0])
     pieces: list[Floats] = field(default_factory=list)
     levels: list[int] = field(default_factory=list)
-    rejected: int = 0
     factorisations: int = 0
     escaped: bool = False
     rounding: float = 0.0
-    coarse: bool = False
-    tails: list[float] = field(default_factory=list)
+    tail: float = 0.0
     switches: list[Switch] = field(default_factory=list)
     failure: str = ""
 
@@ -65,21 +62,21 @@ class Dense:
             raise EngineError(f"board {board!r}: {self.failure}; try --engine ngspice")
         return self
 
-    def unresolved(self, whole: Dense) -> float:
-        """Return what fast modes can do within steps that are too long for them, V.
+    def doubt(self, whole: Dense) -> float:
+        """Return what the difference to the run `whole` with twice the steps does not show, V.
 
-        Half the steps of the run `whole` are too long, too, so the difference of the two runs does
-        not show it. In a step that resolves its modes half of it has a far smaller coefficient.
+        That is rounding, and what modes do that are too fast for the steps of both runs. Half a
+        step that resolves its modes has a far smaller coefficient.
         """
-        ends, halves = np.array(self.ends), np.zeros(whole.steps)
-        within = np.searchsorted(whole.ends, 0.5 * (ends[:-1] + ends[1:])) - 1
-        np.maximum.at(halves, within, self.tails)
-        passed = halves > RESOLVED * np.array(whole.tails)
-        return LAYER * float(halves.max(initial=0.0, where=passed))
+        unresolved = self.tail if self.tail > RESOLVED * whole.tail else 0.0
+        return self.rounding + LAYER * unresolved
 
-    def level_at(self, t: float) -> int:
-        """Return the level of the step at an instant, s."""
-        return self.levels[max(min(bisect_right(self.ends, t), self.steps) - 1, 0)]
+    def level_within(self, t: float, base: float) -> int:
+        """Return the least level of the steps that half the step at `t`, s, would overlap."""
+        last = self.steps - 1
+        first = min(bisect_right(self.ends, t * (1.0 + SAME)) - 1, last)
+        end = t + 0.5 * base * 2.0 ** self.levels[first]
+        return min(self.levels[first : max(bisect_left(self.ends, end * (1.0 - SAME)), first + 1)])
 
     @property
     def steps(self) -> int:

@@ -60,3 +60,4 @@ def tableau(stages: int) -> Tableau:
 STAGES = 9
 TABLE = tableau(STAGES)
 NODES = np.append(0.0, TABLE.c)
+SIGMA = TABLE.left.sum(axis=1)

@@ -21,9 +21,8 @@ from math import comb
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from taction.system.array_types import EPS, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.quantities import show
-from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, Gain
 from taction.verification.engines.statespace.transients.radau import NODES, STAGES, TABLE
 
 SLACK = 1e-3  # of the tolerance: how far behind a break an output counts as beyond it
@@ -95,55 +94,6 @@ def shortened(piece: Floats, theta: float) -> tuple[Floats, Floats, Complexes]:
     values = piece @ legvander(2.0 * theta * NODES - 1.0, STAGES).T
     basis = legvander(np.array([2.0 * theta - 1.0]), STAGES)[0] @ TABLE.legendre
     return values @ TABLE.legendre.T, values[:, -1], basis[1:] @ TABLE.right
-
-
-class StraightPieces:
-    """The straight pieces of amplifiers (m,), dimensionless; any other has one endless piece.
-
-    Attributes
-    ----------
-    broken : ndarray (m,)
-        Which amplifiers consist of straight pieces.
-    edges, rise, offset : ndarray (m, S + 1), (m, S), (m, S)
-        Where pieces begin and end; g is ``rise y + offset`` on each.
-    steepest : ndarray (m,)
-        The largest rise of each.
-    """
-
-    def __init__(self, kinds: Sequence[str]) -> None:
-        gains, m = [GAINS[kind] for kind in kinds], len(kinds)
-        most = max((len(gain.breaks or ()) for gain in gains), default=0) + 1
-        self.broken = np.array([gain.breaks is not None for gain in gains], dtype=np.bool_)
-        self.edges = np.full((m, most + 1), np.inf)
-        self.edges[:, 0] = -np.inf
-        self.rise, self.offset = np.zeros((m, most)), np.zeros((m, most))
-        for k, gain in enumerate(gains):
-            if gain.breaks is not None:
-                count = len(gain.breaks)
-                self.edges[k, 1 : count + 1] = gain.breaks
-                self.rise[k, : count + 1], self.offset[k, : count + 1] = _lines(gain)
-        self.steepest = np.abs(self.rise).max(axis=1, initial=0.0)
-        self.every = np.arange(m)
-
-    def at(self, y: Floats) -> Ints:
-        """Return the piece of each input (R, m)."""
-        return np.asarray((y[:, :, None] >= self.edges[:, 1:-1]).sum(axis=2))
-
-    def ends(self, segments: Ints) -> tuple[Floats, Floats]:
-        """Return both ends of pieces (R, m)."""
-        return self.edges[self.every, segments], self.edges[self.every, segments + 1]
-
-    def lines(self, segments: Ints) -> tuple[Floats, Floats]:
-        """Return rise and offset of pieces (R, m)."""
-        return self.rise[self.every, segments], self.offset[self.every, segments]
-
-
-def _lines(gain: Gain) -> tuple[Floats, Floats]:
-    """Return rise and offset of the pieces of one g."""
-    breaks = np.array(gain.breaks or ())
-    inside = np.concatenate([breaks[:1] - 1.0, 0.5 * (breaks[1:] + breaks[:-1]), breaks[-1:] + 1.0])
-    rise = gain.slope(inside)
-    return rise, gain.value(inside) - rise * inside
 
 
 @dataclass(frozen=True, slots=True, eq=False)

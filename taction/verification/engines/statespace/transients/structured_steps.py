@@ -3,104 +3,55 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import Bools, Complexes, Floats, Ints
+from taction.system.array_types import Bools, Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.structured_solve import Structure
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients.radau import TABLE
-from taction.verification.engines.statespace.transients.steps import (
-    BEYOND,
-    SIGMA,
-    Amplifiers,
-)
+from taction.verification.engines.statespace.transients.amplifiers import BEYOND, Amplifiers
+from taction.verification.engines.statespace.transients.batch import Batch
+from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
 
-Solve = Callable[[Any], Any]  # of a right-hand side
 INSTANT = 1e-9  # of the fastest time constant: a step without charge
 SETTLING_STEPS = 50
 SETTLED = 1e-12  # of the largest unknown: a correction that ends the search for the start
 STALLED = 1e-9  # the same of a correction that does not shrink, which is rounding
-KEPT = 12  # binary orders of length beside the present one: steps that stay prepared
 
 
-@dataclass(eq=False)
-class StructuredStep:
-    """A step of one board, `Steps` of R = 1: solves with the amplifiers' slopes in the cells."""
-
-    board: StructuredBoard
-    count: int  # of amplifiers
-    solvers: list[Solve]
-
-    def _stages(self, rhs: Complexes) -> tuple[Floats, Complexes]:
-        """Solve for right-hand sides (k, size); return inputs and watched nodes, and solutions."""
-        x = [self.solvers[0](np.ascontiguousarray(rhs[0].real))]
-        x += [solve(r) for solve, r in zip(self.solvers[1:], rhs[1:], strict=True)]
-        solution = np.stack(x)
-        return (TABLE.right @ solution[:, self.board.places]).real.T[None], solution
-
-    def free(self, rate: Floats) -> tuple[Floats, Any]:
-        """See `Steps`."""
-        stages, x = self._stages(SIGMA[:, None] * rate)
-        return stages[:, : self.count], [(stages, x)]
-
-    def response(self, remainder: Floats, parts: Any) -> Floats:
-        """See `Steps`."""
-        rhs = np.zeros((len(self.solvers), self.board.unknowns), np.complex128)
-        rhs[:, self.board.outputs] = TABLE.left @ remainder[0].T
-        parts[1:] = [self._stages(rhs)]
-        return np.asarray(parts[1][0][:, : self.count])
-
-    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Complexes, Floats]:
-        """See `Steps`."""
-        stages, x = parts[0]
-        for more, y in parts[1:]:
-            stages, x = stages + more, x + y
-        return x, stages
-
-    def moved(self, parts: Complexes, weights: Complexes) -> Floats:
-        """See `Steps`."""
-        return np.asarray((weights[0] @ parts).real[None])
-
-
-class StructuredBoard:
-    """A board by all its unknowns, as `Boards` of R = 1; its prepared steps are kept.
+class StructuredBoard(Batch):
+    """A board by all its unknowns, with the methods of `ModalBoards` for R = 1.
 
     The watched voltages are the inputs of the amplifiers, then those of `nodes`.
     """
 
     def __init__(self, board: LinearBoard, nodes: tuple[str, ...]) -> None:
         self.descriptor, devices = board.descriptor, board.descriptor.devices
-        self.count, self.unknowns = devices.count, board.descriptor.size
-        self.structure, self.bare = board.structure, Structure(self.descriptor)
-        self.drive, self.outputs = self.descriptor.drive(sources_on=True), devices.output
-        watched = np.array([self.descriptor.place(name) for name in nodes], dtype=np.int64)
-        self.places: Ints = np.concatenate([devices.input, watched])
-        self.slopes, self.prepared = np.zeros(0), dict[float, StructuredStep]()
+        self.count, self.structure = devices.count, board.structure
+        self.bare = Structure(self.descriptor)
+        outputs, others = devices.output.tolist(), map(self.descriptor.place, nodes)
+        self.outputs, self.places = outputs, [*devices.input.tolist(), *others]
+        self.drive = self.descriptor.drive(sources_on=True)[None]
+        self.prepared: tuple[bytes, bytes] | None = None
+        self.solvers: list[Any] = []
         self.factorisations = 0
-
-    def part(self, rows: Ints) -> StructuredBoard:
-        """See `Boards`."""
-        return self
-
-    def jumping(self, slopes: Floats) -> Bools:
-        """See `Boards`: not looked for."""
-        return np.zeros(1, dtype=np.bool_)
 
     def state(self, unknowns: Floats) -> Floats:
         """Return the state of all unknowns, which they are themselves."""
         return unknowns
 
+    def jumping(self, slopes: Floats) -> Bools:
+        """See `ModalBoards`: not looked for."""
+        return np.zeros(1, dtype=np.bool_)
+
     def rate(self, state: Floats, inputs: Floats, outputs: Floats) -> Floats:
-        """See `Boards`."""
+        """See `ModalBoards`."""
         return self._rate(state[0], outputs[0])[None]
 
     def _rate(self, state: Floats, outputs: Floats) -> Floats:
-        rate = self.bare.stiffness_times(state) + self.drive
+        rate = self.bare.stiffness_times(state) + self.drive[0]
         rate[self.outputs] += outputs
         return np.asarray(rate)
 
@@ -138,16 +89,41 @@ class StructuredBoard:
             before = size
         raise EngineError(BEYOND)
 
-    def step(self, length: Floats, slopes: Floats) -> StructuredStep:
-        """See `Boards`."""
-        (wanted,) = length.tolist()
-        if not np.array_equal(slopes[0], self.slopes):
-            self.slopes, self.prepared = slopes[0], {}
-        if wanted not in self.prepared:
-            far = 2.0**KEPT
-            near = {h: each for h, each in self.prepared.items() if h / far <= wanted <= h * far}
-            structure = Structure(self.descriptor, self.slopes) if self.count else self.structure
-            solvers = [structure.solver(shift / wanted) for shift in TABLE.shifts.tolist()]
-            self.prepared = near | {wanted: StructuredStep(self, self.count, solvers)}
-            self.factorisations += len(TABLE.shifts)
-        return self.prepared[wanted]
+    def prepare(self, length: Floats, slopes: Floats) -> None:
+        """See `ModalBoards`."""
+        wanted = length.tobytes(), slopes.tobytes()
+        if wanted != self.prepared:
+            structure = Structure(self.descriptor, slopes[0]) if self.count else self.structure
+            shifts = (TABLE.shifts / length[0]).tolist()
+            self.solvers, self.prepared = [structure.solver(shift) for shift in shifts], wanted
+            self.factorisations += len(shifts)
+
+    def _solved(self, rhs: Complexes) -> tuple[Floats, Complexes]:
+        """Solve for right-hand sides (k, size); return inputs and watched nodes, and solutions."""
+        x = [self.solvers[0](np.ascontiguousarray(rhs[0].real))]
+        x += [solve(r) for solve, r in zip(self.solvers[1:], rhs[1:], strict=True)]
+        solution = np.stack(x)
+        return (TABLE.right @ solution[:, self.places]).real.T[None], solution
+
+    def free(self, rate: Floats) -> tuple[Floats, Any]:
+        """See `ModalBoards`."""
+        stages, x = self._solved(SIGMA[:, None] * rate)
+        return stages[:, : self.count], [(stages, x)]
+
+    def response(self, remainder: Floats, parts: Any) -> Floats:
+        """See `ModalBoards`."""
+        rhs = np.zeros((len(self.solvers), self.descriptor.size), np.complex128)
+        rhs[:, self.outputs] = TABLE.left @ remainder[0].T
+        parts[1:] = [self._solved(rhs)]
+        return np.asarray(parts[1][0][:, : self.count])
+
+    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Complexes, Floats]:
+        """See `ModalBoards`."""
+        stages, x = parts[0]
+        for more, y in parts[1:]:
+            stages, x = stages + more, x + y
+        return x, stages
+
+    def moved(self, parts: Complexes, weights: Complexes) -> Floats:
+        """See `ModalBoards`."""
+        return np.asarray((weights[0] @ parts).real[None])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,12 @@ import pytest
 
 from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
+from taction.verification.engines.statespace.transients.amplifiers import StraightPieces
+from taction.verification.engines.statespace.transients.batch import Batch
 from taction.verification.engines.statespace.transients.dense import Dense
-from taction.verification.engines.statespace.transients.integrator import (
-    Present,
-    RadauIntegrator,
-)
-from taction.verification.engines.statespace.transients.radau import STAGES, TABLE, tableau
-from taction.verification.engines.statespace.transients.steps import SIGMA
+from taction.verification.engines.statespace.transients.integrator import Integration
+from taction.verification.engines.statespace.transients.modal_steps import ModalBoards, StateBoard
+from taction.verification.engines.statespace.transients.radau import STAGES, tableau
 
 
 def test_three_stages_are_the_published_ones() -> None:
@@ -47,28 +45,29 @@ def test_a_method_integrates_polynomials_up_to_its_order(stages: int) -> None:
         assert b @ method.c**power == pytest.approx(1.0 / (power + 1), rel=1e-9)
 
 
-class Functions:
+class Functions(Batch):
     """``a = f(v)`` of m amplifiers of one kind."""
 
     def __init__(self, count: int, f: Callable[[Floats], Floats], slope: Any) -> None:
-        self.count, self.f, self.slope, self.pieces = count, f, slope, None
+        self.count, self.f, self.slope = count, f, slope
+        self.pieces = StraightPieces(("tanh",) * count)
 
     def outputs(self, inputs: Floats) -> Floats:
         with np.errstate(over="ignore"):
             return self.f(inputs)
 
-    def slopes(self, inputs: Floats) -> Floats:
-        return np.asarray(self.slope(inputs))
+    def slopes_along(self, inputs: Floats, segments: Ints) -> Floats:
+        return np.asarray(self.slope(inputs[:, :, None])[:, :, 0])
 
     def along(self, inputs: Floats, segments: Ints) -> Floats:
         return self.outputs(inputs)
 
 
-@dataclass
-class Everything:
+class Everything(Batch):
     """Every watched voltage is reported, in its own volts, and its distance from 0."""
 
-    amplifiers: Any
+    def __init__(self, amplifiers: Any, watched: int = 1) -> None:
+        self.amplifiers, self.watched = amplifiers, watched
 
     def volts(self, inputs: Floats) -> Floats:
         return np.ones((len(inputs), self.watched))
@@ -76,78 +75,47 @@ class Everything:
     def distance(self, watched: Floats) -> Floats:
         return np.asarray(np.abs(watched).max(axis=1))
 
-    def part(self, rows: Ints) -> Everything:
-        return self
 
-    watched: int = 1
+class Space:
+    """The part of a state space that a board needs: watched are the inputs, then all states."""
 
+    def __init__(self, A: Floats, inputs: Floats, E: Floats) -> None:
+        n, m = E.shape
+        self.A, self.B = A, np.concatenate([np.zeros((n, 2)), E], axis=1)
+        self.C, self.D = inputs, np.zeros((m, 2 + m))
+        self.descriptor = self
+        self.devices, self.input = self, slice(None)
 
-class Solved:
-    """One board ``x' = A x + E a`` with inputs ``v = G x``, watched before all of x if asked."""
+    def rows(self, nodes: tuple[str, ...]) -> tuple[Floats, Floats]:
+        n, m = len(self.A), len(self.C)
+        return (np.eye(n), np.zeros((n, 2 + m))) if nodes else (self.C[:0], self.D[:0])
 
-    factorisations = 0
-
-    def __init__(self, A: Floats, G: Floats, E: Floats, *, watched: bool) -> None:
-        self.A, self.G, self.E, self.m = A, G, E, E.shape[1]
-        self.rows = np.concatenate([G, np.eye(len(A))]) if watched else G
-
-    def part(self, rows: Ints) -> Solved:
-        return self
-
-    def rate(self, state: Floats, inputs: Floats, outputs: Floats) -> Floats:
-        return np.asarray((self.A @ state[0] + self.E @ outputs[0])[None])
-
-    def step(self, length: Floats, slopes: Floats) -> SolvedStep:
-        closed = self.A + (self.E * slopes[0]) @ self.G
-        return SolvedStep(
-            self, [s / length[0] * np.eye(len(closed)) - closed for s in TABLE.shifts]
-        )
+    def state_of(self, unknowns: Floats) -> Floats:
+        return unknowns
 
 
-@dataclass
-class SolvedStep:
-    """Its steps, by solves with the whole matrices."""
-
-    board: Solved
-    matrices: list[Any]
-
-    def _solved(self, right: Any) -> Any:
-        return np.array(list(map(np.linalg.solve, self.matrices, right)))
-
-    def _stages(self, x: Any) -> Floats:
-        return np.asarray((TABLE.right @ (x @ self.board.rows.T)).real.T[None])
-
-    def free(self, rate: Floats) -> tuple[Floats, Any]:
-        x = self._solved(SIGMA[:, None] * rate)
-        return self._stages(x)[:, : self.board.m], [x]
-
-    def response(self, remainder: Floats, parts: Any) -> Floats:
-        parts[1:] = [self._solved((TABLE.left @ remainder[0].T) @ self.board.E.T)]
-        return self._stages(parts[1])[:, : self.board.m]
-
-    def end(self, remainder: Floats, inputs: Floats, parts: Any) -> tuple[Any, Floats]:
-        x = sum(parts)
-        return x, self._stages(x)
-
-    def moved(self, parts: Any, weights: Any) -> Floats:
-        return np.asarray((weights[0] @ parts).real[None])
+def begin(boards: ModalBoards, reported: Any, z: Floats, slopes: Floats, *numbers: Any) -> Any:
+    """Return integrations from states that are watched; tolerance, base, limit, stop."""
+    tolerance, base, limit, stop = (np.broadcast_to(x, (len(z),)) for x in numbers)
+    none = np.array([None] * len(z))
+    outs = np.array([Dense() for _ in z])
+    return Integration(
+        boards, reported, outs, none, boards.state(z), z, slopes, tolerance, np.ones(len(z)),
+        base, limit, stop,
+    )  # fmt: skip
 
 
 class OneBoard:
-    """The integrator of one board, whose failure is an error."""
+    """The integration of one board, whose failure is an error."""
 
-    def __init__(
-        self, board: Solved, reported: Everything, z: Floats, slopes: Floats, numbers: Floats
-    ) -> None:
-        columns = numbers[:, None]  # tolerance, unit, base, limit
-        present = Present(z[None], z[None], slopes[None], *columns)
-        self.work = RadauIntegrator(board, reported, present)
+    def __init__(self, make: Callable[[float], Any]) -> None:
+        self.make = make
 
-    def run(self, stop: float, max_steps: int = 1_000_000) -> Dense:
-        return self.work.run(np.array([stop]), max_steps)[0].checked("drawn")
-
-    def repeat(self, levels: list[int]) -> Dense:
-        return self.work.repeat([levels])[0].checked("drawn")
+    def run(self, stop: float, max_steps: int = 1_000_000, whole: Dense | None = None) -> Dense:
+        work = self.make(stop)
+        work.whole[0] = whole
+        work.run(max_steps)
+        return work.out[0].checked("drawn")  # type: ignore[no-any-return]
 
 
 def integrator(
@@ -155,19 +123,28 @@ def integrator(
 ) -> OneBoard:
     """``z' = A z`` with all states watched."""
     n = len(z)
-    board = Solved(A, np.zeros((0, n)), np.zeros((n, 0)), watched=True)
-    none = Functions(0, np.exp, np.exp)
-    reported = Everything(none, n)
-    return OneBoard(board, reported, z, np.zeros(0), np.array([tolerance, 1.0, first, limit]))
+    space: Any = Space(A, np.zeros((0, n)), np.zeros((n, 0)))
+
+    def make(stop: float) -> Any:
+        boards = ModalBoards(StateBoard(space, ("all",), np.zeros(0)), None)
+        reported = Everything(Functions(0, np.exp, np.exp), n)
+        return begin(boards, reported, z[None], np.zeros((1, 0)), tolerance, first, limit, stop)
+
+    return OneBoard(make)
 
 
 def scalar(f: Callable[[Floats], Floats], slope: Any, z: float, **more: Any) -> OneBoard:
     """``z' = f(z)`` with one amplifier, whose input is z."""
-    board = Solved(np.zeros((1, 1)), np.eye(1), np.eye(1), watched=False)
-    slopes, start = np.asarray(slope(np.array([z]))), np.array([z])
-    reported = Everything(Functions(1, f, slope), 1)
-    given = {"tolerance": 1e-8, "unit": 1.0, "base": 1e-3, "limit": np.inf} | more
-    return OneBoard(board, reported, start, slopes, np.array(list(given.values())))
+    space: Any = Space(np.zeros((1, 1)), np.eye(1), np.eye(1))
+    slopes = np.asarray(slope(np.array([z])))
+    given = {"tolerance": 1e-8, "base": 1e-3, "limit": np.inf} | more
+
+    def make(stop: float) -> Any:
+        boards = ModalBoards(StateBoard(space, (), slopes), None)
+        reported, start = Everything(Functions(1, f, slope)), np.array([[z]])
+        return begin(boards, reported, start, slopes[None], *given.values(), stop)
+
+    return OneBoard(make)
 
 
 SPIRAL = np.array([[-1.0, 5.0], [-5.0, -1.0]])
@@ -192,8 +169,8 @@ def test_errors_stay_below_the_tolerance_and_steps_follow_its_tenth_root() -> No
 def test_half_the_steps_err_by_the_order_of_the_dense_output() -> None:
     times = np.linspace(0.0, 2.0, 301)
     _, dense = spiral(1e-5, times)
-    second = integrator(SPIRAL, np.array([1.0, 0.0]), 1e-5)
-    halved = second.repeat([level - 1 for level in dense.levels for _ in range(2)])
+    halved = integrator(SPIRAL, np.array([1.0, 0.0]), 1e-5).run(2.0, whole=dense)
+    assert halved.levels == [level - 1 for level in dense.levels for _ in range(2)]
     wanted = (np.exp(-times) * np.array([np.cos(5 * times), -np.sin(5 * times)])).T
     errors = [np.abs(run.at(times) - wanted).max() for run in (dense, halved)]
     assert errors[1] < errors[0] / 2.0 ** (STAGES - 1)
@@ -254,12 +231,12 @@ def test_a_mode_that_is_too_fast_for_both_runs_is_covered_by_its_last_coefficien
     A = np.block([[-np.eye(1), np.zeros((1, 2))], [np.zeros((2, 1)), ringing]])
     z = np.array([1.0, 1e-6, 0.0])
     dense = integrator(A, z, 1e-6).run(1.0)
-    second = integrator(A, z, 1e-6).repeat([level - 1 for level in dense.levels for _ in "ab"])
+    second = integrator(A, z, 1e-6).run(1.0, whole=dense)
     t = np.append(np.geomspace(1e-8, 1e-3, 2000), np.linspace(2e-3, 1.0, 100))
     mode = 1e-6 * np.exp(fast * t)
     wanted = np.array([np.exp(-t), mode.real, -mode.imag]).T
     errors = [np.abs(run.at(t) - wanted).max() for run in (dense, second)]
     apart = np.abs(dense.at(t) - second.at(t)).max()
     assert 1.5 * apart < errors[0]
-    assert errors[1] <= second.unresolved(dense) <= 6.0 * errors[1]
-    assert errors[0] <= apart + second.unresolved(dense)
+    assert errors[1] <= second.doubt(dense) <= 6.0 * errors[1]
+    assert errors[0] <= apart + second.doubt(dense)

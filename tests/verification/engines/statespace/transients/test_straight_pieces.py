@@ -23,11 +23,11 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.transients.amplifiers import StraightPieces
 from taction.verification.engines.statespace.transients.radau import STAGES
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.stepped import SteppedCurve
 from taction.verification.engines.statespace.transients.straight_pieces import (
-    StraightPieces,
     first_passage,
     hull,
     limit_cycle,

@@ -16,9 +16,8 @@ from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import decompose
 from taction.verification.engines.statespace.transients import stepped
-from taction.verification.engines.statespace.transients.integrator import Present, RadauIntegrator
-from taction.verification.engines.statespace.transients.small_steps import (
-    SmallBoards,
+from taction.verification.engines.statespace.transients.modal_steps import (
+    ModalBoards,
     StateBoard,
     is_basis,
 )
@@ -32,27 +31,11 @@ from tests.support.boards import board, kernel, strain, two_pole
 from tests.verification.engines.statespace.transients.test_radau import (
     Everything,
     Functions,
+    Space,
+    begin,
 )
 
 STOP = 2e-4  # s
-
-
-class Space:
-    """The part of a state space that a board needs: watched are the inputs, then all states."""
-
-    def __init__(self, A: Floats, inputs: Floats, E: Floats) -> None:
-        n, m = E.shape
-        self.A, self.B = A, np.concatenate([np.zeros((n, 2)), E], axis=1)
-        self.C, self.D = inputs, np.zeros((m, 2 + m))
-        self.descriptor = self
-        self.devices, self.input = self, slice(None)
-
-    def rows(self, nodes: tuple[str, ...]) -> tuple[Floats, Floats]:
-        n, m = len(self.A), len(self.C)
-        return (np.eye(n), np.zeros((n, 2 + m))) if nodes else (self.C[:0], self.D[:0])
-
-    def state_of(self, unknowns: Floats) -> Floats:
-        return unknowns
 
 
 def exponential(channels: int, capacitance: float) -> Circuit:
@@ -95,34 +78,31 @@ def test_steps_by_modes_are_those_by_matrices(monkeypatch: pytest.MonkeyPatch) -
 
 def test_amplifiers_of_several_boards_against_their_closed_forms() -> None:
     """``x' = -rate x + (rate - 1) x - x^2``, from 1: a logistic curve, for several rates."""
-    rates, boards, modes = np.array([1.5, 3.0, 40.0]), [], []
-    for rate in rates.tolist():
+
+    class Logistic(Functions):
+        def __init__(self, rate: float) -> None:
+            super().__init__(1, np.exp, np.exp)
+            self.rates = np.array([[[rate]]])
+
+        def outputs(self, inputs: Floats) -> Floats:
+            return np.asarray((self.rates - 1.0) * inputs - inputs**2)
+
+        def slopes_along(self, inputs: Floats, segments: Any) -> Floats:
+            return np.asarray(self.rates[:, :, 0] - 1.0 - 2.0 * inputs)
+
+    works, stops = [], (1.0, 3.0, 2.0)
+    for rate, base, stop in zip((1.5, 3.0, 40.0), (1e-3, 1e-2, 1e-4), stops, strict=True):
         space: Any = Space(np.array([[-rate]]), np.eye(1), np.eye(1))
-        slopes = np.array([rate - 1.0])
-        boards.append(StateBoard(space, (), slopes))
-        modes.append(decompose([np.array([[-1.0]])]))
-    assert all(map(is_basis, modes))
-
-    class Together(Functions):
-        def __init__(self, rates: Any) -> None:
-            self.rates = rates[:, None, None]
-            gain, more = lambda v: (self.rates - 1.0) * v - v**2, lambda v: self.rates - 1 - 2 * v
-            super().__init__(1, gain, more)
-
-    class Reported(Everything):
-        def part(self, rows: Any) -> Reported:
-            return Reported(Together(self.amplifiers.rates[rows, 0, 0]))
-
-    start, ones = np.ones((3, 1)), np.ones(3)
-    modal = SmallBoards(boards, modes)
-    numbers = (1e-8 * ones, ones, np.array([1e-3, 1e-2, 1e-4]), np.inf * ones)
-    slopes = (rates - 1.0)[:, None]
-    present = Present(modal.state(start), start, slopes, *numbers)
-    outs = RadauIntegrator(modal, Reported(Together(rates)), present).run(np.array([1.0, 3.0, 2.0]))
-    for out, stop in zip(outs, (1.0, 3.0, 2.0), strict=True):
+        modes, slopes = decompose([np.array([[-1.0]])]), np.array([rate - 1.0])
+        assert is_basis(modes)
+        modal = ModalBoards(StateBoard(space, (), slopes), modes)
+        reported, start = Everything(Logistic(rate)), np.ones((1, 1))
+        works.append(begin(modal, reported, start, slopes[None], 1e-8, base, np.inf, stop))
+    works[0].join(works).run()
+    for work, stop in zip(works, stops, strict=True):
         t = np.linspace(0.0, stop, 50)
         wanted = 1.0 / (2.0 * np.exp(t) - 1.0)  # of x' = -x - x^2
-        assert out.checked("drawn").at(t)[:, 0] == pytest.approx(wanted, abs=1e-8)
+        assert work.out[0].checked("drawn").at(t)[:, 0] == pytest.approx(wanted, abs=1e-8)
 
 
 def test_joined_modes_have_a_matrix_in_the_place_of_poles() -> None:
@@ -132,16 +112,14 @@ def test_joined_modes_have_a_matrix_in_the_place_of_poles() -> None:
     assert is_basis(modes)
     assert modes.alone.tolist() == [False, False, True]
     space: Any = Space(A, np.zeros((0, 3)), np.zeros((3, 0)))
-    start, one = np.ones((1, 3)), np.ones(1)
-    for several in ([modes], []):  # without a basis all states are joined
-        small = SmallBoards([StateBoard(space, ("all",), np.zeros(0))], several)
+    for known in (modes, None):  # without a basis all states are joined
+        modal = ModalBoards(StateBoard(space, ("all",), np.zeros(0)), known)
         reported = Everything(Functions(0, np.exp, np.exp), 3)
-        present = Present(small.state(start), start, np.zeros((1, 0)), 1e-8 * one, one, one, one)
-        present.limit = np.inf * one
-        (out,) = RadauIntegrator(small, reported, present).run(3.0 * one)
+        work = begin(modal, reported, np.ones((1, 3)), np.zeros((1, 0)), 1e-8, 1.0, np.inf, 3.0)
+        work.run()
         t = np.linspace(0.0, 3.0, 60)
         wanted = [(1.0 + t) * np.exp(-t), np.exp(-t), np.exp(-30.0 * t)]
-        assert out.checked("drawn").at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)
+        assert work.out[0].checked("drawn").at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)
 
 
 def test_each_mode_has_the_place_of_its_conjugate() -> None:
