@@ -158,8 +158,6 @@ class SteppedRun:
         board, analysis, nodes = task.board, task.analysis, task.board.reported(task.nodes)
         reported = ReportedOutputs(board, nodes, task.beside)
         unknowns = initial_unknowns(board, analysis.initial, analysis.voltages)
-        devices = board.descriptor.devices
-        inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
         slopes = board.equilibrium.slopes
         equations: StateBoard | StructuredBoard
         if board.descriptor.is_large:
@@ -167,40 +165,25 @@ class SteppedRun:
         else:
             equations = _equations(task, reported, slopes)
         state, start = equations.start(equations.state(unknowns), reported.amplifiers)
-        sizes = np.maximum(np.abs(board.equilibrium.values), np.abs(unknowns))
-        largest = max(
-            float(np.delete(sizes, devices.output[inner]).max(initial=0.0)),
-            float(np.abs(start).max(initial=0.0)),
-            float(devices.u_scale[~inner].max(initial=0.0)),
-        )
+        largest = _largest(board, unknowns, start)
         unit = max(float(reported.distance(start[None])[0]), FLOOR * largest) or 1.0
         if task.beside:
             away = np.abs(reported.voltages(start[None]) - reported.resting)[:, len(nodes) :]
             allowed = BESIDE * max(float(away.max()), FLOOR * largest)
             weight = min(task.tolerance * unit / allowed, 1.0)
             reported.weights[:, -len(task.beside) :] = weight
-        begin: Any = state[None]
         boards: ModalBoards | StructuredBoard
-        kind: tuple[Hashable, ...] = (id(equations),)
+        kind: Hashable = id(equations)
         if isinstance(equations, StructuredBoard):
             boards = equations
         else:
-            inputs = unknowns[None, devices.input, None]
-            first = reported.amplifiers.slopes(inputs)[0, :, 0]
-            least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
-            # Every mode has a part of the largest voltage: its rounding must not move an amplifier.
-            finest = task.tolerance * float(devices.v_scale[~inner].min(initial=np.inf))
-            modes = board.state_space.modes
-            known = is_basis(modes) and board.open_loop.states == board.state_space.states
-            if known and finest >= EPS * largest:
-                modal = ModalBoards(equations, modes)
-            else:
-                modal = ModalBoards(_equations(task, reported, least), None)
-            boards, begin, joined = modal, modal.state(begin), tuple(modal.joined)
-            kind, slopes = (devices.kinds, reported.source, len(state), len(start), joined), least
+            boards, slopes = _modal(task, reported, equations, unknowns, largest)
+            shared = reported.amplifiers.kinds, reported.source, boards.seen.shape
+            kind = *shared, tuple(boards.joined)
         whole = None if task.whole is None else task.whole.dense
         tolerance = task.tolerance * unit * (1.0 if whole is None else REPEATED)
         limit = ESCAPED * (largest or 1.0)
+        begin: Any = boards.state(state[None])
         work = Integration(
             boards, reported, np.array([Dense()]), np.array([whole], dtype=object), begin,
             start[None], slopes[None],
@@ -221,6 +204,39 @@ def _equations(task: Task, reported: ReportedOutputs, slopes: Floats) -> StateBo
     """
     rounding = ROUNDED[bool(reported.amplifiers.pieces.broken.any())]
     return StateBoard(task.board.open_loop, reported.others, slopes, task.halvings, rounding)
+
+
+def _largest(board: LinearBoard, unknowns: Floats, start: Floats) -> float:
+    """Return the board's largest voltage, V: at the start, at rest, or of an amplifier."""
+    devices = board.descriptor.devices
+    inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
+    sizes = np.maximum(np.abs(board.equilibrium.values), np.abs(unknowns))
+    parts = np.delete(sizes, devices.output[inner]), np.abs(start), devices.u_scale[~inner]
+    return max(float(part.max(initial=0.0)) for part in parts)
+
+
+def _modal(
+    task: Task,
+    reported: ReportedOutputs,
+    equations: StateBoard,
+    unknowns: Floats,
+    largest: float,
+) -> tuple[ModalBoards, Floats]:
+    """Return the equations in the basis of the modes, and the slopes of the first steps.
+
+    These are the smaller of start and rest. Where the modes are no basis, or rounding of their
+    shares in the largest voltage would move an amplifier, the states are the basis.
+    """
+    board, devices, slopes = task.board, task.board.descriptor.devices, equations.slopes
+    first = reported.amplifiers.slopes(unknowns[None, devices.input, None])[0, :, 0]
+    least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
+    inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
+    finest = task.tolerance * float(devices.v_scale[~inner].min(initial=np.inf))
+    modes = board.state_space.modes
+    known = is_basis(modes) and board.open_loop.states == board.state_space.states
+    if known and finest >= EPS * largest:
+        return ModalBoards(equations, modes), least
+    return ModalBoards(_equations(task, reported, least), None), least
 
 
 def integrate(runs: Sequence[SteppedRun]) -> list[Dense]:
