@@ -19,11 +19,7 @@ from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
 from taction.verification.engines.statespace.linearised.modes import Modes
 from taction.verification.engines.statespace.linearised.state_space import StateSpace
-from taction.verification.engines.statespace.transients.amplifiers import (
-    BEYOND,
-    Amplifiers,
-    Function,
-)
+from taction.verification.engines.statespace.transients.amplifiers import BEYOND, Amplifiers
 from taction.verification.engines.statespace.transients.batch import Batch
 from taction.verification.engines.statespace.transients.radau import SIGMA, TABLE
 
@@ -105,36 +101,6 @@ class StateBoard:
         if not np.all(np.isfinite(outputs)):
             raise EngineError(BEYOND)
         return state, np.append(inputs, (watched + self.H @ outputs)[m:])
-
-    def equations(self, amplifiers: Amplifiers) -> tuple[Function, Function, Function]:
-        """Return rate, Jacobian and watched voltages of states, for other integrators.
-
-        The voltages (P, m + K) are those of states (n, P).
-
-        Raises
-        ------
-        EngineError
-            The output of an amplifier acts on its own input without delay.
-        """
-        m = self.count
-        if self.H[:m].any():
-            raise EngineError("an amplifier feeds back on itself without delay")
-        C, D = self.C[:m], self.D[:, None]
-
-        def rate(x: Floats) -> Floats:
-            inputs = (C @ x + self.D[:m])[None, :, None]
-            outputs = amplifiers.outputs(inputs)[0, :, 0]
-            return np.asarray(self.A @ x + self.B + self.E @ outputs)
-
-        def jacobian(x: Floats) -> Floats:
-            slopes = amplifiers.slopes((C @ x + self.D[:m])[None, :, None])[0, :, 0]
-            return np.asarray(self.A + (self.E * slopes) @ C)
-
-        def watch(x: Floats) -> Floats:
-            found = self.C @ x + D
-            return np.asarray((found + self.H @ amplifiers.outputs(found[None, :m])[0]).T)
-
-        return rate, jacobian, watch
 
 
 def _systems(stages: Floats) -> Complexes:

@@ -22,7 +22,6 @@ from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.transients import integrator
-from taction.verification.engines.statespace.transients.modal_steps import StateBoard
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.stepped import (
     SteppedCurve,
@@ -112,17 +111,6 @@ def test_a_small_step_is_the_linearised_boards() -> None:
     step = ((C @ V) @ (share[:, None] * (1.0 - np.exp(np.outer(poles, record.time))))).real.T
     moved = record.values - record.values[0]
     assert moved == pytest.approx(step, abs=1e-4 * np.abs(step).max())
-
-
-def test_the_jacobian_for_other_integrators_is_the_rates_derivative() -> None:
-    run = SteppedRun.of(Task(LinearBoard(breadboard()), Transient(1e-4, 1e-6), ("a0",), None, 1e-6))
-    assert isinstance(run.board, StateBoard)
-    rate, jacobian, _ = run.board.equations(run.reported.amplifiers)
-    n = len(run.state)
-    e = 0.3 * np.random.default_rng(5).standard_normal(n)
-    numeric = np.stack([(rate(e + d) - rate(e - d)) / 2e-6 for d in 1e-6 * np.eye(n)], axis=1)
-    J = jacobian(e)
-    assert np.abs(numeric - J).max() < 1e-6 * np.abs(J).max()
 
 
 def test_an_amplifier_fed_through_resistors_alone() -> None:
