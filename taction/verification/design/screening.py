@@ -168,10 +168,8 @@ class _BoardAtStart:
         signs = np.array([out.sign for out in outputs])
         C = signs[:, None] * space.rows([out.node for out in outputs])[0]
         x = space.state_of(initial_unknowns(board, initial)) - space.state_of(rest.values)
-        rows: Sequence[Floats] = (C,)
-        parts: Sequence[Floats] = (x,)
-        if space.halves is not None:
-            rows, parts = space.halves[1].split_rows(C), space.halves[1].split_vectors(x)
+        ends = np.cumsum([len(block.A) for block in space.blocks])[:-1]
+        rows, parts = np.split(C, ends, axis=1), np.split(x, ends)
         small = FAINT / DEFECTIVE * float(np.abs(x).max(initial=0.0))
         blocks = [
             _PartAtStart(block.A, row, part, bool(np.abs(part).max(initial=0.0) <= small))

@@ -8,7 +8,6 @@ point of a sweep with its margin takes up to 9 % more.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Complexes, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
-from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
+from taction.verification.engines.statespace.equations.mirror_symmetry import exchange_bases
 from taction.verification.engines.statespace.equations.stamps import stamp_together
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
@@ -136,18 +135,17 @@ class PortResponse:
         Under an exchange of the parts, and of what they are, by that of the board.
         """
         every, small = np.eye(self.count), not self.board.descriptor.is_large
-        if self.count == 1 or not small or (halves := self.board.state_space.halves) is None:
+        if self.count == 1 or not small or len(self.board.state_space.blocks) == 1:
             return (every,)
-        alike = (self.columns[halves[0].mirror][:, :, None] == self.columns[:, None]).all(axis=0)
+        mirrored = self.columns[self.board.descriptor.mirror]
+        alike = (mirrored[:, :, None] == self.columns[:, None]).all(axis=0)
         sizes = np.abs(self.rows).max(axis=0)
         alike &= sizes[:, None] == sizes
         image = alike.argmax(axis=1)
         if not np.all(alike.sum(axis=1) == 1) or np.array_equal(image, np.arange(self.count)):
             return (every,)
-        exchange = Halves.of(image)
-        lone, pairs = every[:, exchange.first[exchange.pairs :]], exchange.first[: exchange.pairs]
-        one, other = every[:, pairs] * math.sqrt(0.5), every[:, image[pairs]] * math.sqrt(0.5)
-        return np.hstack([one + other, lone]), one - other
+        even, odd = (basis / np.linalg.norm(basis, axis=0) for basis in exchange_bases(image))
+        return even, odd
 
     @property
     def sizes(self) -> tuple[int, ...]:

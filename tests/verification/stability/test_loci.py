@@ -148,7 +148,7 @@ def test_parts_that_are_not_exchanged_have_one_response() -> None:
     first, second, *_, last = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
     board = LinearBoard(circuit)
     larger = replace(last, farads=2.0 * last.farads)
-    assert board.state_space.halves is not None
+    assert len(board.state_space.blocks) == 2
     for parts, sizes in (((first, second), (2,)), ((first, last), (1, 1)), ((first, larger), (2,))):
         assert PortResponse.of_parts(board, parts).sizes == sizes
 

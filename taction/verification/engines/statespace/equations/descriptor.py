@@ -24,7 +24,7 @@ from taction.system.array_types import Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed
 from taction.verification.engines.statespace.equations.amplifier_gains import OPAMP_KINDS, gain_of
-from taction.verification.engines.statespace.equations.mirror_symmetry import DenseMatrix, Halves
+from taction.verification.engines.statespace.equations.mirror_symmetry import DenseMatrix
 
 LARGE = 600  # unknowns above which structured solves replace dense ones
 
@@ -118,8 +118,8 @@ class Descriptor:
         f.
     places : dict
         Index of each name.
-    mirror : Halves or None
-        The exchange that the names propose; valid where the matrices commute with it.
+    mirror : ndarray of int (size,), or None
+        The image of each unknown that the names propose; valid where the matrices commute with it.
     has_branches : bool
         Whether the circuit has parts of a deck, between any two nodes: such a circuit has no design
         that keeps its numbers apart, so rounding counts at every step, and the poles are counted.
@@ -138,7 +138,7 @@ class Descriptor:
     determined: Bools
     devices: Devices
     places: dict[str, int] = field(repr=False)
-    mirror: Halves | None = field(repr=False)
+    mirror: Ints | None = field(repr=False)
     has_branches: bool = False
     moved: dict[int, int] = field(default_factory=dict, repr=False)
 
@@ -171,7 +171,7 @@ class Descriptor:
         Boards whose capacitances differ have one in common.
         """
         found, devices, local = hashlib.blake2b(digest_size=16), self.devices, self.local
-        words = (*self.names, *devices.kinds, f"{self.dense.halves is None}")
+        words = (*self.names, *devices.kinds, f"{self.dense.image is None}")
         found.update("\n".join(words).encode())
         for array in (
             *(local.rows, local.columns, local.values),

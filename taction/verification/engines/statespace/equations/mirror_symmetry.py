@@ -3,18 +3,22 @@
 Most boards are: they have a symmetric kernel between evenly spaced channels and sensors. Then every
 matrix of the board commutes with the exchange, and splits exactly into a matrix for even vectors
 and one for odd vectors, each of half the size: an eigenproblem costs a quarter. The names only
-propose the exchange; the split is used if the exchanged matrices are equal to the bit.
+propose the exchange; the split is used if the exchanged matrices are equal to the bit. What works
+on the equations works on a list of blocks, of which most boards without an image have one.
 """
 
 from __future__ import annotations
 
 import functools
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from taction.system.array_types import EPS, Bools, Complexes, Floats, Ints
+from taction.system.array_types import EPS, Bools, Floats, Ints
 
 _NUMBERED = re.compile(r"^([^\d\n]*)(\d*)(.*)$", re.MULTILINE)
 ROUNDING = 64 * EPS  # relative error of Newton's method in a slope
@@ -40,164 +44,97 @@ def proposed_image(names: tuple[str, ...]) -> Ints:
 
 
 @functools.lru_cache(maxsize=16)
-def proposed_mirror(names: tuple[str, ...]) -> Halves | None:
-    """Return the exchange of all unknowns with their images; None if each is its own image."""
+def proposed_mirror(names: tuple[str, ...]) -> Ints | None:
+    """Return the places of all images by name; None if each unknown is its own image."""
     image = proposed_image(names)
-    return None if np.array_equal(image, np.arange(len(image))) else Halves.of(image)
+    return None if np.array_equal(image, np.arange(len(image))) else image
 
 
-def image_within(places: Ints, image: Ints) -> Ints | None:
-    """Return the exchange among some places; None if it leaves them or is the identity."""
+def evened(values: Floats, places: Ints, image: Ints | None) -> Floats:
+    """Return values at `places`, averaged over images if they differ only by rounding."""
+    if image is None:
+        return values
     position = np.full(len(image), -1)
     position[places] = np.arange(len(places))
     inside = position[image[places]]
-    if np.any(inside < 0) or np.array_equal(inside, np.arange(len(places))):
-        return None
-    return inside
-
-
-def evened(values: Floats, places: Ints, mirror: Halves | None) -> Floats:
-    """Return values at `places`, averaged over images if they differ only by rounding."""
-    inside = None if mirror is None else image_within(places, mirror.mirror)
-    if inside is None:
+    if np.any(inside < 0):
         return values
     mean = 0.5 * (values + values[inside])
     return mean if np.all(np.abs(values - mean) <= ROUNDING * np.abs(mean)) else values
 
 
-@dataclass(frozen=True, eq=False)
-class Halves:
-    """The even and the odd part of vectors and matrices under an exchange.
+def exchange_bases(image: Ints) -> tuple[Floats, Floats]:
+    """Return bases of the vectors that are even under an exchange, and of the odd ones."""
+    every, places = np.eye(len(image)), np.arange(len(image))
+    lower = np.flatnonzero(image > places)
+    one, other = every[:, lower], every[:, image[lower]]
+    return np.hstack([one + other, every[:, image == places]]), one - other
 
-    An even vector is given by its values at `first`, an odd one by those at ``first[:pairs]``.
+
+def block_diagonal(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return the matrix that has `parts` along its diagonal, and zeros elsewhere."""
+    found = np.zeros(np.sum([part.shape for part in parts], axis=0), dtype=np.result_type(*parts))
+    row = column = 0
+    for part in parts:
+        found[row : row + len(part), column : column + part.shape[1]] = part
+        row, column = row + len(part), column + part.shape[1]
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Equations that are solved by themselves: ``z = basis y`` obeys ``mass y' = stiffness y``.
 
     Attributes
     ----------
-    first, second : ndarray of int
-        One place of each pair, or the other place; then the places without another image.
-    pairs : int
-        Number of pairs.
-    mirror : ndarray of int (n,)
-        Place of each place's mirror image.
+    basis, left : ndarray (size, k) and (k, size)
+        Vectors of all unknowns z as columns, and the rows that find ``y = left z`` again.
+    places : ndarray of int (k,)
+        Unknowns whose equations it has.
+    mass, stiffness : ndarray (k, k)
+        Those of the board in these vectors.
     """
 
-    first: Ints
-    second: Ints
-    pairs: int
-    mirror: Ints
-
-    @classmethod
-    def of(cls, mirror: Ints) -> Halves:
-        """Return the halves of an exchange, given the place of each mirror image."""
-        places = np.arange(len(mirror))
-        lower, fixed = np.flatnonzero(mirror > places), np.flatnonzero(mirror == places)
-        first = np.concatenate([lower, fixed])
-        return cls(first, mirror[first], len(lower), mirror)
-
-    def within(self, chosen: Ints) -> tuple[Ints, Halves]:
-        """Return the places that a choice among `first` represents, and the exchange among them."""
-        first, second = self.first[chosen], self.second[chosen]
-        places = np.sort(np.concatenate([first, second[chosen < self.pairs]]))
-        first, second = np.searchsorted(places, first), np.searchsorted(places, second)
-        mirror = np.empty_like(places)
-        mirror[first], mirror[second] = second, first
-        return places, Halves(first, second, len(places) - len(first), mirror)
-
-    def commute_with(self, A: Floats) -> bool:
-        """Whether a matrix is the same to the bit after the exchange of rows and columns."""
-        return np.array_equal(A[self.first], A[self.second][:, self.mirror])
-
-    @property
-    def share(self) -> Floats:
-        """Weight of each place in an even row: 1/2 if the row represents two, (len(first),)."""
-        return np.where(np.arange(len(self.first)) < self.pairs, 0.5, 1.0)
-
-    def split(self, A: Floats) -> tuple[Floats, Floats]:
-        """Return the matrices that act on even and on odd vectors."""
-        return self.split_rows(A[self.first], self.pairs)
-
-    def split_rows(self, C: Floats, odd: int | None = None) -> tuple[Floats, Floats]:
-        """Return the rows that act on even and (only the first `odd` rows) on odd vectors."""
-        direct, crossed = C[:, self.first], C[:, self.second[: self.pairs]]
-        difference = direct[:odd, : self.pairs] - crossed[:odd]
-        direct[:, : self.pairs] += crossed
-        return direct, difference
-
-    def split_vectors(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return the even and the odd part of a vector, or of the columns of an array."""
-        first, second = x[self.first], x[self.second]
-        return 0.5 * (first + second), 0.5 * (first - second)[: self.pairs]
-
-    def join_vectors(self, even: Floats, odd: Floats) -> Floats:
-        """Undo `split_vectors`."""
-        whole = np.empty((len(self.mirror), *even.shape[1:]))
-        whole[self.first] = whole[self.second] = even
-        whole[self.first[: self.pairs]] += odd
-        whole[self.second[: self.pairs]] -= odd
-        return whole
-
-    def join_rows(self, even: Floats, odd: Floats) -> Floats:
-        """Undo `split_rows`."""
-        whole = np.empty((len(even), len(self.mirror)))
-        whole[:, self.first] = even
-        half = 0.5 * even[:, : self.pairs]
-        whole[:, self.first[: self.pairs]] = half + 0.5 * odd
-        whole[:, self.second[: self.pairs]] = half - 0.5 * odd
-        return whole
-
-    @functools.cached_property
-    def _rank(self) -> tuple[Ints, Floats]:
-        """For every place: its index in `first`, and the sign of an odd vector there."""
-        rank, sign = np.empty(len(self.mirror), dtype=np.int64), np.zeros(len(self.mirror))
-        rank[self.first] = rank[self.second] = np.arange(len(self.first))
-        sign[self.first[: self.pairs]], sign[self.second[: self.pairs]] = 1.0, -1.0
-        return rank, sign
-
-    def rows_at(
-        self, places: slice | list[int], even: Floats, odd: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return the contributions of a matrix's two parts to its rows at some places."""
-        rank, sign = (each[places] for each in self._rank)
-        return even[rank], odd[np.minimum(rank, self.pairs - 1)] * sign[:, None]
-
-    def join(self, even: Complexes, odd: Complexes) -> Complexes:
-        """Return even, then odd vectors (columns) on all places."""
-        whole = np.zeros((len(self.first) + self.pairs,) * 2, dtype=np.complex128)
-        count = even.shape[1]
-        whole[self.first, :count] = even
-        whole[self.second, :count] = even
-        whole[self.first[: self.pairs], count:] = odd
-        whole[self.second[: self.pairs], count:] = -odd
-        return whole
+    basis: Floats
+    left: Floats
+    places: Ints
+    mass: Floats
+    stiffness: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class DenseMatrix:
-    """M and K of a board, read-only, and their halves if the board is its own mirror image."""
+    """M and K of a board, read-only, and the images of its unknowns if it is its own image."""
 
     mass: Floats
     stiffness: Floats
-    halves: Halves | None
+    image: Ints | None
 
     @classmethod
-    def of(cls, M: Floats, K: Floats, determined: Bools, mirror: Halves | None) -> DenseMatrix:
-        """Make M and K read-only; keep the proposed `mirror` if all matrices commute with it."""
+    def of(cls, M: Floats, K: Floats, determined: Bools, image: Ints | None) -> DenseMatrix:
+        """Make M and K read-only; keep the proposed `image` if all matrices commute with it."""
         M.flags.writeable = K.flags.writeable = False
-        if mirror is not None:
-            alike = np.array_equal(determined, determined[mirror.mirror])
-            if not (alike and mirror.commute_with(K) and mirror.commute_with(M)):
-                mirror = None
-        return cls(M, K, mirror)
+        if image is not None and not np.array_equal(determined, determined[image]):
+            image = None
+        return cls(M, K, image if _commute(image, K) and _commute(image, M) else None)
 
     @functools.cached_property
-    def blocks(self) -> tuple[tuple[Floats, Floats], ...]:
-        """M and K; with halves, M and K for even vectors, then for odd ones."""
-        if self.halves is None:
-            return ((self.mass, self.stiffness),)
-        split = self.halves.split
-        return tuple(zip(split(self.mass), split(self.stiffness), strict=True))
+    def blocks(self) -> tuple[Block, ...]:
+        """The board as one block, or its even and its odd part."""
+        every = np.eye(len(self.mass))
+        bases = (every,) if self.image is None else exchange_bases(self.image)
+        return tuple(map(self._block, bases))
+
+    def _block(self, basis: Floats) -> Block:
+        places, left = basis.argmax(axis=0), basis.T / (basis**2).sum(axis=0)[:, None]
+        mass, stiffness = (A[places] @ basis for A in (self.mass, self.stiffness))
+        return Block(basis, left, places, mass, stiffness)
 
     def with_stiffness(self, K: Floats) -> DenseMatrix:
-        """Return the board with another K; without halves if K is not symmetric."""
-        halves = self.halves if self.halves is None or self.halves.commute_with(K) else None
-        return DenseMatrix(self.mass, K, halves)
+        """Return the board with another K; as one block if K is not symmetric."""
+        return DenseMatrix(self.mass, K, self.image if _commute(self.image, K) else None)
+
+
+def _commute(image: Ints | None, A: Floats) -> bool:
+    """Tell whether a matrix is the same to the bit after the exchange of rows and columns."""
+    return image is not None and np.array_equal(A, A[image][:, image])

@@ -319,17 +319,14 @@ def dense_response(descriptor: Descriptor) -> Response:
     EngineError
         K is singular: a node has no DC path, or a loop has no DC solution.
     """
-    board = descriptor.dense
-    K, halves = board.stiffness, board.halves
-    inverses = [inverse for _, part in board.blocks if (inverse := _inverse(part)) is not None]
-    if len(inverses) < len(board.blocks):
+    K, blocks = descriptor.dense.stiffness, descriptor.dense.blocks
+    inverses = [found for block in blocks if (found := _inverse(block.stiffness)) is not None]
+    if len(inverses) < len(blocks):
         raise _undetermined(K, descriptor.names)
+    parts = list(zip(blocks, inverses, strict=True))
 
     def unrefined(r: Floats) -> Floats:
-        if halves is None:
-            return inverses[0] @ r
-        pairs = zip(inverses, halves.split_vectors(r), strict=True)
-        return halves.join_vectors(*(inverse @ part for inverse, part in pairs))
+        return np.asarray(sum(one.basis @ (inverse @ (one.left @ r)) for one, inverse in parts))
 
     def solve(r: Floats) -> Floats:
         z = unrefined(r)

@@ -136,7 +136,7 @@ class LinearBoard:
     @functools.cached_property
     def open_loop(self) -> StateSpace:
         """The state space with the amplifiers' outputs as inputs."""
-        return open_loop(self.descriptor)
+        return open_loop(self.descriptor, self.operating_point)
 
     @functools.cached_property
     def structure(self) -> Structure:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed, alone
+from taction.verification.engines.statespace.equations.mirror_symmetry import Block
 from taction.verification.engines.statespace.linearised.limited_states import differentiated
 from taction.verification.engines.statespace.linearised.scaled_inverse import (
     SINGULAR,
@@ -47,6 +48,12 @@ class ReducedEquations:
     places: Ints | None
     size: Floats
     decided: bool
+
+    def of_all(self, block: Block) -> ReducedEquations:
+        """Return the same with the unknowns of all blocks in the place of those of `block`."""
+        own = None if self.places is None else block.places[self.places]
+        C, D, charge = block.basis @ self.C, block.basis @ self.D, self.charge @ block.left
+        return replace(self, C=C, D=D, charge=charge, places=own)
 
 
 def eliminate(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
 from taction.verification.engines.statespace.equations.alike import of_one_kind
-from taction.verification.engines.statespace.equations.mirror_symmetry import Halves
+from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
 from taction.verification.engines.statespace.linearised.block import (
     SHARING,
     Block,
@@ -27,30 +27,23 @@ from taction.verification.engines.statespace.linearised.real_modes import Joined
 class Modes:
     """``A = right (diag(poles) + couplings within blocks) left`` with ``left right = 1``.
 
-    `blocks` are the modes of A, or with `halves` those of its even and odd part; `poles` are the
-    eigenvalues, 1/s, rightmost first.
+    `blocks` are the modes of the blocks along the diagonal of A; `poles` are the eigenvalues, 1/s,
+    rightmost first.
     """
 
     blocks: tuple[Block, ...]
-    halves: Halves | None
     poles: Complexes
     order: Ints
 
     @functools.cached_property
     def right(self) -> Complexes:
         """Basis vectors as columns, (n, n): eigenvectors where `alone`."""
-        parts = [block.columns() for block in self.blocks]
-        whole = parts[0] if self.halves is None else self.halves.join(*parts)
-        return whole[:, self.order]
+        return block_diagonal([block.columns() for block in self.blocks])[:, self.order]
 
     @functools.cached_property
     def left(self) -> Complexes:
         """Dual vectors as rows, (n, n)."""
-        parts = [block.rows().T for block in self.blocks]
-        if self.halves is not None:
-            even, odd = parts
-            parts = [self.halves.join(even * self.halves.share[:, None], 0.5 * odd)]
-        return parts[0].T[self.order]
+        return block_diagonal([block.rows() for block in self.blocks])[self.order]
 
     def corrected(self, shifts: Complexes, between: Floats) -> Modes:
         """Return the modes of one block with poles moved by `shifts` (n,), 1/s.
@@ -63,7 +56,7 @@ class Modes:
         moved[self.order] = shifts
         moved = moved[: len(block.kept)]
         moved[: block.real].imag = 0.0
-        return _ordered((replace(block, kept=block.kept + moved, measured=measured),), None)
+        return _ordered((replace(block, kept=block.kept + moved, measured=measured),))
 
     @property
     def defect(self) -> float:
@@ -106,15 +99,11 @@ class Modes:
 
     def shares(self, C: Floats, deviation: Floats) -> ModeShares:
         """Return the shares of the modes in the rows of ``C x`` for ``x(0) = deviation``."""
-        size = np.abs(deviation)
-        rows: tuple[Floats, ...] = (C,)
-        parts: tuple[Floats, ...] = (deviation,)
-        if self.halves is not None:
-            rows, parts = self.halves.split_rows(C), self.halves.split_vectors(deviation)
-            size, _ = self.halves.split_vectors(size)  # the terms of an odd part add up too
+        ends = np.cumsum([len(block.right) for block in self.blocks])[:-1]
+        rows, parts = np.split(C, ends, axis=1), np.split(deviation, ends)
         blocks = zip(self.blocks, rows, parts, strict=True)
         found = tuple(block.shares(some, part) for block, some, part in blocks)
-        return ModeShares(found, self.order, size)
+        return ModeShares(found, self.order, deviation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +116,13 @@ class ModeShares:
         Those of each block.
     order : ndarray (n,)
         Places of the modes of the blocks, rightmost first.
-    size : ndarray
-        Size of the states at t = 0.
+    deviation : ndarray (n,)
+        The states at t = 0.
     """
 
     parts: tuple[BlockShares, ...]
     order: Ints
-    size: Floats
+    deviation: Floats
 
     def _ordered(self, found: Iterable[NDArray[Any]]) -> NDArray[Any]:
         return np.concatenate(list(found), axis=1)[:, self.order]
@@ -154,7 +143,12 @@ class ModeShares:
     @property
     def terms(self) -> Floats:
         """Sizes of the sums in `amplitudes`: ``|C right| |left| |deviation|``, (K, n)."""
-        return self._ordered(part.terms(self.size[: len(part.dual)]) for part in self.parts)
+        size = np.abs(self.deviation)
+        sizes = np.split(size, np.cumsum([len(part.dual) for part in self.parts])[:-1])
+        for each in sizes[1:]:  # of the odd part of a board: a difference of what the even one adds
+            np.maximum(each, sizes[0][: len(each)], out=each)
+        pairs = zip(self.parts, sizes, strict=True)
+        return self._ordered(part.terms(each) for part, each in pairs)
 
     @property
     def errors(self) -> tuple[Floats, Floats]:
@@ -174,36 +168,26 @@ class ModeShares:
 
 
 class Decomposable(NamedTuple):
-    """A matrix to decompose, (n, n), 1/s; or the even and the odd part of one with `halves`.
+    """The blocks of a matrix to decompose, (n, n) each, 1/s.
 
     `sizes` are those of `Block`, by default of the elements themselves.
     """
 
     matrices: Sequence[Floats]
-    halves: Halves | None = None
     sizes: Sequence[Floats] | None = None
 
     @property
     def rounded(self) -> list[Floats]:
         """The sizes to which the rounding of the elements of each part is relative, (2, n, n)."""
         if self.sizes is None:
-            sizes = [np.stack([np.abs(A), 0.0 * A]) for A in self.matrices]
-        else:
-            sizes = list(self.sizes)
-        if self.halves is not None:  # elements of both are a sum or difference of the same two
-            even, odd = sizes
-            even = even.copy()
-            paired = even[:, : self.halves.pairs, : self.halves.pairs]
-            np.maximum(paired, odd, out=paired)
-            sizes = [even, paired]
-        return sizes
+            return [np.stack([np.abs(A), 0.0 * A]) for A in self.matrices]
+        return list(self.sizes)
 
 
 def decompose_together(wanted: Sequence[Decomposable]) -> list[Modes]:
     """Decompose matrices, one dense eigenproblem (about 25 n³ flops) each.
 
-    With halves, two eigenproblems of half the size cost a quarter. Matrices of one size are
-    decomposed as a stack; each has the same digits beside others as alone.
+    Blocks of one size are decomposed as a stack; each has the same digits beside others as alone.
 
     Raises
     ------
@@ -236,14 +220,14 @@ def decompose_together(wanted: Sequence[Decomposable]) -> list[Modes]:
     modes = list[Modes]()
     for place, each in enumerate(wanted):
         blocks = tuple(found[place, part] for part in range(len(each.matrices)))
-        modes.append(_ordered(blocks, each.halves))
+        modes.append(_ordered(blocks))
     return modes
 
 
-def _ordered(blocks: tuple[Block, ...], halves: Halves | None) -> Modes:
+def _ordered(blocks: tuple[Block, ...]) -> Modes:
     poles = np.concatenate([block.poles for block in blocks])
     order = np.lexsort((-poles.imag, -poles.real))
-    return Modes(blocks, halves, poles[order], order)
+    return Modes(blocks, poles[order], order)
 
 
 def find_pole_errors(several: Sequence[Modes]) -> None:
@@ -256,11 +240,7 @@ def find_share_errors(several: Sequence[Modes]) -> None:
     compute_together([block for modes in several for block in modes.blocks], SHARING)
 
 
-def decompose(
-    matrices: Sequence[Floats],
-    halves: Halves | None = None,
-    sizes: Sequence[Floats] | None = None,
-) -> Modes:
-    """Decompose one matrix, shape (n, n), or its `halves`; see `decompose_together`."""
-    (modes,) = decompose_together([Decomposable(matrices, halves, sizes)])
+def decompose(matrices: Sequence[Floats], sizes: Sequence[Floats] | None = None) -> Modes:
+    """Decompose one matrix, given its blocks, (n, n) each; see `decompose_together`."""
+    (modes,) = decompose_together([Decomposable(matrices, sizes)])
     return modes

@@ -42,6 +42,7 @@ from taction.verification.engines.statespace.equations.cell_stamps import (
     transistor_currents,
 )
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
 from taction.verification.engines.statespace.linearised.block import UNITS
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.decomposition import balance
@@ -295,14 +296,8 @@ class _Lyapunov:
 
 def _sizes(space: StateSpace) -> Floats:
     """Return the sizes of the terms of A, and of the charges that a unit of ``x'`` moves."""
-    if space.halves is None:
-        return space.blocks[0].size
-    _, states = space.halves
-    parts = [
-        np.abs(states.join_rows(*states.rows_at(slice(None), *each)))
-        for each in zip(*(block.size for block in space.blocks), strict=True)
-    ]
-    return np.stack(parts)
+    parts = zip(*(block.size for block in space.blocks), strict=True)
+    return np.stack([block_diagonal(each) for each in parts])
 
 
 def _remainder(A: Floats, P: Floats, Q: Floats, sizes: Floats) -> Floats:

@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.system.array_types import Floats, Ints
+from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import in_groups
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.mirror_symmetry import (
     DenseMatrix,
-    Halves,
+    block_diagonal,
     evened,
 )
 from taction.verification.engines.statespace.equations.pole_count import finite_poles
@@ -52,10 +52,8 @@ class StateSpace:
     states : tuple of str
         Names of x.
     blocks : tuple of ReducedEquations
-        The board; or, if the board is its own mirror image, its even and its odd part: working on
-        the two parts costs a quarter.
-    halves : tuple of Halves, or None
-        The exchange of the unknowns z, and of the states x.
+        Those of the states, which are solved by themselves: one, or two of a board that is its own
+        mirror image, which costs a quarter.
     lost : int
         Poles of the board that are so far away that rounding hides them.
     A, B : ndarray (n, n) and (n, 2)
@@ -67,7 +65,6 @@ class StateSpace:
     descriptor: Descriptor
     states: tuple[str, ...]
     blocks: tuple[ReducedEquations, ...]
-    halves: tuple[Halves, Halves] | None
     lost: int = 0
 
     @property
@@ -93,61 +90,45 @@ class StateSpace:
     @property
     def parts(self) -> Decomposable:
         """The matrices of the blocks, with the sizes of their rounding."""
-        matrices, sizes = ([part.A for part in self.blocks], [part.size for part in self.blocks])
-        return Decomposable(matrices, self.halves and self.halves[1], sizes)
+        return Decomposable([part.A for part in self.blocks], [part.size for part in self.blocks])
 
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        if self.halves is None:
-            return self.blocks[0].A
-        _, states = self.halves
-        return states.join_rows(*states.rows_at(slice(None), *(part.A for part in self.blocks)))
+        return block_diagonal([part.A for part in self.blocks])
 
     @functools.cached_property
     def B(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        parts = [part.B for part in self.blocks]
-        return parts[0] if self.halves is None else self.halves[1].join_vectors(*parts)
+        return np.concatenate([part.B for part in self.blocks])
 
     @functools.cached_property
     def C(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        return self._rows(slice(None))[0]
+        return np.hstack([part.C for part in self.blocks])
 
     @functools.cached_property
     def D(self) -> Floats:  # noqa: N802 - as every textbook has it
         """See the class."""
-        return self._rows(slice(None))[1]
+        return np.asarray(sum(part.D for part in self.blocks))
 
     def state_of(self, z: Floats) -> Floats:
         """Return the states, (n,), from the charges of the capacitors at voltages z, (size,).
 
         z need not be consistent: at z = 0 everything is discharged.
         """
-        parts = (z,) if self.halves is None else self.halves[0].split_vectors(z)
-        pairs = zip(self.blocks, parts, strict=True)
-        states = [block.charge @ part + block.offset for block, part in pairs]
-        return states[0] if self.halves is None else self.halves[1].join_vectors(*states)
+        return np.concatenate([part.charge @ z + part.offset for part in self.blocks])
 
     def rows(self, names: Sequence[str]) -> tuple[Floats, Floats]:
         """Return the rows of C and D of nodes, zeros for ground; EngineError for unknown nodes."""
         live = [k for k, name in enumerate(names) if name != "0"]
-        rows = self._rows([self.descriptor.place(names[k]) for k in live])
+        places = [self.descriptor.place(names[k]) for k in live]
+        rows = self.C[places], self.D[places]
         if len(live) == len(names):
             return rows
         C, D = (np.zeros((len(names), part.shape[1])) for part in rows)
         C[live], D[live] = rows
         return C, D
-
-    def _rows(self, places: slice | list[int]) -> tuple[Floats, Floats]:
-        """Return rows of C and D."""
-        if self.halves is None:
-            return self.blocks[0].C[places], self.blocks[0].D[places]
-        unknowns, states = self.halves
-        C = unknowns.rows_at(places, *(part.C for part in self.blocks))
-        even, odd = unknowns.rows_at(places, *(part.D for part in self.blocks))
-        return states.join_rows(*C), even + odd
 
 
 def linearise(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
@@ -232,10 +213,11 @@ def driven_together(
     )
 
 
-def open_loop(descriptor: Descriptor) -> StateSpace:
+def open_loop(descriptor: Descriptor, point: Equilibrium | None) -> StateSpace:
     """Return the state space with the outputs of the m behavioural amplifiers as further inputs.
 
-    B and D then have ``2 + m`` columns: ``z = C x + D [on, 1, v_out]``.
+    B and D then have ``2 + m`` columns: ``z = C x + D [on, 1, v_out]``. The states are those of the
+    state space at `point`.
 
     Raises
     ------
@@ -247,7 +229,9 @@ def open_loop(descriptor: Descriptor) -> StateSpace:
     b = np.zeros((descriptor.size, 2 + devices.count))
     b[:, 0], b[:, 1] = descriptor.switched, descriptor.constant
     b[devices.output, 2 + np.arange(devices.count)] = 1.0
-    return _single(*_state_spaces([LinearEquations(descriptor, descriptor.dense, b)]))
+    image = linear_matrices(descriptor, point).image
+    board = replace(descriptor.dense, image=image)
+    return _single(*_state_spaces([LinearEquations(descriptor, board, b)]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,10 +243,10 @@ class LinearEquations:
     b: Floats
 
     def is_like(self, other: LinearEquations) -> bool:
-        """Whether the same unknowns carry the same names and are determined, in the same halves."""
+        """Whether the same unknowns carry the same names and are determined, in alike blocks."""
         own, others = self.descriptor, other.descriptor
         return (
-            self.board.halves is other.board.halves
+            self.board.image is other.board.image
             and self.b.shape == other.b.shape
             and own.has_branches == others.has_branches
             and own.names == others.names
@@ -297,7 +281,7 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
     descriptor, board = system.descriptor, system.board
     if not descriptor.has_branches or all(block.decided for block in found.blocks):
         return found
-    if found.halves is not None:
+    if len(found.blocks) > 1:
         (found,) = _whole([system])
     devices = descriptor.devices
     slopes = (board.stiffness - descriptor.dense.stiffness)[devices.output, devices.input]
@@ -330,63 +314,56 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
 
 
 def _eliminated(systems: Sequence[LinearEquations]) -> list[StateSpace]:
-    """Eliminate unknowns without charge, in each half of boards that are their own mirror image.
-
-    The systems are alike.
-    """
-    halves = systems[0].board.halves
-    if halves is None:
+    """Eliminate unknowns without charge in each block; the systems are alike."""
+    if systems[0].board.image is None:
         return _whole(systems)
-    descriptor = systems[0].descriptor
-    first_names = [descriptor.names[place] for place in halves.first.tolist()]
-    inputs = zip(*(halves.split_vectors(system.b) for system in systems), strict=True)
     try:
-        even, odd = (
-            _blocks(systems, half, b, halves.first[: b[0].shape[0]], first_names)
-            for half, b in enumerate(inputs)
-        )
+        even, odd = _blocks(systems)
     except EngineError:  # the message must name unknowns of the whole board
         return _whole(systems)
-    if even[0].places is None or odd[0].places is None:
+    pairs, places, own = len(odd[0].A), even[0].places, odd[0].places
+    if places is None or own is None or not (pairs and np.array_equal(places[:pairs], own)):
         return _whole(systems)
-    places, states = halves.within(even[0].places)
-    if not (states.pairs > 0 and np.array_equal(even[0].places[: states.pairs], odd[0].places)):
-        return _whole(systems)
-    charged = tuple(descriptor.names[place] for place in places.tolist())
-    return [
-        StateSpace(system.descriptor, charged, parts, (halves, states))
-        for system, parts in zip(systems, zip(even, odd, strict=True), strict=True)
-    ]
+    names, image = systems[0].descriptor.names, systems[0].board.image
+    first = [names[place] for place in places.tolist()]
+    second = [names[place] for place in image[places].tolist()]
+    states = [a if a == b else f"{a}+{b}" for a, b in zip(first, second, strict=True)]
+    states += [f"{a}-{b}" for a, b in zip(first[:pairs], second, strict=False)]
+    found = list[StateSpace]()
+    for system, one, other in zip(systems, even, odd, strict=True):
+        # Elements of both are a sum or difference of the same two.
+        paired = np.maximum(one.size[:, :pairs, :pairs], other.size)
+        one.size[:, :pairs, :pairs] = paired
+        blocks = one, replace(other, size=paired)
+        found.append(StateSpace(system.descriptor, tuple(states), blocks))
+    return found
 
 
 def _whole(systems: Sequence[LinearEquations]) -> list[StateSpace]:
     """Eliminate unknowns without charge from all equations at once."""
     names = systems[0].descriptor.names
-    blocks = _blocks(systems, None, [system.b for system in systems], slice(None), names)
+    (blocks,) = _blocks([replace(s, board=replace(s.board, image=None)) for s in systems])
     if blocks[0].places is None:
         charged = tuple(f"charge{k + 1}" for k in range(len(blocks[0].A)))
     else:
         charged = tuple(names[place] for place in blocks[0].places.tolist())
     pairs = zip(systems, blocks, strict=True)
-    return [StateSpace(system.descriptor, charged, (block,), None) for system, block in pairs]
+    return [StateSpace(system.descriptor, charged, (block,)) for system, block in pairs]
 
 
-def _blocks(
-    systems: Sequence[LinearEquations],
-    half: int | None,
-    b: Sequence[Floats],
-    places: Ints | slice,
-    names: Sequence[str],
-) -> list[ReducedEquations]:
-    """Eliminate in one half of the systems, or in the whole, with the inputs b (size, k) of each.
-
-    `places` are those of the half's unknowns.
-    """
-    if half is None:
-        matrices = [(system.board.mass, system.board.stiffness) for system in systems]
-    else:
-        matrices = [system.board.blocks[half] for system in systems]
-    M, K = (np.stack(part) for part in zip(*matrices, strict=True))
-    descriptor = systems[0].descriptor
-    determined, free = descriptor.determined[places], descriptor.has_branches
-    return eliminate(M, K, np.stack(b), determined, names, has_branches=free)
+def _blocks(systems: Sequence[LinearEquations]) -> list[list[ReducedEquations]]:
+    """Eliminate in each block of the systems; return those of each block."""
+    descriptor, found = systems[0].descriptor, list[list[ReducedEquations]]()
+    for parts in zip(*(system.board.blocks for system in systems), strict=True):
+        M, K = np.stack([p.mass for p in parts]), np.stack([p.stiffness for p in parts])
+        places, left = parts[0].places, parts[0].left
+        reduced = eliminate(
+            M,
+            K,
+            np.stack([left @ system.b for system in systems]),
+            descriptor.determined[places],
+            [descriptor.names[place] for place in places.tolist()],
+            has_branches=descriptor.has_branches,
+        )
+        found.append([each.of_all(part) for each, part in zip(reduced, parts, strict=True)])
+    return found

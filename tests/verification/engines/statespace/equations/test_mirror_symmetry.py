@@ -11,9 +11,9 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.parts import Resistor
 from taction.system.array_types import Floats, Ints
 from taction.verification.engines.statespace.equations.mirror_symmetry import (
-    Halves,
+    DenseMatrix,
     evened,
-    image_within,
+    exchange_bases,
     proposed_image,
     proposed_mirror,
 )
@@ -60,24 +60,36 @@ def test_names_propose_the_image() -> None:
 @pytest.mark.parametrize("image", [ODD, EVEN, np.array([0, 2, 1, 3])])
 def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
     A = symmetric(image)
-    halves = Halves.of(image)
-    assert halves.commute_with(A)
-    even, odd = halves.split(A)
+    determined = np.zeros(len(image), dtype=np.bool_)
+    even, odd = blocks = DenseMatrix.of(np.eye(len(image)), A, determined, image).blocks
+    assert len(even.places) + len(odd.places) == len(image)
     x = np.random.default_rng(2).standard_normal(len(image))
-    x_even, x_odd = x + x[image], x - x[image]
-    first = halves.first[: halves.pairs]
-    assert even @ x_even[halves.first] == pytest.approx((A @ x_even)[halves.first], rel=1e-13)
-    assert odd @ x_odd[first] == pytest.approx((A @ x_odd)[first], rel=1e-13)
+    for block, part in ((even, x + x[image]), (odd, x - x[image])):
+        assert block.basis @ (block.left @ part) == pytest.approx(part, rel=1e-14)
+        assert block.left @ block.basis == pytest.approx(np.eye(len(block.places)), abs=1e-15)
+        found = block.basis @ (block.stiffness @ (block.left @ part))
+        assert found == pytest.approx(A @ part, rel=1e-13)
+    modes = decompose([block.stiffness for block in blocks])
     wanted = np.sort_complex(np.linalg.eigvals(A))
-    assert np.sort_complex(decompose((even, odd), halves).poles) == pytest.approx(wanted, abs=1e-13)
-    modes = decompose((even, odd), halves)
-    assert (modes.right * modes.poles) @ modes.left == pytest.approx(A, abs=1e-13)
-    assert modes.left @ modes.right == pytest.approx(np.eye(len(image)), abs=1e-13)
+    assert np.sort_complex(modes.poles) == pytest.approx(wanted, abs=1e-13)
+    basis, left = np.hstack([even.basis, odd.basis]), np.vstack([even.left, odd.left])
+    right, dual = basis @ modes.right, modes.left @ left
+    assert (right * modes.poles) @ dual == pytest.approx(A, abs=1e-13)
+    assert dual @ right == pytest.approx(np.eye(len(image)), abs=1e-13)
     assert np.all(np.diff(modes.poles.real) <= 1e-13)
-    # The bounds of the halves are those of the whole matrix.
-    rows, x = np.eye(len(image)), np.ones(len(image))
-    found, whole = (np.sum(each.shares(rows, x).errors) for each in (modes, decompose([A])))
+    # The bounds of the blocks are those of the whole matrix.
+    rows, start = np.eye(len(image)), np.ones(len(image))
+    found = np.sum(modes.shares(rows @ basis, left @ start).errors)
+    whole = np.sum(decompose([A]).shares(rows, start).errors)
     assert 0.3 * whole < found < 3.0 * whole
+
+
+def test_the_bases_of_an_exchange_are_orthogonal() -> None:
+    for image in (ODD, EVEN, np.array([0, 2, 1, 3])):
+        even, odd = exchange_bases(image)
+        assert np.array_equal(even[image], even)
+        assert np.array_equal(odd[image], -odd)
+        assert not np.any(even.T @ odd)
 
 
 def test_real_arithmetic_keeps_pairs_and_their_order_of_accuracy() -> None:
@@ -105,7 +117,7 @@ def test_the_halves_of_a_board_have_its_poles(channels: int, exponential: bool) 
     for sources_on in (True, False):
         point = LinearBoard(circuit).equilibrium if sources_on else LinearBoard(circuit).rest
         space = LinearBoard(circuit, point=point).state_space
-        assert space.halves is not None
+        assert len(space.blocks) == 2
         found, wanted = (
             space.modes.poles,
             np.linalg.eigvals(space.A),
@@ -119,18 +131,21 @@ def test_the_halves_of_a_board_have_its_poles(channels: int, exponential: bool) 
 def test_a_board_reduced_by_halves_is_the_board_reduced_whole(exponential: bool) -> None:
     circuit = small_board(5, exponential=exponential)
     found = LinearBoard(circuit).state_space
-    assert found.halves is not None
+    assert len(found.blocks) == 2
     wanted = LinearBoard(circuit, replace(found.descriptor, mirror=None)).state_space
-    assert wanted.halves is None
-    assert found.states == wanted.states
-    assert pytest.approx(wanted.A, rel=1e-12, abs=1e-15 * np.abs(wanted.A).max()) == found.A
+    assert len(wanted.blocks) == 1
+    # The states of the whole board are voltages of nodes.
+    turn = found.C[[wanted.nodes.index(state) for state in wanted.states]]
+    assert pytest.approx(wanted.A @ turn, rel=1e-12, abs=2e-15 * np.abs(wanted.A).max()) == (
+        turn @ found.A
+    )
     z = np.random.default_rng(3).standard_normal(len(found.nodes))
     pairs = [
-        (found.B, wanted.B),
-        (found.C, wanted.C),
+        (turn @ found.B, wanted.B),
+        (found.C, wanted.C @ turn),
         (found.D, wanted.D),
-        (found.state_of(z), wanted.state_of(z)),
-        *zip(found.rows(found.nodes[::-1]), wanted.rows(wanted.nodes[::-1]), strict=True),
+        (turn @ found.state_of(z), wanted.state_of(z)),
+        (found.rows(found.nodes[::-1])[0], wanted.rows(wanted.nodes[::-1])[0] @ turn),
     ]
     for one, other in pairs:
         assert pytest.approx(other, rel=1e-12, abs=1e-13 * np.abs(other).max()) == one
@@ -140,8 +155,8 @@ def test_a_board_reduced_by_halves_is_the_board_reduced_whole(exponential: bool)
 def test_a_board_that_is_not_quite_its_own_image_is_taken_whole(by: float) -> None:
     circuit = small_board(7)
     off = with_one_resistor_off(circuit, by)
-    assert LinearBoard(circuit).state_space.halves is not None
-    assert LinearBoard(off).state_space.halves is None
+    assert LinearBoard(circuit).state_space.blocks[1:]
+    assert not LinearBoard(off).state_space.blocks[1:]
     assert poles(off).rightmost == pytest.approx(poles(circuit).rightmost, rel=1e-9 + 10.0 * by)
     t = np.linspace(0.0, 1e-4, 101)
     one, other = exact_solution(circuit).at(t), exact_solution(off).at(t)
@@ -152,24 +167,25 @@ def test_a_board_without_images_is_taken_whole() -> None:
     lonely = replace(
         paper_board(), resistors=(*paper_board().resistors, Resistor("R", "v0", "0", 1e6))
     )
-    assert LinearBoard(small_board(1)).state_space.halves is None
-    assert LinearBoard(lags(3, 1e-6)).state_space.halves is None
-    assert LinearBoard(lonely).state_space.halves is None
-    assert image_within(np.array([0, 1]), ODD) is None
+    assert len(LinearBoard(small_board(1)).state_space.blocks) == 1
+    assert len(LinearBoard(lags(3, 1e-6)).state_space.blocks) == 1
+    assert len(LinearBoard(lonely).state_space.blocks) == 1
 
 
 def test_values_of_images_that_differ_by_rounding_are_evened() -> None:
     values, places = np.array([1.0, 3.0, 1.0 + 2e-15]), np.array([0, 2, 4])
-    found = evened(values, places, Halves.of(ODD))
+    found = evened(values, places, ODD)
     assert found[0] == found[2] == pytest.approx(1.0, rel=1e-14)
     apart = np.array([1.0, 3.0, 1.0 + 1e-12])
-    assert evened(apart, places, Halves.of(ODD)) is apart
+    assert evened(apart, places, ODD) is apart
+    outside = np.array([1.0, 3.0])
+    assert evened(outside, np.array([0, 1]), ODD) is outside
 
 
 def test_a_symmetric_strain_drives_no_odd_mode() -> None:
     circuit = small_board(7)
     space, flow = LinearBoard(circuit).state_space, exact_solution(circuit).flow
-    assert space.halves is not None
+    assert len(space.blocks) == 2
     assert isinstance(flow, ModalFlow)
     even, odd = map(np.linalg.eigvals, [block.A for block in space.blocks])
     for pole in flow.poles:
