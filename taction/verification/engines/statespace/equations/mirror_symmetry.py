@@ -82,7 +82,7 @@ def block_diagonal(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Block:
+class DenseBlock:
     """Equations that are solved by themselves: ``z = basis y`` obeys ``mass y' = stiffness y``.
 
     Attributes
@@ -119,16 +119,16 @@ class DenseMatrix:
         return cls(M, K, image if _commute(image, K) and _commute(image, M) else None)
 
     @functools.cached_property
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> tuple[DenseBlock, ...]:
         """The board as one block, or its even and its odd part."""
         every = np.eye(len(self.mass))
         bases = (every,) if self.image is None else exchange_bases(self.image)
         return tuple(map(self._block, bases))
 
-    def _block(self, basis: Floats) -> Block:
+    def _block(self, basis: Floats) -> DenseBlock:
         places, left = basis.argmax(axis=0), basis.T / (basis**2).sum(axis=0)[:, None]
         mass, stiffness = (A[places] @ basis for A in (self.mass, self.stiffness))
-        return Block(basis, left, places, mass, stiffness)
+        return DenseBlock(basis, left, places, mass, stiffness)
 
     def with_stiffness(self, K: Floats) -> DenseMatrix:
         """Return the board with another K; as one block if K is not symmetric."""

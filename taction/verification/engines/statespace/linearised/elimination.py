@@ -10,7 +10,7 @@ import numpy as np
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed, alone
-from taction.verification.engines.statespace.equations.mirror_symmetry import Block
+from taction.verification.engines.statespace.equations.mirror_symmetry import DenseBlock
 from taction.verification.engines.statespace.linearised.limited_states import differentiated
 from taction.verification.engines.statespace.linearised.scaled_inverse import (
     SINGULAR,
@@ -49,7 +49,7 @@ class ReducedEquations:
     size: Floats
     decided: bool
 
-    def of_all(self, block: Block) -> ReducedEquations:
+    def of_all(self, block: DenseBlock) -> ReducedEquations:
         """Return the same with the unknowns of all blocks in the place of those of `block`."""
         own = None if self.places is None else block.places[self.places]
         C, D, charge = block.basis @ self.C, block.basis @ self.D, self.charge @ block.left
