@@ -90,13 +90,13 @@ def ready_lines(deck: ForeignDeck) -> Iterator[str]:
     for opamp in dict.fromkeys(known.values()):
         yield from opamp_cards(opamp)
     switches = {
-        (scope, m[1]): m for scope, card in _scoped(deck) if (m := _SMOOTH.match(card.text))
+        (scope, m[1]): m for scope, card in _scoped(deck) if (m := _smooth_model(card.text))
     }
     for scope, card in _scoped(deck):
         if card in known:
             place = rf"(?<=\s){re.escape(known[card])}(?=\s|$)"
             yield re.sub(place, plain_name(known[card]), card.text)
-        elif _SMOOTH.match(card.text) is None or "vt" in card.text:
+        elif not _smooth_model(card.text):
             try:
                 text = _smooth_switch(_at_27(card.text), scope, switches)
                 yield without_calls(without_table(without_poly(text)))
@@ -113,6 +113,13 @@ def _scoped(deck: ForeignDeck) -> Iterator[tuple[Scope, Card]]:
         yield scope, card
         if card.word == ".ends":
             scope = scope[:-1]
+
+
+def _smooth_model(text: str) -> re.Match[str] | None:
+    """Return the model of a switch of PSpice; one with thresholds is ngspice's own."""
+    match = _SMOOTH.match(text)
+    own = match and {"vt", "vh", "it", "ih"} & dict(_FIELD.findall(match[3])).keys()
+    return None if own else match
 
 
 def _smooth_switch(

@@ -28,6 +28,7 @@ WIDER = 2.0  # times this range on either side: drawn voltages
 SAME = 1e-3  # of this range: a smaller distance is the same point
 SECONDS = 4.0  # of one start
 ALL_SECONDS = 8.0  # of all starts: no further one begins later
+TINY = 1e-30  # V: of no step at all
 LARGE = 0.01  # of the step, or of a node's own: how far ngspice's rest may be from the linear one
 
 
@@ -115,8 +116,9 @@ def step_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) -> s
     if not volts:
         return "ngspice finds no operating point after the step: readings hold for small steps only"
     values, places = found.board.equilibrium.values, found.board.descriptor.places
+    step = max(found.measurements.amplitude, TINY)
     off, name, linear, true = max(
-        (abs(values[places[n]] - v) / max(found.measurements.amplitude, abs(v - point.volts[n])),
+        (abs(values[places[n]] - v) / max(step, abs(v - point.volts[n])),
          n, float(values[places[n]]), v)
         for n, v in volts.items()
         if n in places and n in point.volts

@@ -338,13 +338,13 @@ SWITCHES = """V1 in 0 dc 1 ac 1
 Vs in m 0
 R1 m a 1k
 .subckt one a b
-S1 a b a 0 sw
-.model sw vswitch(ron={{1*100}} roff=100meg von={on} voff={off})
+S1 a b a 0 vt1
+.model vt1 vswitch(ron={{1*100}} roff=100meg von={on} voff={off})
 .ends
 .subckt two a b c d
 Vt c d 0
-W1 a b Vt sw
-.model sw iswitch(ron=200 roff=100meg ion={on}m ioff={off}m)
+W1 a b Vt vt1
+.model vt1 iswitch(ron=200 roff=100meg ion={on}m ioff={off}m)
 .ends
 X1 a out one
 X2 m out m e two
@@ -403,3 +403,11 @@ def test_every_sweep_of_ngspice_is_about_the_same_point(tmp_path: Path) -> None:
     found = checked(tmp_path, FOLLOWER)
     assert agrees(found)
     assert found.poles.stable
+
+
+def test_a_step_that_no_node_follows_is_none(tmp_path: Path) -> None:
+    """A diode to ground beside a source that steps, and an output of neither: 0 V of 0 V."""
+    text = ".model dx d(is=1e-14)\nV1 in 0 pulse(0 1 1u)\nD1 a 0 dx\nR1 a 0 1k\nR2 in 0 1k"
+    found = checked(tmp_path, f"{text}\nC1 a 0 1n", outputs="a")
+    assert found.amplitude == 0.0
+    assert agrees(found)
