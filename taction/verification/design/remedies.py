@@ -9,7 +9,7 @@ range. Where no single key mends a transient, two knobs are changed together.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from taction.netlist_gen.board.opamp_choice import choose_opamp
@@ -19,21 +19,14 @@ from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.reading_definitions import READINGS
-from taction.verification.design.screening import can_estimate
 from taction.verification.design.search import Searched, search_list, search_pair, search_range
 from taction.verification.design.stable_ranges import StableRange, stable_ranges
-from taction.verification.design.trials import (
-    OPAMP,
-    OutOfWorkError,
-    Trial,
-    Trials,
-    knobs_with_margin,
-)
+from taction.verification.design.trials import OPAMP, Trial, Trials, knobs_with_margin
 from taction.verification.verdict.cause import following
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import Verdict
 
-LIMIT = 1800.0  # designs: the work of a search
+LIMIT = 3600.0  # designs: the work of a search
 SERIES = ("E24", "E96", "E192", "exact")
 SUPPLIES = (5.0, 9.0, 12.0, 15.0, 18.0, 22.0)
 SHOWN = 4  # op-amps that are proposed
@@ -177,8 +170,7 @@ def find_remedies(
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
         return None
-    accepted, far = ANY_PART if any_part else None, can_estimate(verdict.scene, failed)
-    trials = Trials(verdict.scene, work, accepted, screened=far)
+    trials = Trials(verdict.scene, work, ANY_PART if any_part else None)
     follows = following(verdict.checks)
     causes = tuple(name for name in failed if name not in follows)
     search = _RemedySearch(trials, failed, causes)
@@ -269,37 +261,19 @@ class _RemedySearch:
         return tuple(str(t.values[OPAMP]) for t in stable if t.values.keys() == {OPAMP})
 
     def _partial(self) -> list[Trial]:
-        """Return the trial nearest to the scene that mends most checks, for each set of keys.
-
-        An estimate whose verdict costs more than what is left of the work is left out.
-        """
-        dear: list[Trial] = []
-        while True:
-            found = list(self._mending_most(dear))
-            estimated = [trial for trial in found if trial.estimated]
-            if not estimated:
-                return found
-            for trial in estimated:
-                try:
-                    self.trials.verified(trial)
-                except OutOfWorkError:
-                    dear.append(trial)
-
-    def _mending_most(self, dear: Sequence[Trial]) -> Iterator[Trial]:
+        """Return the trial nearest to the scene that mends most checks, for each set of keys."""
         mended: dict[tuple[str, ...], Trial] = {}
         for trial in self.trials.tried:
             paths, count = tuple(sorted(trial.values)), len(self._mends(trial))
-            if trial.refused or not count or trial in dear:
-                continue
             known = mended.get(paths)
-            if known is None or count > len(self._mends(known)):
+            if count and not trial.refused and (known is None or count > len(self._mends(known))):
                 mended[paths] = trial
         most = max((len(self._mends(trial)) for trial in mended.values()), default=0)
-        yield from (trial for trial in mended.values() if len(self._mends(trial)) == most)
+        return [trial for trial in mended.values() if len(self._mends(trial)) == most]
 
     def _mends(self, trial: Trial) -> tuple[str, ...]:
-        """Return the failed checks that pass, or of an estimate those that may pass."""
-        return tuple(name for name in self.failed if trial.passed(name) or trial.may_pass(name))
+        """Return the failed checks that pass."""
+        return tuple(name for name in self.failed if trial.passed(name))
 
     def _change(self, trial: Trial) -> Change:
         values = self.trials.completed(trial.values)

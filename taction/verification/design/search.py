@@ -19,7 +19,6 @@ PER_DECADE = 6  # values of one key; a window narrower than that can be missed
 DECADES = 2.0  # on both sides of the scene's value
 PAIR_PER_DECADE, PAIR_DECADES = 4, 1.5  # of two keys together
 HALVINGS = 7  # of an interval between two failures of different checks, or of the way to a pair
-AHEAD, MOST_AHEAD = 4, 64  # pairs of neighbours whose designs are outlined together
 
 Limits = tuple[float, float]
 Place = tuple[float, float]  # steps of one key, or of two
@@ -83,7 +82,7 @@ def search_range(
             if limits[0] <= before <= limits[1]
         ]
         ways = [((math.log(before), 0.0), (math.log(value), 0.0)) for before, value in steps]
-        for (before, value), ends in zip(steps, _expected(trials, at, ways), strict=True):
+        for (before, value), ends in zip(steps, ways, strict=True):
             tried.append(value)
             place = _window(trials, at, ends)
             if place is not None:
@@ -122,7 +121,6 @@ def search_list(trials: Trials, path: str, values: Sequence[Value]) -> tuple[Sea
     """Return the first good value of a list, the nearest first, and all good ones."""
     good: list[Trial] = []
     try:
-        trials.expect({path: value} for value in values)
         for value in values:
             trial = trials.at({path: value})
             if trial.good:
@@ -154,27 +152,13 @@ def search_pair(trials: Trials, paths: tuple[str, ...]) -> Searched:
     try:
         places.sort(key=lambda p: p[0] ** 2 + p[1] ** 2)
         ways = [((i - math.copysign(1, i), j), (i, j)) for i, j in places]
-        for ends in _expected(trials, at, ways):
+        for ends in ways:
             found = _window(trials, at, ends)
             if found is not None:
                 return Searched(paths, _nearer(trials, at, found))
     except (OutOfWorkError, InputError):
         return Searched(paths, None, complete=False)
     return Searched(paths, None)
-
-
-def _expected(
-    trials: Trials, at: At, ways: Sequence[tuple[Place, Place]]
-) -> Iterator[tuple[Place, Place]]:
-    """Yield pairs of places; the trials expect few at first, then twice as many each time.
-
-    So a search that finds something early has outlined at most twice what it asked for.
-    """
-    begin, count = 0, AHEAD
-    while batch := ways[begin : begin + count]:
-        trials.expect(at(place) for ends in batch for place in ends)
-        yield from batch
-        begin, count = begin + count, min(2 * count, MOST_AHEAD)
 
 
 def _window(

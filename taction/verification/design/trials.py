@@ -10,9 +10,8 @@ of its parts does not pass, though its verdict at the large-signal level might.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from taction.netlist_gen.board.part_warnings import AcceptedParts, BrokenLimit, broken_limits
@@ -23,9 +22,8 @@ from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import EngineError, InputError, NoVerdictError
-from taction.verification.design.screening import Outline, estimated_checks, outlines
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
+from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import Record
@@ -36,14 +34,14 @@ KEPT = {"level", "input_errors"}  # keys of an op-amp that say how it is simulat
 BARE = Effort(details=False, full_margin=False)
 
 _Key = tuple[tuple[str, Value], ...]
-_Outlined = tuple[Scene, LinearBoard, Outline | None]
-
 
 VERDICT = 10.0  # designs: the work of a verdict
 STEPPED = 6.0  # times as much: that of a board whose transient takes steps
 POLES = 2.0  # designs: the work of poles with bounds
 STATES = 70.0  # of a board whose decomposition costs as much as all that grows slower with it
 RINGING = 250.0  # rad in a time constant: the work of following it is that of one design
+LONGEST = 1000.0  # rad in a time constant, of a board whose transient takes steps
+TINY = 1e-12
 
 
 class OutOfWorkError(Exception):
@@ -62,8 +60,6 @@ class Trial:
         Of the verdict, or why there is none.
     refused : str
         Which of its parts cannot be bought, or the layout undoes, or why there is no verdict.
-    estimated : bool
-        Whether the checks are estimates of a design that fails by far.
     """
 
     DOCUMENT: ClassVar[tuple[str, ...]] = (
@@ -74,7 +70,6 @@ class Trial:
     values: dict[str, Any]  # numbers and names
     record: Record
     refused: str = ""
-    estimated: bool = field(default=False, kw_only=True)
 
     @property
     def plain_values(self) -> dict[str, Value]:
@@ -120,11 +115,6 @@ class Trial:
         check = self.record.check(name)
         return check is not None and check.outcome is Outcome.PASS
 
-    def may_pass(self, name: str) -> bool:
-        """Whether an estimate leaves open that a check passes."""
-        check = self.record.check(name) if self.estimated else None
-        return check is not None and check.outcome is Outcome.INCONCLUSIVE
-
     def reading(self, name: str) -> float | None:
         """Return the value of a check."""
         check = self.record.check(name)
@@ -142,8 +132,6 @@ class Trials:
         Most work of all trials together: a design of few states is 1 (`Trials.spend`).
     accepted : AcceptedParts, optional
         Parts beyond the limits that are not refused, by default those of the scene.
-    screened : bool
-        Whether a design that fails by far gets estimates instead of a verdict.
 
     Raises
     ------
@@ -156,18 +144,14 @@ class Trials:
         scene: Scene,
         work: float = math.inf,
         accepted: AcceptedParts | None = None,
-        *,
-        screened: bool = False,
     ) -> None:
         self.scene = scene.with_engine("statespace")
         self.problem = make_problem(scene)
         self.lam = ideal_network(self.problem, scene).lam
         self.accepted = accepted or accepted_parts(scene, self.problem)
-        self.limit, self.screened = work, screened
+        self.limit = work
         self.spent, self.end = 0.0, work  # of all searches; where this one ends
         self._known: dict[_Key, Trial] = {}
-        self._outlined: dict[_Key, _Outlined] = {}  # before their trials
-        self._ringing: dict[_Key, float] = {}  # of what is outlined
 
     @property
     def tried(self) -> tuple[Trial, ...]:
@@ -234,28 +218,6 @@ class Trials:
         fact = topology_of(scene).facts(scene).get("R")
         return None if fact is None else fact.value
 
-    def expect(self, several: Iterable[Mapping[str, Value]]) -> None:
-        """Outline the designs of changes together, for trials that a search asks for next.
-
-        Raises
-        ------
-        OutOfWorkError
-            The work of this search is used up.
-        """
-        known = self._known.keys() | self._outlined.keys()
-        new = {key: each for each in several if (key := _key(each)) not in known}
-        if not self.screened or not new:
-            return
-        designs = dict[_Key, tuple[Scene, LinearBoard]]()
-        for key, changes in new.items():
-            with suppress(InputError, NoVerdictError):  # the trial itself says why
-                designs[key] = self._design(changes)
-                self.spend(1.0, designs[key][1])
-        found = outlines([board for _, board in designs.values()], self.scene.analysis.initial)
-        for (key, design), outline in zip(designs.items(), found, strict=True):
-            self._outlined[key] = (*design, outline)
-            self._ringing[key] = 0.0 if outline is None else outline.ringing()
-
     def at(self, changes: Mapping[str, Value]) -> Trial:
         """Return the trial of a change.
 
@@ -266,54 +228,43 @@ class Trials:
         """
         key = _key(changes)
         if key not in self._known:
-            self.expect([changes])
-            self._known[key] = self._try(dict(changes), self._outlined.pop(key, None))
+            self._known[key] = self._try(dict(changes))
         return self._known[key]
 
-    def verified(self, trial: Trial) -> Trial:
-        """Return the trial with a verdict in the place of estimates.
-
-        A trial that is refused keeps its estimates, by which it fails.
-
-        Raises
-        ------
-        OutOfWorkError
-            The work of this search is used up.
-        """
-        if not trial.estimated:
-            return trial
-        key = _key(trial.values)
-        refused = self.accepted.refused(broken_at_rest(self.board_at(trial.values)))
-        self._known[key] = (
-            replace(trial, refused=refused, estimated=False) if refused else self._try(trial.values)
-        )
-        return self._known[key]
-
-    def _design(self, changes: Mapping[str, Value]) -> tuple[Scene, LinearBoard]:
-        """Return scene and board of a change; the op-amps are at the small-signal level."""
-        scene = self.scene_at(changes)
-        return at_small_signal(scene), LinearBoard(synthesise(scene, self.problem))
-
-    def _try(self, changes: dict[str, Any], outlined: _Outlined | None = None) -> Trial:
-        """Return the trial of a change, whose design may be outlined."""
+    def _try(self, changes: dict[str, Any]) -> Trial:
+        """Return the trial of a change; the op-amps are at the small-signal level."""
         try:
-            scene, board, outline = outlined or (*self._design(changes), None)
-            found = poles(board) if outline is None else outline.unstable()
-            if found is not None and found.known_unstable:  # known without a transient
+            scene = at_small_signal(self.scene_at(changes))
+            board = LinearBoard(synthesise(scene, self.problem))
+            self.spend(POLES, board)
+            found = poles(board)
+            if found.known_unstable:  # known without a transient
                 return Trial(changes, _unstable(found, scene))
-            if outline is not None:
-                ideal = ideal_answer(ideal_network(self.problem, scene), scene)
-                if checks := estimated_checks(outline, scene, ideal):
-                    return Trial(changes, _failing("", checks), estimated=True)
+            self._spend_verdict(board, found)
             refused = self.accepted.refused(broken_at_rest(board))
-            work = VERDICT * (1.0 if board.circuit.is_linear else STEPPED)
-            self.spend(work, board, self._ringing.get(_key(changes), 0.0))
             verdict = verify(scene, problem=self.problem, circuit=board, effort=BARE)
         except (InputError, NoVerdictError) as error:
             failure, reason = type(error).__name__, str(error)
             record = Record.without_verdict(failure, reason, "statespace")
             return Trial(changes, record, reason)
         return Trial(changes, Record.of(verdict, channels=False), refused)
+
+    def _spend_verdict(self, board: LinearBoard, found: Poles) -> None:
+        """Count the work of a verdict, which follows the ringing.
+
+        Raises
+        ------
+        EngineError
+            The transient takes steps, and rings too long for a search.
+        """
+        ringing = 1.0 / max(found.damping_ratio, TINY)
+        if board.circuit.is_linear:
+            self.spend(VERDICT, board, ringing)
+        elif ringing > LONGEST:
+            ratio = f"{found.damping_ratio:.2g}"
+            raise EngineError(f"its damping ratio is {ratio}: it rings too long for a search")
+        else:
+            self.spend(STEPPED * VERDICT, board, STEPPED * ringing)
 
 
 def _key(changes: Mapping[str, Value]) -> _Key:
