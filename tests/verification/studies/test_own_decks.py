@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import taction
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
@@ -99,3 +101,27 @@ def test_a_doubt_counts_within_the_margin_only(sure: float, doubt: str) -> None:
     least = _least(circuit, {"G1": _Nearest(above=edge), "R1": doubtful})
     assert least.factor == pytest.approx(2.002, rel=1e-6)
     assert least.doubt == doubt
+
+
+def test_an_output_that_returns_settles_in_shares_of_its_exact_peak(tmp_path: Path) -> None:
+    """A parallel resonator of quality 100: peak and settling time in closed form."""
+    ohms, henry, farads = 1e5, 1e-2, 1e-8
+    decay = 0.5 / (ohms * farads)
+    turn = math.sqrt(1.0 / (henry * farads) - decay**2)
+    deck = tmp_path / "pulse.cir"
+    cards = f"R1 in out {ohms!r}\nL1 out 0 {henry!r}\nC1 out 0 {farads!r}"
+    deck.write_text(f"pulse\nV1 in 0 PULSE(0 1)\n{cards}\n.end\n")
+    found = taction.check(deck, outputs=["out"], ngspice=False).measurements
+
+    def volts(t: float) -> float:
+        return math.exp(-decay * t) * math.sin(turn * t) / (ohms * farads * turn)
+
+    first = math.atan2(turn, decay) / turn  # later peaks follow after half periods
+    assert found.amplitude == pytest.approx(volts(first), rel=1e-13)
+    level, half = found.band * volts(first), math.pi / turn
+    last = max(n for n in range(1000) if abs(volts(first + n * half)) > level)
+    ends = first + last * half, (last + 1) * half
+    true = brentq(lambda t: abs(volts(t)) - level, *ends, xtol=1e-18, rtol=1e-15)
+    reading = found.settling_time
+    assert reading is not None
+    assert abs(reading.value - true) <= reading.uncertainty + 1e-15 * true
