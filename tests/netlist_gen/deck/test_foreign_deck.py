@@ -14,7 +14,7 @@ from taction.netlist_gen.deck.flat_cards import CardError, read_cards
 from taction.netlist_gen.deck.foreign_deck import read_deck
 from taction.netlist_gen.deck.stimuli import stimulus_of
 from taction.system.errors import InputError, TactionError
-from taction.verification.engines.ngspice import listing
+from taction.verification.engines.ngspice import commands
 from taction.verification.studies.foreign_board import read_board
 
 RC = "V1 in 0 PULSE(0 1)\nR1 in out 1k\nC1 out 0 1n\n"
@@ -134,7 +134,7 @@ def test_a_bomb_of_subcircuits_ends(
     folder: Path, ngspice: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """30 levels of two calls each: a thousand million parts."""
-    monkeypatch.setattr(listing, "SECONDS", 2.0)
+    monkeypatch.setattr(commands, "SECONDS", 2.0)
     levels = [f".subckt s{k} a\nX1 a s{k + 1}\nX2 a s{k + 1}\n.ends\n" for k in range(30)]
     text = "t\nX1 a s0\n" + "".join(levels) + ".subckt s30 a\nR1 a 0 1k\n.ends\n.end\n"
     place = written(folder, text)

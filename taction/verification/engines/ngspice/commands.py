@@ -86,6 +86,7 @@ def run_commands(
     *,
     mode: str = "",
     seconds: float = SECONDS,
+    last: str = "quit",
 ) -> Answers:
     """Run commands on cards.
 
@@ -99,10 +100,12 @@ def run_commands(
         Of ngspice's ``ngbehavior``, such as ``"psa"``; empty for its own.
     seconds : float
         Time allowed, s; less where `taction.system.time_limit` leaves less.
+    last : str
+        The last command; without ``quit`` ngspice then sets the circuit up, and checks it.
     """
     if not (seconds := time_left(seconds)):
         return Answers(failure=DidNotLoad(OVER))
-    lines = ["* deck", *cards, ".control", *commands, "quit", ".endc", ".end", ""]
+    lines = ["* deck", *cards, ".control", *commands, last, ".endc", ".end", ""]
     start = f"set ngbehavior={mode}\n" if mode else "* no code models are loaded\n"
     deck = CommandDeck("\n".join(lines), {"spinit": start})
     place = make_folder(deck, command_line(simulator), None)
@@ -160,12 +163,12 @@ def expand(
     SimulationError
         ngspice does not expand the deck; the text has what it said.
     """
-    commands = []
+    commands: list[str] = []
     for changed in values:
         commands += [f"alterparam {name}={value!r}" for name, value in changed.items()]
-        commands += ["reset"] if changed else []
-        commands.append(LIST)
-    answers = run_commands(lines, commands, simulator, seconds=seconds)
+        commands += ["reset", LIST] if changed else [LIST]
+    *others, last = commands
+    answers = run_commands(lines, others, simulator, seconds=seconds, last=last)
     if answers.failure is not None:
         raise answers.failure
     found = tuple(listed_cards(part) for part in _HEAD.split(answers.listed)[1:])

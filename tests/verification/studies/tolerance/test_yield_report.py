@@ -174,8 +174,8 @@ def test_workers_that_are_gone_are_an_error() -> None:
 
 def test_a_worker_with_another_taction_is_refused() -> None:
     asked = study()
-    other = replace(asked, versions=replace(asked.versions, taction="0.0.7"))
-    with one_thread() as workers, pytest.raises(NoVerdictError, match=r"instead of 0\.0\.7"):
+    other = replace(asked, version="taction 0.0.7")
+    with one_thread() as workers, pytest.raises(NoVerdictError, match=r"instead of taction 0\.0"):
         drawn(other, 3, workers)
 
 
