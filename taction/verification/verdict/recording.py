@@ -53,7 +53,7 @@ from taction.verification.verdict.transient_plan import (
 
 INSIDE = 0.5  # of the band minus the static error: remaining ringing at the end of a longer record
 LONGER = 2.0  # times the length of a record that was too short: least length of the next record
-FEWER = 1.05  # times as many steps: a finer plan has at least so many
+SMALLER = 1.05  # times: by so much the forecast error of a finer plan is smaller
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ def _finer(recording: Recording) -> TransientPlan | None:
     analysis = design.scene.analysis.model_copy(update={"stop": design.transient.stop})
     scene = design.scene.model_copy(update={"analysis": analysis})
     plan = plan_transient(scene, design.board, design.scales, stable=True, aim=aim)
-    return plan if plan.forecast.steps > FEWER * forecast.steps else None
+    return plan if SMALLER * plan.forecast.error < forecast.error else None
 
 
 REPEATS = 3  # largest number of repeated runs
