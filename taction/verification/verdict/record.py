@@ -152,7 +152,7 @@ CHANNEL_FIGURES: dict[str, FigureRule[ChannelMeasure]] = {
 """Figures of one channel; a verdict has its `equilibrium` (V) in addition."""
 
 UNITS = {name: rule.unit for name, rule in FIGURES.items()}
-NO_EXCURSIONS = {name: Figure(None, UNITS[name]) for name in EXCURSIONS}
+WITHOUT_REST = {name: Figure(None, UNITS[name]) for name in ("rise_time", *EXCURSIONS)}
 """Of a board that is not known to be stable: they depend on the length of its record."""
 CHANNEL_UNITS = {name: rule.unit for name, rule in CHANNEL_FIGURES.items()} | {"equilibrium": "V"}
 
@@ -209,7 +209,7 @@ class Record:
         State of the worst channel at the end of the record.
     figures : dict
         By the names in `FIGURES`; None where the board has no such figure. A board that is not
-        known to be stable has no excursions: those of its record depend on the length.
+        known to be stable has no rise time and no excursions: they depend on its record's length.
     uncertainties : dict
         Bounds on their errors, where there is one; None where it is infinite.
     alternatives : dict
@@ -235,7 +235,7 @@ class Record:
         engine = verdict.recording.ends.engine
         found = {name: rule.figure(verdict) for name, rule in FIGURES.items()}
         if verdict.poles.stable is not True:
-            found |= NO_EXCURSIONS
+            found |= WITHOUT_REST
         state = max((c.state for c in verdict.measurements.channels), key=STATES.index)
         return cls(
             verdict.outcome.value,
@@ -314,7 +314,7 @@ def channels_of(measurements: Measurements) -> tuple[Channel, ...]:
 def _channels(verdict: Verdict) -> tuple[Channel, ...]:
     volts, error = verdict.steady.values.tolist(), finite(_rest_error(verdict))
     bound = None if error is None else error * verdict.measurements.amplitude
-    known = {} if verdict.poles.stable is True else NO_EXCURSIONS
+    known = {} if verdict.poles.stable is True else WITHOUT_REST
     return tuple(
         Channel.of(channel, known | {"equilibrium": Figure(finite(value), "V", bound)})
         for channel, value in zip(verdict.measurements.channels, volts, strict=True)

@@ -109,6 +109,7 @@ def test_a_board_that_grows_has_no_excursions_in_any_record() -> None:
     grows, rests = (Record.of(verify(each.with_engine("statespace"))) for each in boards)
     assert (grows.stable, rests.stable) == (False, True)
     for one, other in zip((grows, *grows.channels), (rests, *rests.channels), strict=True):
+        assert one.figure("rise_time").value is None
         for name in ("overshoot", "undershoot"):
             assert one.figure(name).value is None
             assert other.figure(name).value is not None
