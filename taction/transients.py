@@ -274,7 +274,7 @@ def verify_files(
 def what_to_change(
     verdict: Verdict,
     *,
-    changes: float = 1800.0,
+    changes: float = 3600.0,
     any_part: bool = False,
     progress: Progress = lambda stage: None,
 ) -> Remedies | None:

@@ -165,7 +165,7 @@ def find_remedies(
 
     Notes
     -----
-    Seven channels: up to about 240 designs of 3 ms, of which some ten need a verdict of 20 ms.
+    Seven channels: 30 to 60 designs of 20 ms.
     """
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:
