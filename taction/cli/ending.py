@@ -17,7 +17,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Any, Literal
+from typing import Any, Literal, TextIO
 
 import click
 
@@ -69,13 +69,15 @@ def run_command(function: Callable[[], object], *, as_json: bool, words: Sequenc
             status = _status(function, as_json, received, words)
             sys.stdout.flush()
         except BrokenPipeError:
-            _leave_stdout()
+            _leave(sys.stdout)
             return CLOSED_PIPE
         except OSError as error:
-            _leave_stdout()
+            _leave(sys.stdout)
             with suppress(OSError):  # stderr, neither
                 say(f"stdout cannot be written: {error.strerror}")
             return STATUS["inconclusive"]
+        finally:
+            _leave_full_stderr()
     # A page that is served until Ctrl-C ends well by Ctrl-C, and only by it.
     ended = received and (status == INTERRUPTED or received[0] != signal.SIGINT)
     return 128 + received[0] if ended else status
@@ -280,12 +282,22 @@ def _prepare_streams() -> None:
             stream.reconfigure(errors="replace")
 
 
-def _leave_stdout() -> None:
-    """Discard what stdout still holds, so that Python's end does not try to write again."""
-    with suppress(OSError, ValueError):
-        null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, sys.stdout.fileno())
-        os.close(null)
+def _leave(stream: TextIO | None) -> None:
+    """Discard what a stream still holds, so that Python's end does not try to write again."""
+    if stream is not None:
+        with suppress(OSError, ValueError):
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, stream.fileno())
+            os.close(null)
+
+
+def _leave_full_stderr() -> None:
+    """Discard what stderr does not take: else Python ends with 120."""
+    try:
+        if sys.stderr is not None:
+            sys.stderr.flush()
+    except (OSError, ValueError):
+        _leave(sys.stderr)
 
 
 class Ended(KeyboardInterrupt):

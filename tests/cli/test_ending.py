@@ -32,7 +32,7 @@ def command(*words: str, redirect: str = "", **variables: str) -> subprocess.Com
         text=True,
         check=False,
         timeout=120.0,
-        env={**os.environ, "PYTHONPATH": str(SCENES.parent), **variables},
+        env={**os.environ, "PYTHONPATH": str(SCENES.parent), "PYTHONUNBUFFERED": "", **variables},
     )
 
 
