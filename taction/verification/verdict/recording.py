@@ -36,10 +36,10 @@ from taction.verification.verdict.design import design_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import (
     ENGINES,
-    FALL,
     Pending,
     StateSpaceError,
     begin,
+    bound_after,
     engine_of,
     own_error,
 )
@@ -366,7 +366,7 @@ def finest(recording: Recording, ideal: IdealAnswer) -> tuple[Measurements, Step
     own = own_error(design, wave)
     if own is not None:
         if own.record is not wave:
-            own = replace(own, volts=max(own.volts, recording.attained[0] / FALL))
+            own = bound_after(recording.attained[0], own)
         wave = own.record
     measured, _ = measure_with_bounds(design, ideal, wave, own, None, finest=True)
     return measured, step_error(measured, math.inf if own is None else own.volts)

@@ -44,6 +44,7 @@ from taction.verification.verdict.transient_plan import TransientPlan
 
 PATTERNED = 1.0  # of the difference to a model of fewer patterns, which may err hardly more
 FALL = 64.0  # most that a bound falls by halved steps, of 512: a difference may be small by chance
+ALIKE = 4.0  # times their difference: what two runs may err alike by rounding (seen: 1.75)
 DIGITS = 2e-10  # of the largest voltage: least bound, as two runs may err alike (seen: 1.2e-10)
 HALVED = 1.25  # of the difference to twice the steps by other roundings of the coefficients
 HALVINGS = 3  # most, where the error of a record is above what is wanted
@@ -83,8 +84,26 @@ def state_space_error(
         record, better = found.record, _bounded(board, found.record)
         if not better.volts < found.volts:
             break
-        found = replace(better, volts=max(better.volts, found.volts / FALL))
+        found = bound_after(found.volts, better)
     return found
+
+
+def bound_after(before: float, found: StateSpaceError) -> StateSpaceError:
+    """Return a run with its bound, given the bound of the run before it, V.
+
+    The errors of half a step fall by 512. A difference that falls by little is of rounding, and two
+    draws of rounding may err alike; one that falls by more is small by chance. The least bound has
+    both in it.
+    """
+    seen = max(found.volts - least_bound(found.record), 0.0)
+    share = min(ALIKE, FALL * found.volts / before) if before > 0.0 else ALIKE
+    volts = found.volts + max(share - 1.0, 0.0) * seen
+    return replace(found, volts=max(volts, before / FALL))
+
+
+def least_bound(record: Waveforms) -> float:
+    """Return the least bound of a record by steps, V."""
+    return DIGITS * float(np.abs(record.values).max(initial=0.0))
 
 
 def _bounded(board: LinearBoard, record: Waveforms) -> StateSpaceError:
@@ -105,8 +124,8 @@ def _bounded(board: LinearBoard, record: Waveforms) -> StateSpaceError:
     except EngineError as error:
         return StateSpaceError(math.nan, f"the second run failed: {error}", record)
     how = f"difference to a run with {other}, and what rounding leaves"
-    least = DIGITS * float(np.abs(better.values).max(initial=0.0))
-    return StateSpaceError(max(share * apart + better.rounding, least), how, better)
+    volts = max(share * apart + better.rounding, least_bound(better))
+    return StateSpaceError(volts, how, better)
 
 
 def on_curve(record: Waveforms, times: Floats) -> Floats:
