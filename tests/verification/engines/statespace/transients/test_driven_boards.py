@@ -7,7 +7,7 @@ import pytest
 from tests.support.driven_boards import KINDS, compare_board
 
 SEEDS = (1, 3, 4, 32, 218, 361, 657, 20048, 31100)
-"""Bounds of the last four were too small by 1.1 to 3.5: two runs erred alike."""
+"""Bounds of the last five were too small by 1.1 to 3.5: two runs erred alike."""
 RESTS = 3  # numbers of a verdict without readings
 
 
