@@ -337,6 +337,16 @@ def test_a_pole_map_shows_every_pair_that_is_near() -> None:
     assert any("4 farther" in text for text in texts)
 
 
+def test_a_pole_map_of_real_poles_shows_the_slowest_ones() -> None:
+    """The rightmost pole is at -129 /s, the farthest at -3.6e17 /s."""
+    found = taction.check(CASES / "margin-min.cir", ngspice=False)
+    drawn = pole_map(found.poles)
+    assert drawn.views[0].x is not None
+    assert -1e3 < drawn.views[0].x[0] < found.poles.rightmost.real < drawn.views[0].x[1]
+    texts = [mark.text for mark in drawn.marks if isinstance(mark, Text)]
+    assert any("3 farther" in text for text in texts)
+
+
 def test_a_sweep_shows_the_values_around_a_crossing_first_and_a_family(tmp_path: Path) -> None:
     place, picture = str(CASES / "ldo.cir"), tmp_path / "ldo.png"
     status, text = run(place, "--no-ngspice", "--over", "ESR", "--plot", str(picture))

@@ -191,14 +191,21 @@ def _result(poles: Poles) -> str:
 
 
 def _views(values: Complexes) -> list[tuple[str, Window]]:
-    """Return the parts of the pole map: the pairs that are not far away, then all poles."""
+    """Return the parts of the pole map: the pairs that are not far away, then all poles.
+
+    Without pairs the first part has the real poles that are not far away.
+    """
     views = [("all poles", _around(values, values.real.min(initial=0.0)))]
     pairs = values[values.imag > 0.0]
-    if len(pairs):
-        lead, sizes = pairs[:1], np.abs(pairs)
-        near = pairs[sizes <= FAR * max(sizes.min(), abs(lead[0]))]
-        views.insert(0, ("rightmost pair", _around(lead, -3.0 * abs(lead[0].real))))
-        views.insert(0, ("pairs", _around(near, near.real.min())))
+    shown = pairs if len(pairs) else values
+    if len(shown):
+        lead, sizes = shown[:1], np.abs(shown)
+        near = shown[sizes <= FAR * max(sizes.min(), abs(lead[0]))]
+        if len(pairs):
+            views.insert(0, ("rightmost pair", _around(lead, -3.0 * abs(lead[0].real))))
+        if len(pairs) or len(near) < len(values):
+            name = "pairs" if len(pairs) else "slowest poles"
+            views.insert(0, (name, _around(near, near.real.min())))
     return views
 
 
