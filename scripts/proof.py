@@ -117,6 +117,11 @@ def of_coverage(seed: int, truth: Found | None) -> Found:
     return {"truth": truth, "outside": outside, "unanswered": unanswered}
 
 
+def known(found: Number | None) -> Number | None:
+    """Return a number, or None where its bound is infinite: then it says nothing."""
+    return found if found is not None and math.isfinite(found[1]) else None
+
+
 def differences(old: Found, new: Found) -> Iterator[str]:
     """Yield what differs between two results by more than their bounds."""
     for name in ("outcome", "checks"):
@@ -124,7 +129,7 @@ def differences(old: Found, new: Found) -> Iterator[str]:
             yield f"{name}: {old.get(name)} -> {new.get(name)}"
     a, b = old.get("numbers", {}), new.get("numbers", {})
     for name in sorted(a.keys() | b.keys()):
-        one, other = a.get(name), b.get(name)
+        one, other = known(a.get(name)), known(b.get(name))
         if one is None or other is None:
             if one is not other:
                 yield f"{name}: {one} -> {other}"
