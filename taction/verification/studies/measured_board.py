@@ -7,7 +7,7 @@ check, a sweep, a comparison and the samples of a yield all measure their boards
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -24,7 +24,9 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.engines.statespace.transients.exact import exact_solution
+from taction.verification.readings.course import Course
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
+from taction.verification.readings.exact_signal import ExactSignal
 from taction.verification.readings.measurements import Measurements, channel_measure, summary
 from taction.verification.readings.readings import Reading, unread
 from taction.verification.readings.settling import ChannelState, Settlement
@@ -57,10 +59,7 @@ from taction.verification.verdict.record import (
 from taction.verification.verdict.run_checks import run_checks
 
 WANTED = 1e-4  # error of ngspice's transient, in step amplitudes
-SAMPLED = 5000  # instants at which the largest excursion is looked for, and as many EARLY ones
-EARLY = np.geomspace(1e-6, 1.0, SAMPLED)  # shares of the time to settle
-NEARLY, PEAKS = 0.8, 50  # a peak of the grid below this share of the largest one is not it
-NARROWINGS = 14  # of the interval around a peak, each to a quarter
+DETAIL = 1e-3  # of the largest mode: one that the first grid resolves
 DRAWN = 1000  # instants of a drawn response, early and late
 EARLIEST = 1e-4  # of a drawn response: its first instant after 0
 NO_RISE = "the output returns to where it was: it has no step"
@@ -396,34 +395,17 @@ def _pulses(
     """
     if float(np.abs(rest - before).max(initial=0.0)) > error:
         return before
-    stop = time_scales(board, initial=initial).stop
     solution = exact_solution(board, initial=initial)
-
-    def moved(instants: Floats) -> Floats:
-        return np.asarray(solution.at(instants) * _signs(board) - rest)
-
-    peaks = _largest(moved, np.union1d(np.linspace(0.0, stop, SAMPLED), EARLY * stop))
+    if np.all(solution.poles.real < 0.0):
+        size = float(np.abs(solution.flow.share).max(initial=0.0))
+        signal = ExactSignal(Course(solution, _signs(board), rest, error, DETAIL * size))
+        (high, _), (low, _) = (signal.highest(sign) for sign in (1.0, -1.0))
+    else:  # it has no readings, and is compared by the size that it reaches
+        seen = np.linspace(0.0, time_scales(board, initial=initial).stop, DRAWN)
+        moved = solution.at(seen) * _signs(board) - rest
+        high, low = moved.max(axis=0), -moved.min(axis=0)
+    peaks = np.where(high >= low, high, -low)
     return rest + peaks if float(np.abs(peaks).max(initial=0.0)) > error else before
-
-
-def _largest(moved: Callable[[Floats], Floats], instants: Floats) -> Floats:
-    """Return the value of largest size of each output, (N,): peaks of the grid, narrowed down."""
-    seen, found = moved(instants), []
-    for n, size in enumerate(np.abs(seen).T):
-        inner = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] >= size[2:])) + 1
-        high = inner[size[inner] >= NEARLY * size.max()]
-        high = high[np.argsort(size[high])[-PEAKS:]]
-        best = [seen[size.argmax(), n]]
-        low, up = instants[high - 1], instants[high + 1]
-        for _ in range(NARROWINGS if len(high) else 0):
-            finer = np.linspace(low, up, 9)
-            values = moved(finer.ravel())[:, n].reshape(finer.shape)
-            top = np.abs(values).argmax(axis=0).clip(1, 7)
-            every = np.arange(len(high))
-            best += values[top, every].tolist()
-            low, up = finer[top - 1, every], finer[top + 1, every]
-        found.append(max(best, key=abs))
-    return np.array(found)
 
 
 def _settling_alone(measured: Measurements) -> Measurements:

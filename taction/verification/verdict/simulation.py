@@ -96,8 +96,8 @@ def bound_after(before: float, found: StateSpaceError) -> StateSpaceError:
     both in it.
     """
     seen = max(found.volts - least_bound(found.record), 0.0)
-    share = min(ALIKE, FALL * found.volts / before) if before > 0.0 else ALIKE
-    volts = found.volts + max(share - 1.0, 0.0) * seen
+    times = min(ALIKE, FALL * found.volts / before) if before > 0.0 else ALIKE
+    volts = found.volts + max(times - 1.0, 0.0) * seen
     return replace(found, volts=max(volts, before / FALL))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from functools import cache
 from pathlib import Path
@@ -13,7 +14,8 @@ from taction.netlist_gen.scene.axes import Point, with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
-from taction.verification.design.remedies import Remedies, find_remedies, mending_keys
+from taction.transients import what_to_change
+from taction.verification.design.remedies import LIMIT, Remedies, find_remedies, mending_keys
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import OutOfWorkError, Trials
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -236,3 +238,7 @@ def test_another_opamp_keeps_the_level_and_the_input_errors_of_the_scene() -> No
     changed = trials.scene_at({"design.opamp": "ua741"}).design.opamp
     assert (changed.base, changed.input_errors, changed.level) == ("ua741", "none", "small-signal")
     assert changed.gbw is None  # a figure of the scene's own op-amp
+
+
+def test_the_command_allows_the_work_that_the_search_is_made_for() -> None:
+    assert inspect.signature(what_to_change).parameters["changes"].default == LIMIT
