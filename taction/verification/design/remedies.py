@@ -24,6 +24,7 @@ from taction.verification.design.stable_ranges import StableRange, stable_ranges
 from taction.verification.design.trials import OPAMP, Trial, Trials, knobs_with_margin
 from taction.verification.verdict.cause import following
 from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.record import ERROR
 from taction.verification.verdict.verify import Verdict
 
 LIMIT = 3600.0  # designs: the work of a search
@@ -87,7 +88,9 @@ class Remedies:
     opamps : tuple of str
         The presets with which an unstable board is stable.
     trials : int
-        Number of verdicts.
+        Number of changes that were judged.
+    undecided : tuple of str
+        Why some of them have no verdict, a reason for each.
     work, limit : float
         The work done, and the most that is allowed, in designs (`Trials.spend`).
     """
@@ -95,7 +98,8 @@ class Remedies:
     DOCUMENT = (
         *("failed", "stable_ranges = by_path", "stable_opamps = opamps", "changes", "without"),
         "not_searched = cut # these searches ended when the work was used up",
-        *("searched", "unmendable", "trials", "work # in designs", "work_limit = limit"),
+        *("searched", "unmendable", "trials", "undecided # why changes have no verdict"),
+        *("work # in designs", "work_limit = limit"),
     )
 
     failed: tuple[str, ...]
@@ -107,6 +111,7 @@ class Remedies:
     unmendable: tuple[str, ...]
     opamps: tuple[str, ...]
     trials: int
+    undecided: tuple[str, ...]
     work: float
     limit: float
 
@@ -252,6 +257,7 @@ class _RemedySearch:
             unmendable=tuple(name for name in self.failed if name not in self.keys),
             opamps=self._stable_opamps() if self.ranges else (),
             trials=len(self.trials.tried),
+            undecided=tuple(t.reason for t in self.trials.tried if t.outcome == ERROR),
             work=self.trials.spent,
             limit=self.trials.limit,
         )

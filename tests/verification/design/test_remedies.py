@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.transients import what_to_change
+from taction.verification.design import trials
 from taction.verification.design.remedies import LIMIT, Remedies, find_remedies, mending_keys
 from taction.verification.design.stable_ranges import stable_ranges
 from taction.verification.design.trials import OutOfWorkError, Trials
@@ -242,3 +244,16 @@ def test_another_opamp_keeps_the_level_and_the_input_errors_of_the_scene() -> No
 
 def test_the_command_allows_the_work_that_the_search_is_made_for() -> None:
     assert inspect.signature(what_to_change).parameters["changes"].default == LIMIT
+
+
+def test_a_board_that_rings_too_long_is_not_simulated_and_its_reason_is_shown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(trials, "LONGEST", 1.0)
+    made = Trials(paper(name="paper-exponential"))
+    found = made.at({"design.capacitance": 5e-11})
+    assert found.record.figures["settling_time"] is None
+    assert "it rings too long for a search" in found.reason
+    scene, remedies = unstable()
+    shown = remedies_text(scene, replace(remedies, undecided=(found.reason,)))
+    assert f"1 of them without a verdict, such as: {found.reason}" in shown

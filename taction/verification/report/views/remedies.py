@@ -58,6 +58,9 @@ def _lines(scene: Scene, remedies: Remedies) -> Iterator[str]:
     cut = [" and ".join(map(name_of, paths)) for paths in remedies.cut]
     rest = f"; not to the end: {', '.join(cut)} (--changes)" if cut else ""
     yield f"  searched {remedies.trials} changes of {keys}{rest}"
+    if remedies.undecided:
+        count = len(remedies.undecided)
+        yield f"  {count} of them without a verdict, such as: {remedies.undecided[0]}"
 
 
 def edge_text(found: StableRange) -> str:
