@@ -51,6 +51,7 @@ from taction.verification.verdict.checks import Check, overall
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
 BESIDE = 3  # values on either side of a crossing that come first
 FAMILY = 5  # step responses in a picture, beside those around crossings
+LEADS = {"pass": "", "fail": "Fails: ", "inconclusive": "Not decided: "}
 RINGS = 0.3  # damping ratio below which the summary says first that the board rings
 PART_WORDS = (
     "Moves the pole by: the change of the rightmost pole, 1/s and Hz, for 1 % more of the value."
@@ -94,8 +95,8 @@ def _summary(found: BoardCheck) -> str:
     undecided = any(_kind(c) in said and c.outcome.value != "pass" for c in found.checks)
     counted = others if undecided else found.checks  # the text says why it is not stable
     if others and not (undecided and overall(others).value == "pass"):
-        decided = decisive_text(counted, overall(counted).value).rstrip(".")
-        text += f" {'It ' + decided[3:] if decided.startswith('it ') else decided}."
+        outcome = overall(counted).value
+        text += f" {LEADS[outcome]}{decisive_text(counted, outcome).rstrip('.')}."
     if found.corners is None or found.yields is None:
         return text
     worst = {name: None for corner in found.corners.corners for name in corner.result.failed}
