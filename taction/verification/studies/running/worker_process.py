@@ -12,45 +12,48 @@ import time
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
+from taction.system.ending_signals import Ended, ending_signals
+
 GRACE = 2.0  # s between the clean-up's start and a hard end
 STATUS = 128 + signal.SIGTERM
 
 
 def serve(pipe: Connection) -> None:
-    """Answer calls until the other end closes; the parent handles Ctrl-C and a lost terminal."""
+    """Answer calls until the other end closes; the parent handles Ctrl-C and a lost terminal.
+
+    SIGTERM ends a call through its `finally` clauses, which end a simulator.
+    """
     for name in ("SIGINT", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-
-    def unwind(number: int, frame: object) -> None:
-        """End through the `finally` clauses, which end a simulator; no answer is sent any more."""
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not stop the clean-up
-        hard_end = threading.Timer(GRACE, os._exit, (STATUS,))
-        hard_end.daemon = True  # where a library drops the `SystemExit`
-        hard_end.start()
-        pipe.close()
+    with suppress(EOFError, OSError, Ended), ending_signals() as received:
+        threading.Thread(target=_end_with_parent, daemon=True).start()
+        pipe.send("ready")
+        while not received:
+            done, value = _answer(pipe.recv_bytes())
+            if not received:  # a call may drop the exception, and go on
+                _send(pipe, done, value)
+    if received:
         sys.exit(STATUS)
 
-    signal.signal(signal.SIGTERM, unwind)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(EOFError, OSError):
-        pipe.send("ready")
-        while True:
-            _answer(pipe, pipe.recv_bytes())
 
-
-def _answer(pipe: Connection, request: bytes) -> None:
+def _answer(request: bytes) -> tuple[bool, object]:
+    """Return whether a call came to its end, and its result or its error."""
     try:
         function, args, kw = pickle.loads(request)  # noqa: S301 - from the parent
-        answer = (True, function(*args, **kw))
+        return True, function(*args, **kw)
     except Exception as error:
-        answer = (False, error)
+        return False, error
+
+
+def _send(pipe: Connection, done: bool, value: object) -> None:
+    """Send an answer, or the error that it cannot be sent."""
     try:
-        pipe.send(answer)
+        pipe.send((done, value))
     except OSError:
         raise
     except Exception as error:
-        pipe.send((False, TypeError(f"{answer[1]!r:.200} cannot be sent: {error}")))
+        pipe.send((False, TypeError(f"{value!r:.200} cannot be sent: {error}")))
 
 
 def _end_with_parent() -> None:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, wait
 from contextlib import suppress
@@ -193,7 +194,7 @@ if __name__ == "__main__":
 
 def drop_the_end(seconds: float) -> str:
     """Sleep, and drop the exception of SIGTERM, as the serializers of pydantic do."""
-    with suppress(SystemExit):
+    with suppress(KeyboardInterrupt):
         time.sleep(seconds)
     return "an answer after the end"
 
@@ -215,6 +216,23 @@ def test_a_worker_ends_whatever_drops_its_end(
     with pytest.raises(BrokenExecutor):
         running.result(60)
     assert gone_within(60.0, *first)
+
+
+def end_in_a_callback() -> None:
+    """Let SIGTERM come in a callback, whose exceptions Python drops."""
+    thing = pytest.MonkeyPatch()
+    reference = weakref.ref(thing, lambda _: signal.raise_signal(signal.SIGTERM))
+    del thing
+    assert reference() is None
+    time.sleep(60.0)
+
+
+def test_an_end_in_a_callback_is_silent(pool: LocalPool, capfd: pytest.CaptureFixture[str]) -> None:
+    first = pool.pids()
+    with pytest.raises(BrokenExecutor):
+        pool.submit(end_in_a_callback).result(30.0)
+    assert gone_within(1.0, *first[:1]) or gone_within(1.0, *first[1:])
+    assert capfd.readouterr().err == ""
 
 
 def test_python_ends_although_a_worker_is_stopped() -> None:
