@@ -6,14 +6,16 @@ source scripts/system.sh
 
 backports_known() { [[ "$(apt-cache madison "$2" 2>/dev/null)" == *" $1-backports/"* ]]; }
 
-# The mirror is the machine's own: apt names the archive that Debian itself signed, and the new
-# entry is a copy of the machine's entry for it, key and options included.
+# The mirror is the machine's own, of which apt knows that it carries Debian's archive; the key is
+# Debian's own.
 add_backports() {
-    local codename=$1 package=$2 uri entry
+    local codename=$1 package=$2 uri entry=/etc/apt/sources.list.d/taction-backports.list
     # shellcheck disable=SC2016  # apt expands REPO_URI, not the shell
     uri=$(apt-get indextargets --format '$(REPO_URI)' \
         'Created-By: Packages' 'Origin: Debian' "Codename: $codename" 'Component: main')
-    entry=$(as_root python3 scripts/backports.py "$codename" "${uri%%$'\n'*}") || return 1
+    [ -n "$uri" ] || return 1
+    printf 'deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] %s %s-backports main\n' \
+        "${uri%%$'\n'*}" "$codename" | as_root tee "$entry" >/dev/null || return 1
     say "added $entry, for $package only (backports are never taken unasked)"
     apt_get update || true
     if ! backports_known "$codename" "$package"; then
