@@ -73,7 +73,7 @@ def netlist(
     >>> "Rr_1 v_1 x_1 'R'" in deck.text
     True
     """
-    from taction.netlist_gen.deck.dialects.table import refuse_unable
+    from taction.netlist_gen.deck.dialects import refuse_unable
 
     refuse_unable(dialect, parameters=parameters, measures=measure)
     from taction.netlist_gen.board.part_warnings import part_warnings

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from taction.cli import boards
-from taction.netlist_gen.deck.dialects.table import DIALECTS
+from taction.netlist_gen.deck.dialects import DIALECTS
 from taction.netlist_gen.scene.loading import load_scene
 from tests.support.paths import ROOT, SCENES
 from tests.support.running import document, taction
@@ -262,7 +262,7 @@ SCENE = str(SCENES / "known-readings.toml")
 
 
 def test_the_names_of_the_option_are_the_dialects() -> None:
-    assert list(boards.DIALECTS) == list(DIALECTS) == [load().name for load in DIALECTS.values()]
+    assert list(boards.DIALECTS) == list(DIALECTS) == [each.name for each in DIALECTS.values()]
 
 
 @pytest.mark.parametrize("dialect", boards.DIALECTS)

@@ -16,13 +16,13 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.parts import VoltageSource
 from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, board_text
 from taction.netlist_gen.deck.checks import check_circuit, check_request, tolerances
-from taction.netlist_gen.deck.dialects.dialect import (
+from taction.netlist_gen.deck.dialects import (
+    DIALECTS,
     NATIVE,
     Dialect,
     DialectRequest,
     starts_from_rest,
 )
-from taction.netlist_gen.deck.dialects.table import DIALECTS
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit
@@ -131,7 +131,7 @@ def _language(
     dialect: str, circuit: Circuit, parameters: Parameters, measures: Measures | None
 ) -> Dialect:
     """Return the dialect of a name, which can express all that the deck is to have."""
-    language = DIALECTS[dialect]()
+    language = DIALECTS[dialect]
     refused = [str(complaint) for complaint in language.refusals(circuit)]
     if measures is not None and not language.measures:
         refused.append("measures")

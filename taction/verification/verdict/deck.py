@@ -11,8 +11,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, parameters_of
 from taction.netlist_gen.deck.checks import FILE_NAME
 from taction.netlist_gen.deck.deck import Deck, write_deck
-from taction.netlist_gen.deck.dialects.dialect import NATIVE
-from taction.netlist_gen.deck.dialects.table import DIALECTS
+from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.atomic_files import write_together
@@ -155,7 +154,7 @@ def _with_even_steps(scene: Scene) -> Scene:
 
 def _check(scene: Scene, circuit: Circuit, choice: DeckChoice) -> None:
     """Raise an InputError for what a deck cannot have, all mistakes at once."""
-    complaints = list(DIALECTS[choice.dialect]().refusals(circuit))
+    complaints = list(DIALECTS[choice.dialect].refusals(circuit))
     for key in ("resistor_series", "capacitor_series"):
         series = getattr(scene.design, key)
         if choice.parameters and series != "exact":

@@ -22,7 +22,7 @@ from taction.netlist_gen.analysis import OperatingPoint, Transient
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import Deck, write_deck
-from taction.netlist_gen.deck.dialects.table import DIALECTS
+from taction.netlist_gen.deck.dialects import DIALECTS
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -247,3 +247,13 @@ def test_other_analyses_are_for_ngspice_only(dialect: str) -> None:
     charged = Transient(1e-6, 1e-8, voltages={"v_1": 1.0})
     with pytest.raises(ValueError, match="from zero or rest only"):
         write_deck(circuit, charged, dialect=dialect)
+
+
+def test_a_source_that_begins_after_the_rest_is_a_wave_in_spectre() -> None:
+    circuit = synthesise(scene_of("input-errors"))
+    deck = write_deck(circuit, Transient(1e-5, 1e-8, initial="rest"), dialect="spectre")
+    (wave,) = (line for line in deck.text.split("\n") if line.startswith("Ieps"))
+    native = write_deck(circuit, Transient(1e-5, 1e-8, initial="rest")).text
+    points = re.search(r"^Ieps_2 0 c_2 PWL\((.*)\)$", native, re.MULTILINE)
+    assert points
+    assert wave == f"Ieps_2 (0 c_2) isource type=pwl wave=[{points[1]}]"

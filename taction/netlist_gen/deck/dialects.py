@@ -1,0 +1,351 @@
+"""The dialects of decks: a table of what each writes in another way than ngspice.
+
+Every card of a board is written for ngspice first. A dialect turns the few cards that differ into
+its own, so a new card of the board needs no change in a dialect that writes it in the same way.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+
+from taction.netlist_gen.analysis import (
+    Analysis,
+    NoiseAnalysis,
+    OperatingPoint,
+    SimulatorTolerances,
+    SmallSignal,
+    Transient,
+)
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.deck.measures import noise_cards
+from taction.system.errors import Complaint, InputError
+
+NATIVE = "ngspice"
+LONGEST = 500  # characters of a line: HSPICE cuts off a line of more than 1024
+
+
+@dataclass(frozen=True, slots=True)
+class DialectRequest:
+    """The part of a deck that follows the board.
+
+    Attributes
+    ----------
+    circuit : Circuit
+        The board.
+    analysis : Analysis
+        The one analysis of the deck.
+    saved : tuple of str
+        Nodes whose voltages are saved.
+    limits : SimulatorTolerances
+        They follow from the scales of the board.
+    solver : str
+        ngspice's option for its matrix solver.
+    """
+
+    circuit: Circuit
+    analysis: Analysis
+    saved: tuple[str, ...]
+    limits: SimulatorTolerances
+    solver: str
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """One language of decks.
+
+    Attributes
+    ----------
+    name : str
+        Key of `DIALECTS`.
+    head : tuple of str
+        Lines after the title: what checked a deck like this one.
+    cards_as : tuple of (str, str)
+        Patterns of ngspice's cards and what is written for them, the first to the last.
+    options, heated : tuple of str
+        Options, and those of a board with transistors. Names in braces are those of `closing`.
+    analysis : tuple of str
+        Saved voltages, the transient, the end of the deck.
+    saved : str
+        A node to save.
+    uncharged : str
+        What a transient has that begins with no charge.
+    refused : tuple of str
+        Keys of `_UNCHECKED`: no program could check the deck of a board with them.
+    measures, parameters : bool
+        Whether the dialect has ``.meas`` and ``.param``, and a program that checks them.
+    language : str
+        First line of an included file.
+    """
+
+    name: str
+    head: tuple[str, ...] = ()
+    cards_as: tuple[tuple[str, str], ...] = ()
+    options: tuple[str, ...] = ()
+    heated: tuple[str, ...] = ()
+    analysis: tuple[str, ...] = ()
+    saved: str = "v({})"
+    uncharged: str = " uic"
+    refused: tuple[str, ...] = ()
+    measures: bool = True
+    parameters: bool = True
+    language: str = ""
+
+    def refusals(self, circuit: Circuit) -> Iterator[Complaint]:
+        """Yield what the dialect cannot express of `circuit`, by the key of the scene."""
+        imported = [] if self.name == NATIVE else circuit.models.values()
+        for model in imported:
+            if model.imported is not None:
+                text = (
+                    f"a vendor's netlist is written for ngspice only, not for {self.name}; expected"
+                    " a preset (`taction parts`), or --dialect ngspice"
+                )
+                yield Complaint("design.opamp.file", repr(model.name), text)
+        for key, value, there in (
+            ("design.amplifier", circuit.amplifier, circuit.has_nonlinear_amplifiers),
+            ("design.opamp.level", "large-signal", not circuit.is_small_signal),
+        ):
+            if there and key in self.refused:
+                yield Complaint(key, repr(value), _UNCHECKED[key].format(self.name))
+
+    def cards(self, text: str) -> str:
+        """Return cards of parts, parameters and measures, given as ngspice has them."""
+        if self.name == NATIVE:
+            return text
+        patterns = [(re.compile(pattern), made) for pattern, made in self.cards_as]
+        title, *lines = (self._folded(_written(line, patterns)) for line in text.split("\n"))
+        if text.startswith(".title"):  # the deck itself, not an included file
+            return "\n".join([title, *self.head, *lines])
+        return "\n".join([*filter(None, [self.language]), title, *lines])
+
+    def closing(self, request: DialectRequest) -> list[str]:
+        """Return options, temperature, saved voltages, the analysis, and the end of the deck.
+
+        Raises
+        ------
+        ValueError
+            Another analysis than a transient from zero or rest, which only ngspice has: only
+            taction's own studies ask for them.
+        """
+        if self.name == NATIVE:
+            return _native_closing(request)
+        transient = request.analysis
+        if not isinstance(transient, Transient) or transient.voltages:
+            raise ValueError(f"dialect {self.name!r} has transients from zero or rest only")
+        heated = self.heated if request.circuit.transistors else ()
+        rest = starts_from_rest(request.circuit, transient)
+        values = {
+            **asdict(request.limits),
+            "celsius": request.circuit.temperature,
+            "saved": " ".join(map(self.saved.format, request.saved)),
+            "begin": transient.begin,
+            "stop": transient.stop,
+            "step": transient.max_step,
+            "uncharged": "" if rest else self.uncharged,
+        }
+        lines = (*self.options, *heated, *self.analysis)
+        return [*(self._folded(line.format(**values)) for line in lines), ""]
+
+    def _folded(self, line: str) -> str:
+        """Return a card of SPICE with at most `LONGEST` characters a line, where it has spaces."""
+        if len(line) <= LONGEST or line.startswith("*") or self.language:
+            return line
+        return textwrap.fill(
+            line, LONGEST, subsequent_indent="+ ", break_long_words=False, break_on_hyphens=False
+        )
+
+
+_UNCHECKED = {
+    "design.amplifier": "no free program reads the nonlinear sources of {}; expected 'linear', or"
+    " another --dialect",
+    "design.opamp.level": "no free program reads the limits of op-amps of {}; expected"
+    " 'small-signal', or another --dialect",
+}
+"""Why a deck with this key of a scene cannot be checked."""
+
+
+def _written(line: str, patterns: Sequence[tuple[re.Pattern[str], str]]) -> str:
+    """Return a card in other words; a comment as it is, unless the first pattern is of comments."""
+    for pattern, made in patterns:
+        if not line.startswith("*") or pattern.pattern.startswith(r"^\*"):
+            line = pattern.sub(made, line)
+    return line
+
+
+def starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
+    """Return whether the start needs an operating point; without constant sources rest is 0 V."""
+    return analysis.initial == "rest" and circuit.has_constant_sources
+
+
+def _native_closing(request: DialectRequest) -> list[str]:
+    """Return what follows a board in ngspice, for any analysis."""
+    limits, analysis, circuit = request.limits, request.analysis, request.circuit
+    solver, charge = request.solver, limits.charge
+    if isinstance(analysis, NoiseAnalysis):
+        solver = "noopiter"
+    if isinstance(analysis, Transient) and analysis.charge is not None:
+        charge = analysis.charge
+    lines = [
+        f".options {solver}",
+        f".options reltol={limits.relative!r} abstol={limits.current!r} vntol={limits.voltage!r}",
+        f".options chgtol={charge!r} gmin={limits.junction!r} pivtol={limits.gmin!r}",
+    ]
+    if isinstance(analysis, Transient):
+        method = "trap" if analysis.method == "trapezoidal" else "gear"
+        lines.append(f".options method={method} trtol={analysis.truncation / limits.relative!r}")
+    if circuit.transistors:
+        lines.append(f".options temp={circuit.temperature!r} tnom={circuit.temperature!r}")
+    return [*lines, *_analysis_cards(circuit, analysis, request.saved), ".end", ""]
+
+
+def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) -> list[str]:
+    if isinstance(analysis, NoiseAnalysis):
+        return noise_cards(analysis, nodes[0], circuit.noises)
+    if isinstance(analysis, SmallSignal):
+        raise ValueError(
+            "a board has no AC source; taction.verification.characterise has benches with one"
+        )
+    save = ".save " + " ".join(f"v({node})" for node in nodes)
+    if isinstance(analysis, OperatingPoint):
+        return [save, ".op"]
+    uncharged = "" if starts_from_rest(circuit, analysis) else " uic"
+    begin = 10.0 * analysis.begin  # ngspice's first step is a tenth of the card's figure
+    cards = [f".tran {begin!r} {analysis.stop!r} 0.0 {analysis.max_step!r}{uncharged}"]
+    if analysis.voltages:
+        known = {node: volts for node, volts in analysis.voltages.items() if _is_node(node)}
+        pairs = " ".join(f"v({node})={volts!r}" for node, volts in known.items())
+        cards.insert(0, f".ic {pairs}")
+    return [save, *cards]
+
+
+def _is_node(name: str) -> bool:
+    """Whether an unknown of the state-space engine is a node of the deck, also in an op-amp.
+
+    The inner unknowns of a transistor are not: ngspice takes its charges from the outer nodes.
+    """
+    return "." not in name or name.rpartition(".")[2] in ("p1", "p2")
+
+
+_TOLERANCES = (
+    ".options reltol={relative!r} abstol={current!r} vntol={voltage!r} chgtol={charge!r}"
+    " gmin={junction!r}"
+)
+NGSPICE = Dialect(NATIVE)  # 39 and newer: every analysis, and vendors' netlists
+LTSPICE = Dialect(  # XVII and newer
+    "ltspice",
+    (
+        "* written for LTspice; checked with ngspice in its LTspice mode (waveforms) and spicelib",
+        "* (names and values); not run by LTspice itself: plotwinsize, numdgt (no compression) and",
+        "* .meas PARAM are from its manual, and unchecked",
+    ),
+    ((r"^(\.meas .* )param='([^']*)'$", r"\1PARAM \2"),),
+    (_TOLERANCES, ".options method=trap plotwinsize=0 numdgt=15"),
+    (".options temp={celsius!r} tnom={celsius!r}",),
+    (".save {saved}", ".tran {begin!r} {stop!r} 0 {step!r}{uncharged}", ".end"),
+    saved="V({})",
+)
+HSPICE = Dialect(  # with its classic step control
+    "hspice",
+    (
+        "* written for HSPICE; checked with ngspice in its HSPICE mode (waveforms); not run by",
+        "* HSPICE itself: runlvl, delmax, post and probe are from its manual",
+    ),
+    (
+        (r"\{([^{}]*)\}", r"'\1'"),
+        (r"^\.include (\S+)", r".include '\1'"),
+        (r"^B(\S+ \S+ \S+) [Vv]=(.*)$", r"E_\1 VOL='\2'"),  # B is a buffer of IBIS
+        (r"\bln\(", "log("),  # the natural logarithm
+    ),
+    (
+        _TOLERANCES.replace(".options", ".option"),
+        ".option method=trap runlvl=0 delmax={step!r} post=2 probe",
+    ),
+    (".temp {celsius!r}", ".option tnom={celsius!r}"),
+    (".probe tran {saved}", ".tran {step!r} {stop!r}{uncharged}", ".end"),
+)
+XYCE = Dialect(  # 7: options by package
+    "xyce",
+    (
+        "* written for Xyce; its parts were checked with ngspice and, on linear boards, with"
+        " gnucap;",
+        "* not run by Xyce itself: .options and .print are from its manual, and unchecked",
+    ),
+    ((r"^(B\S+ \S+ \S+) [Vv]=(.*)$", r"\1 V={\2}"),),
+    (
+        ".options device gmin={junction!r}",
+        ".options nonlin-tran reltol={relative!r} abstol={voltage!r}",
+        ".options timeint method=trap reltol={relative!r} abstol={voltage!r}",
+    ),
+    (".options device temp={celsius!r} tnom={celsius!r}",),
+    (".print tran {saved}", ".tran {begin!r} {stop!r} 0 {step!r}{uncharged}", ".end"),
+    measures=False,
+)
+SPECTRE = Dialect(  # of linear parts: what gnucap can read and simulate, too
+    "spectre",
+    (  # before the first statement only the title is a comment in any language
+        "simulator lang=spectre",
+        "// written for Spectre; its parts were checked with gnucap in its Spectre mode"
+        " (waveforms);",
+        "// not run by Spectre itself: options, save and tran are from its manual, and unchecked",
+        "global 0",
+    ),
+    (
+        (r"^\*", "//"),
+        (r"^\.title (.*)", r"// \1"),
+        (r"^\.include (\S+)", r'include "\1"'),
+        (r"^\.subckt (\S+) (.*)", r"subckt \1 (\2)"),
+        (r"^\.ends\b", "ends"),
+        (r"^(X\S+) (.*) (\S+)$", r"\1 (\2) \3"),
+        (r"^(R\S+) (\S+ \S+) (\S+)$", r"\1 (\2) resistor r=\3"),
+        (r"^(C\S+) (\S+ \S+) (\S+)$", r"\1 (\2) capacitor c=\3"),
+        (r"^(I\S+) (\S+ \S+) (\S+)$", r"\1 (\2) isource dc=\3"),
+        (r"^(V\S+) (\S+ \S+) (\S+)$", r"\1 (\2) vsource dc=\3"),
+        (r"^(I\S+) (\S+ \S+) PWL\((.*)\)$", r"\1 (\2) isource type=pwl wave=[\3]"),
+        (r"^(V\S+) (\S+ \S+) PWL\((.*)\)$", r"\1 (\2) vsource type=pwl wave=[\3]"),
+        (r"^(E\S+) (\S+ \S+ \S+ \S+) (\S+)$", r"\1 (\2) vcvs gain=\3"),
+        (r"^(G\S+) (\S+ \S+ \S+ \S+) (\S+)$", r"\1 (\2) vccs gm=\3"),
+    ),
+    (
+        "accuracy options reltol={relative!r} iabstol={current!r} vabstol={voltage!r}"
+        " gmin={junction!r}",
+    ),
+    (),
+    (
+        "save {saved}",
+        "transient tran stop={stop!r} step={begin!r} maxstep={step!r} method=traponly{uncharged}",
+    ),
+    "{}",
+    " skipdc=yes",
+    ("design.amplifier", "design.opamp.level"),
+    measures=False,
+    parameters=False,
+    language="simulator lang=spectre",
+)
+DIALECTS = {each.name: each for each in (NGSPICE, LTSPICE, HSPICE, XYCE, SPECTRE)}
+"""The table of dialects."""
+
+
+def refuse_unable(name: str, *, parameters: bool, measures: bool) -> None:
+    """Refuse a name that is no dialect, and what a dialect does not have.
+
+    Raises
+    ------
+    InputError
+        It says which dialects have it.
+    """
+    if name not in DIALECTS:
+        text = f"expected one of {', '.join(DIALECTS)}"
+        raise InputError("netlist", Complaint("dialect", repr(name), text))
+    complaints = list[Complaint]()
+    for option, asked, what in (
+        ("--parameters", parameters, "parameters"),
+        ("--measure", measures, "measures"),
+    ):
+        if asked and not getattr(DIALECTS[name], what):
+            able = [other for other, each in DIALECTS.items() if getattr(each, what)]
+            text = f"no free program checks the {what} of this dialect; expected {', '.join(able)}"
+            complaints.append(Complaint("--dialect", name, f"{option}: {text}"))
+    if complaints:
+        raise InputError("netlist", *complaints)

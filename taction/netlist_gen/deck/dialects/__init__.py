@@ -1,1 +1,0 @@
-"""The languages of other simulators, one file a dialect; `table.DIALECTS` lists them."""
