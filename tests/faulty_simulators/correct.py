@@ -48,14 +48,9 @@ def header(vectors: Sequence[str], points: int) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def packed(rows: Rows, order: str = "<") -> bytes:
-    """Return the values of a raw file."""
-    return b"".join(struct.pack(f"{order}{len(row)}d", *row) for row in rows)
-
-
 def raw_file(vectors: Sequence[str], rows: Rows) -> bytes:
     """Return the raw file of `rows`."""
-    return header(vectors, len(rows)) + packed(rows)
+    return header(vectors, len(rows)) + b"".join(struct.pack(f"<{len(r)}d", *r) for r in rows)
 
 
 def good() -> bytes:

@@ -9,10 +9,7 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 
-from tests.faulty_simulators.ways_to_end import ENDS, ends_by, floods, leaves, nothing, waits
-from tests.faulty_simulators.ways_to_write import WRITES
-
-RUNS = ENDS | WRITES
+from tests.faulty_simulators.ways import RUNS, ends_by, floods, leaves, waits
 
 
 def answers(text: str) -> Callable[[], None]:
@@ -25,9 +22,7 @@ usual = answers("** ngspice-46 : Circuit level simulation program\n** Compiled w
 VERSIONS: dict[str, Callable[[], None]] = {
     "version 39": answers("** ngspice-39.3 : Circuit level simulation program"),
     "version 38": answers("** ngspice-38 : Circuit level simulation program"),
-    "no version": nothing,
     "another program": answers("Spice Opus 3.0"),
-    "a version without number": answers("ngspice-rework"),
     "a version of 5,000 digits": answers("ngspice-" + "9" * 5000),
     "the version floods": floods(1),
     "the version hangs": waits,

@@ -20,9 +20,8 @@ import pytest
 
 import taction as door
 from taction.netlist_gen.deck import board_cards
-from taction.netlist_gen.scene.open_tables import AMPLIFIERS, OPAMPS
+from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.spice_models.opamp import OpAmp
-from taction.system.errors import InputError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS
 from taction.verification.reference.regularisers import REGULARISERS
 from taction.verification.report.documents.catalogue import schema
@@ -223,18 +222,3 @@ def test_a_wrong_sign_in_one_description_is_caught(
     run = taction(*words, "--json", "--changes", "0")
     assert run.exit_code in (1, 3), run.stdout
     assert document(run)["outcome"] != "pass"
-
-
-def test_an_amplifier_without_a_part_is_refused_where_the_part_is_read(plugin: Plugin) -> None:
-    package, groups, source = recipe(AMPLIFIER.title)
-    plugin(package, groups, source.replace("DECK, GAIN, REGULARISER", "DECK, GAIN, None"))
-    assert GAINS["cubic"].value(np.array([3.0])).tolist() == [12.0]
-    with pytest.raises(InputError, match=r"cubic': acme_amplifier:CUBIC\.regulariser is a None"):
-        REGULARISERS["cubic"]
-
-
-def test_every_op_amp_is_an_op_amp(plugin: Plugin) -> None:
-    package, groups, source = recipe(OPAMP.title)
-    plugin(package, groups, source + "\nACME1 = {'dc_gain': 1e5}\n")
-    with pytest.raises(InputError, match=r"acme_opamp:ACME1 is a dict; expected OpAmp"):
-        OPAMPS["acme1"]

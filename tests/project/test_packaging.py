@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 import sysconfig
@@ -36,12 +35,6 @@ def test_our_own_packages_are_found():
     for package in (cli, netlist_gen, spice_models, system, verification):
         assert package.OWNER == "somebody else"
         assert Path(package.__file__).is_relative_to(Path(__file__).parent)
-"""
-
-THREE_LINES = """
-import taction
-verdict = taction.verify("board.toml")
-print(verdict)
 """
 
 SWEEP = """
@@ -139,10 +132,6 @@ def test_wheel_and_checkout_have_the_same_digest(site: Path, tmp_path: Path) -> 
     assert run.stdout.strip() == own_code().hex()
 
 
-def test_the_wheel_declares_one_top_level_name(archives: tuple[Path, Path]) -> None:
-    assert read(archives[0], "top_level.txt").split() == ["taction"]
-
-
 def test_the_source_archive_holds_every_module_and_data_file(archives: tuple[Path, Path]) -> None:
     with tarfile.open(archives[1]) as sdist:
         found = {name.partition("/")[2] for name in sdist.getnames()}
@@ -156,15 +145,9 @@ def test_the_metadata_is_valid_for_an_index(archives: tuple[Path, Path]) -> None
     assert about.requires_python == ">=3.11"
     assert about.description_content_type == "text/markdown"
     assert about.license_expression == "GPL-3.0-or-later"
-    assert "Topic :: Scientific/Engineering :: Electronic Design Automation (EDA)" in (
-        about.classifiers or []
-    )
     assert not [each for each in about.classifiers or [] if each.startswith("License ::")]
-    extras = set(about.provides_extra or [])
-    assert extras >= {"plot", "report", "explore", "cluster", "data"}
-
-
-def test_the_command_and_the_plugin_are_parts_of_taction(archives: tuple[Path, Path]) -> None:
+    assert {*about.provides_extra} >= {"plot", "report", "explore", "cluster", "data"}  # type: ignore[misc]
+    assert read(archives[0], "top_level.txt").split() == ["taction"]
     lines = read(archives[0], "entry_points.txt").split("\n")
     assert "taction = taction.__main__:main" in lines
     assert "taction = taction.pytest_plugin" in lines
@@ -184,38 +167,9 @@ def test_packages_of_the_same_names_beside_the_tests_are_left_alone(
     assert "3 passed" in run.stdout
 
 
-def test_the_three_line_job_shows_what_the_command_shows(site: Path, tmp_path: Path) -> None:
-    write_fast(tmp_path / "board.toml")
-    shown = installed(site, tmp_path, "-c", THREE_LINES)
-    command = installed(site, tmp_path, "-m", "taction", "verify", "board.toml")
-    assert (shown.returncode, command.returncode) == (0, 0), shown.stderr + command.stderr
-    screens = [re.sub(r"(?<=, exact: )[\d.]+ m?s;", "", run.stdout) for run in (shown, command)]
-    assert screens[0] == screens[1]
-    assert "settling to ±" in screens[0]
-    assert shown.stdout.splitlines()[-1] == "PASS"
-
-
 def test_a_sweep_runs_in_two_processes_of_the_installed_package(site: Path, tmp_path: Path) -> None:
     write_fast(tmp_path / "board.toml")
     (tmp_path / "script.py").write_text(SWEEP)
     run = installed(site, tmp_path, "script.py")
     assert run.returncode == 0, run.stderr
     assert run.stdout.splitlines() == ["pass " * 3 + "pass", str(site / "taction/__init__.py")]
-    words = ("sweep", "board.toml", "--over", "C=10pF:20pF:4", "--jobs", "2", "-o", "a.sqlite")
-    command = installed(site, tmp_path, "-m", "taction", *words)
-    assert command.returncode == 0, command.stderr
-    assert "4 computed now" in command.stdout
-
-
-def test_the_installed_package_loads_none_of_the_checkout(site: Path, tmp_path: Path) -> None:
-    script = (
-        "import sys, taction\n"
-        "[getattr(taction, name) for name in taction.__all__]\n"
-        "from taction.cli import boards, ending, main, reference, studies\n"
-        "print(*sorted(name for name in sys.modules if name.partition('.')[0] in "
-        f"{FOLDERS!r}), sep='\\n')\n"
-        "print(sum(name.startswith('taction.') for name in sys.modules) > 50)\n"
-    )
-    run = installed(site, tmp_path, "-c", script)
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.split() == ["True"]

@@ -161,17 +161,6 @@ def test_a_name_with_two_units_has_its_path() -> None:
     assert units(Twice) == {"inner.time": "s", "level": "V", "time": "V"}
 
 
-@dataclass(frozen=True)
-class Leaf:
-    rise: float | None = None
-
-
-@dataclass(frozen=True)
-class Tree:
-    name: str
-    parts: tuple[Leaf, ...] = ()
-
-
 def test_keys_that_no_document_has_are_found_at_every_depth() -> None:
-    data = {"name": "a", "parts": [{"rise": 1.0}, {"risd": 1.0}], "nam": "b"}
-    assert unknown_keys(Tree, data) == ["nam", "parts[1].risd"]
+    inner = [{"time": 1e-6, "level": 0.0}, {"time": None, "levl": 2.0}]
+    assert unknown_keys(Outer, DATA | {"lamda": 1, "inner": inner}) == ["inner[1].levl", "lamda"]

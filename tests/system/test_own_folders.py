@@ -83,17 +83,10 @@ def test_a_folder_that_is_kept_gets_another_name(tmp_path: Path) -> None:
     assert keep_folder(kept) == kept
 
 
-def test_folders_within_are_removed_too(tmp_path: Path) -> None:
-    folder = make_own_folder(tmp_path)
-    (folder / "within").mkdir()
-    (folder / "within" / "file").touch()
-    remove_own_folder(folder)
-    assert not list(tmp_path.iterdir())
-
-
-def test_the_folder_of_a_block_goes_with_it() -> None:
+def test_the_folder_of_a_block_goes_with_all_that_is_in_it() -> None:
     with own_folder() as folder:
-        (folder / "file").touch()
+        (folder / "within").mkdir()
+        (folder / "within" / "file").touch()
     assert not folder.exists()
 
 
@@ -107,8 +100,9 @@ def test_a_lock_ends_with_the_folder(tmp_path: Path) -> None:
     assert own_folders._locks.keys().isdisjoint(map(str, tmp_path.iterdir()))
 
 
-@pytest.mark.parametrize("name", ["TMPDIR", "TEMP", "TMP"])
-@pytest.mark.parametrize("value", ["missing", "file"])
+@pytest.mark.parametrize(
+    ("name", "value"), [("TMPDIR", "missing"), ("TEMP", "file"), ("TMP", "missing")]
+)
 def test_a_variable_that_names_no_folder_is_named(
     name: str, value: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

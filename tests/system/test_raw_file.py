@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,8 @@ def test_round_trip_is_exact(
 ) -> None:
     path = tmp_path_factory.mktemp("raw") / "a.raw"
     written = record(points, nodes, seed)
+    if nodes % 2:  # values that do not lie side by side
+        written = replace(written, values=np.asfortranarray(written.values))
     write_raw(path, written, title="a title: with a colon")
     plot = read_raw(path)
     path.unlink()  # a map outlives its file
@@ -41,15 +44,6 @@ def test_round_trip_is_exact(
     assert plot.vectors == ("time", *(f"v({node})" for node in written.nodes))
     np.testing.assert_array_equal(plot.data[:, 0], written.time)
     np.testing.assert_array_equal(plot.data[:, 1:], written.values)
-
-
-def test_strided_values_are_written_like_compact_ones(tmp_path: Path) -> None:
-    whole = record(5, 4)
-    view = Waveforms(whole.time, ("a", "b"), whole.values[:, ::2], "test", whole.cost)
-    copy = Waveforms(whole.time, ("a", "b"), whole.values[:, ::2].copy(), "test", whole.cost)
-    write_raw(tmp_path / "view", view)
-    write_raw(tmp_path / "copy", copy)
-    assert (tmp_path / "view").read_bytes() == (tmp_path / "copy").read_bytes()
 
 
 def test_a_file_of_ngspices_own(ngspice: str, tmp_path: Path) -> None:
@@ -98,6 +92,9 @@ REFUSED = {
     "wrong index": (b"\t2\tv(n1)", b"\t3\tv(n1)", "bad vector line"),
     "another file": (b"Title:", b"Title", "not a raw file"),
     "more points": (b"No. Points: 3", b"No. Points: 2", "48"),
+    "5,000 digits": (b"No. Points: 3", b"No. Points: 3" + b"0" * 5000, "'no. points' is '30000.*a"),
+    "no points": (b"No. Points: 3", b"No. Points: 0", "no points"),
+    "two plots": (b"Title:", None, "several plots"),
 }
 
 
@@ -106,9 +103,14 @@ def test_refused(case: str, tmp_path: Path) -> None:
     old, new, message = REFUSED[case]
     good = raw_bytes(tmp_path)
     assert old in good
-    (tmp_path / "bad.raw").write_bytes(good.replace(old, new, 1))
+    bad = good + good if new is None else good.replace(old, new, 1)
+    if case == "no points":
+        bad = bad.partition(b"Binary:")[0] + b"Binary:\n"
+    (tmp_path / "bad.raw").write_bytes(bad)
     with pytest.raises(BadEvidence, match=message):
         read_raw(tmp_path / "bad.raw")
+    with pytest.raises(BadEvidence, match="never written"):
+        read_raw(tmp_path / "nowhere.raw")
 
 
 def test_refused_whole_files(tmp_path: Path) -> None:

@@ -71,6 +71,7 @@ def test_columns_in_another_order_are_put_right(tmp_path: Path) -> None:
 REFUSED: dict[str, tuple[Callable[[], Waveforms], str]] = {
     "missing vector": (lambda: record(nodes=("out",)), r"missing: v\(in\)"),
     "extra vector": (lambda: record(nodes=("out", "in", "x")), r"not asked for: v\(x\)"),
+    "a name twice": (lambda: record(nodes=("out", "out")), r"missing: v\(in\)"),
     "cut short": (lambda: record(TIME[:-1]), "ends at"),
     "too long": (lambda: record(TIME * (1.0 + 1e-8)), "ends at"),
     "starts late": (lambda: record(TIME[2:]), "begins at"),
