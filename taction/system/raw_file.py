@@ -1,9 +1,8 @@
 """Read ngspice's binary raw files through a memory map, and write them.
 
-Only the output of one batch run is accepted: real, unpadded double-precision vectors, and one plot
-where one was asked for. Any other content (text, complex, more plots, too few bytes) is refused
-with a message that names the reason, because a reader that guesses turns a truncated file into a
-plausible waveform.
+Only unpadded vectors in double precision are accepted, real or complex as they were asked for. Any
+other content (text, more plots, too few bytes) is refused with a message that names the reason,
+because a reader that guesses turns a truncated file into a plausible waveform.
 """
 
 from __future__ import annotations
@@ -12,19 +11,22 @@ import mmap
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from taction.system.array_types import Complexes, Floats
 from taction.system.errors import BadEvidence, OutOfDisk
 from taction.system.foreign_files import UnusableFileError, open_regular
 from taction.system.waveforms import Waveforms
 
-DOUBLE, COMPLEX = np.dtype("<f8"), np.dtype("<c16")
+KINDS = {"real": np.dtype("<f8"), "complex": np.dtype("<c16")}
+DOUBLE = KINDS["real"]
 _LONGEST_HEADER = 1 << 24
 _LONGEST_START = 1 << 20  # bytes that are read of a file that is still written
 _MOST_DIGITS = 18  # of a count
 _END = b"\nBinary:\n"  # of the header
+_BEGIN = b"Title:"  # of a plot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,16 +35,16 @@ class Plot:
 
     `name` is ``"Transient Analysis"``, ``"Operating Point"`` and so on; `vectors` are in lower
     case, ``time`` and ``v(node)``; `promised` is the number of points in the header, 0 after an
-    interrupted run. `data` (P, K) is a read-only map of the file with one column for each vector.
-    The map stays valid after the file is deleted; it is not aligned to 8 bytes, since the header
-    has any length: copy it before computations.
+    interrupted run. `data` (P, K), real or complex, is a read-only map of the file with one column
+    for each vector. The map stays valid after the file is deleted; it is not aligned to 8 bytes,
+    since the header has any length: copy it before computations.
     """
 
     title: str
     name: str
     vectors: tuple[str, ...]
     promised: int
-    data: Floats
+    data: NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +52,15 @@ class _Header:
     fields: dict[str, str]
     vectors: tuple[str, ...]
     size: int  # bytes of the file up to the end of the header
+    kind: np.dtype[Any]
 
     @property
     def width(self) -> int:
         """Bytes of one point."""
-        return len(self.vectors) * DOUBLE.itemsize
+        return len(self.vectors) * self.kind.itemsize
 
 
-def read_raw(path: Path, *, partial: bool = False) -> Plot:
+def read_raw(path: Path, *, partial: bool = False, flags: str = "real") -> Plot:
     """Map the one plot of a raw file.
 
     Parameters
@@ -67,23 +70,45 @@ def read_raw(path: Path, *, partial: bool = False) -> Plot:
     partial : bool
         True for the file of an interrupted run: the header's number of points (0 until ngspice
         has finished) is ignored, and every complete point on the disk is read.
+    flags : str
+        ``"real"`` or ``"complex"``, as the plot must be.
 
     Raises
     ------
     BadEvidence
-        The file does not exist, is not a raw file, has text, complex or padded values, several
-        plots or no points.
+        The file does not exist, is not a raw file, has text or padded values or those of another
+        kind, several plots or no points.
     OutOfDisk
         The file was not written to its end: its header is cut, or lacks the number of points, or
-        there are fewer bytes than points x vectors x 8.
+        there are fewer bytes than its values take.
     """
-    content = _map(path)
-    header = _read_header(content, path)
-    promised = _number(header, "no. points", path)
-    points = (len(content) - header.size) // header.width if partial else promised
-    if not partial:
-        _check_size(path, content, header.size, promised * header.width)
-    return _plot(content, header, promised, points)
+    plots = read_plots(path, partial=partial, flags=(flags,))
+    if len(plots) > 1:
+        raise BadEvidence(f"{path.name} holds several plots; a deck may have one analysis")
+    return plots[0]
+
+
+def read_plots(
+    path: Path, *, partial: bool = False, flags: tuple[str, ...] = ("real",)
+) -> list[Plot]:
+    """Map all plots of a raw file, in the order of the file, of the kinds `flags`.
+
+    `partial` and the errors are those of `read_raw`; a partial plot is the file's only one.
+    """
+    content, start, plots = _map(path), 0, list[Plot]()
+    while start < len(content) or not plots:
+        header = _read_header(content, path, start, flags)
+        promised = _number(header.fields, "no. points", path)
+        points = (len(content) - header.size) // header.width if partial else promised
+        size = points * header.width
+        if not partial:
+            _check_size(path, content, header.size, size)
+        data = np.frombuffer(content, header.kind, size // header.kind.itemsize, header.size)
+        title, name = (header.fields.get(key, "") for key in ("title", "plotname"))
+        table = data.reshape(points, len(header.vectors))
+        plots.append(Plot(title, name, header.vectors, promised, table))
+        start = len(content) if partial else header.size + size
+    return plots
 
 
 def last_instant(path: Path) -> float | None:
@@ -101,58 +126,6 @@ def last_instant(path: Path) -> float | None:
             return float(np.frombuffer(file.read(DOUBLE.itemsize), DOUBLE)[0])
     except (BadEvidence, OutOfDisk, UnusableFileError, OSError, ValueError):
         return None
-
-
-def read_complex(path: Path) -> tuple[str, tuple[str, ...], Complexes]:
-    """Return name, vectors and values (P, K) of the one complex plot of a raw file.
-
-    The errors are those of `read_raw`.
-    """
-    content = _map(path)
-    header = _read_header(content, path, flags="complex")
-    points, count = _number(header, "no. points", path), len(header.vectors)
-    _check_size(path, content, header.size, points * count * COMPLEX.itemsize)
-    data = np.frombuffer(content, COMPLEX, points * count, header.size).reshape(points, count)
-    return header.fields.get("plotname", ""), header.vectors, data.copy()
-
-
-def read_plots(path: Path) -> list[Plot]:
-    """Map all plots of a raw file, in the order of the file; the errors are those of `read_raw`."""
-    content, start, plots = _map(path), 0, list[Plot]()
-    while start < len(content) or not plots:
-        header = _read_header(content, path, start)
-        points = _number(header, "no. points", path)
-        start = header.size + points * header.width
-        _check_size(path, content, header.size, points * header.width, several=True)
-        plots.append(_plot(content, header, points, points))
-    return plots
-
-
-def read_tables(path: Path) -> list[tuple[tuple[str, ...], Complexes]]:
-    """Read vectors and values (P, K) of all plots of a raw file, real or complex.
-
-    The errors are those of `read_raw`.
-    """
-    content, start, found = _map(path), 0, list[tuple[tuple[str, ...], Complexes]]()
-    while start < len(content) or not found:
-        near = content[start : start + _LONGEST_HEADER].partition(_END)[0]
-        flags = "complex" if b"\nFlags: complex" in near else "real"
-        header = _read_header(content, path, start, flags)
-        kind = COMPLEX if flags == "complex" else DOUBLE
-        points, count = _number(header, "no. points", path), len(header.vectors)
-        size = points * count * kind.itemsize
-        _check_size(path, content, header.size, size, several=True)
-        values = np.frombuffer(content, kind, points * count, header.size)
-        found.append((header.vectors, values.reshape(points, count).astype(np.complex128)))
-        start = header.size + size
-    return found
-
-
-def _plot(content: mmap.mmap | bytes, header: _Header, promised: int, points: int) -> Plot:
-    count = len(header.vectors)
-    data = np.frombuffer(content, DOUBLE, points * count, header.size).reshape(points, count)
-    title, name = (header.fields.get(key, "") for key in ("title", "plotname"))
-    return Plot(title, name, header.vectors, promised, data)
 
 
 def write_raw(path: Path, waveforms: Waveforms, title: str = "taction") -> None:
@@ -190,7 +163,7 @@ def _map(path: Path) -> mmap.mmap | bytes:
 
 
 def _read_header(
-    content: mmap.mmap | bytes, path: Path, start: int = 0, flags: str = "real"
+    content: mmap.mmap | bytes, path: Path, start: int = 0, flags: tuple[str, ...] = ("real",)
 ) -> _Header:
     """Read the header that begins at `start`, including the ``Binary:`` line."""
     end = content.find(_END, start, start + _LONGEST_HEADER)
@@ -215,45 +188,36 @@ def _read_header(
         fields[key.lower()] = value.strip()
     if end < 0:
         raise _cut(f"{path.name}: the header has no end ({len(vectors)} vectors were named)")
-    header = _Header(fields, tuple(vectors), end + len(_END))
-    _check_header(header, path, flags)
-    return header
-
-
-def _check_header(header: _Header, path: Path, expected: str) -> None:
-    flags = header.fields.get("flags", "").lower().split()
-    if flags != [expected]:
-        others = "complex" if expected == "real" else "real"
+    found = fields.get("flags", "").lower()
+    if found not in flags:
         raise BadEvidence(
-            f"{path.name}: flags are {' '.join(flags) or 'missing'!r}; only {expected!r} is read"
-            f" (no {others} or padded vectors)"
+            f"{path.name}: flags are {found or 'missing'!r}; only"
+            f" {' or '.join(map(repr, flags))} is read (no padded vectors)"
         )
-    count = _number(header, "no. variables", path)
-    if count != len(header.vectors) or count == 0:
+    count = _number(fields, "no. variables", path)
+    if count != len(vectors) or count == 0:
         raise BadEvidence(
-            f"{path.name}: {count} vectors are announced and {len(header.vectors)} are named"
+            f"{path.name}: {count} vectors are announced and {len(vectors)} are named"
         )
+    return _Header(fields, tuple(vectors), end + len(_END), KINDS[found])
 
 
-def _number(header: _Header, key: str, path: Path) -> int:
-    value = header.fields.get(key, "")
+def _number(fields: dict[str, str], key: str, path: Path) -> int:
+    value = fields.get(key, "")
     if not value.isdecimal() or len(value) > _MOST_DIGITS:
         raise BadEvidence(f"{path.name}: {key!r} is {value[:60]!r}; a count is needed")
     return int(value)
 
 
-def _check_size(
-    path: Path, content: mmap.mmap | bytes, start: int, expected: int, *, several: bool = False
-) -> None:
-    """Compare the number of bytes after `start` with `expected`; more may follow if `several`."""
-    size = len(content) - start
+def _check_size(path: Path, content: mmap.mmap | bytes, start: int, expected: int) -> None:
+    """Compare the number of bytes after `start` with `expected`; another plot may follow."""
+    size, end = len(content) - start, start + expected
+    another = content[end : end + len(_BEGIN)] == _BEGIN
     if size < expected:
         raise _cut(f"{path.name} holds {size} of {expected} bytes")
-    if size > expected == 0 and not several:
+    if size > expected == 0 and not another:
         raise _cut(f"{path.name} holds {size} bytes of values, but their number was never written")
-    if size > expected and not several:
-        if content[start + expected : start + expected + 6] == b"Title:":
-            raise BadEvidence(f"{path.name} holds several plots; a deck may have one analysis")
+    if size > expected and not another:
         raise BadEvidence(
             f"{path.name} holds {size} bytes of values, but its header says {expected}"
         )

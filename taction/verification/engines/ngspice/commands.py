@@ -11,11 +11,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from taction.netlist_gen.analysis import Analysis, OperatingPoint
 from taction.system.array_types import Complexes
 from taction.system.errors import DidNotLoad, SimulationError
 from taction.system.foreign_files import MEGABYTE, UnusableFileError, read_bounded
-from taction.system.raw_file import read_tables
+from taction.system.raw_file import KINDS, read_plots
 from taction.system.time_limit import time_left
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end
@@ -121,15 +123,13 @@ def _answers(deck: object, ending: Ending) -> Answers:
     try:
         check_end(ending)
         place = ending.folder / RESULT
-        plots = tuple(filter(_simulated, read_tables(place))) if place.is_file() else ()
+        plots = read_plots(place, flags=tuple(KINDS)) if place.is_file() else []
     except SimulationError as error:
         return Answers((), listed, said, ending.errors, error)
-    return Answers(plots, listed, said, ending.errors)
-
-
-def _simulated(plot: tuple[tuple[str, ...], Complexes]) -> bool:
-    """Whether a plot is one of a simulation: a failed one leaves the plot of constants."""
-    return "boltz" not in plot[0]
+    # A failed simulation leaves the plot of constants.
+    simulated = [plot for plot in plots if "boltz" not in plot.vectors]
+    tables = tuple((plot.vectors, plot.data.astype(np.complex128)) for plot in simulated)
+    return Answers(tables, listed, said, ending.errors)
 
 
 def _text(place: Path) -> str:

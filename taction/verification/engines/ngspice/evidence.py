@@ -54,7 +54,7 @@ from taction.system.errors import (
     StepTooSmall,
     TimedOut,
 )
-from taction.system.raw_file import Plot, read_complex, read_plots, read_raw
+from taction.system.raw_file import Plot, read_plots, read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
 from taction.verification.engines.ngspice.screening import ScreenedDeck
@@ -377,17 +377,16 @@ def small_signal_response(deck: ScreenedDeck, ending: Ending) -> tuple[Floats, C
         One of its kinds; `BadEvidence` where the plot, its vectors or frequencies are others than
         those asked for, or a value is not finite.
     """
-    return _accepted(ending, lambda: _checked(deck, *read_complex(ending.raw)))
+    return _accepted(ending, lambda: _checked(deck, read_raw(ending.raw, flags="complex")))
 
 
-def _checked(
-    deck: ScreenedDeck, name: str, vectors: tuple[str, ...], data: Complexes
-) -> tuple[Floats, Complexes]:
+def _checked(deck: ScreenedDeck, plot: Plot) -> tuple[Floats, Complexes]:
     if not isinstance(deck.analysis, SmallSignal):
         raise BadEvidence(f"the analysis is {type(deck.analysis).__name__}, not SmallSignal")
     wanted = tuple(f"v({node.lower()})" for node in deck.saved)
-    if name != PLOT or vectors[:1] != ("frequency",) or set(vectors[1:]) != set(wanted):
-        text = f"the plot is {name!r} with {', '.join(vectors)}"
+    vectors, data = plot.vectors, plot.data
+    if plot.name != PLOT or vectors[:1] != ("frequency",) or set(vectors[1:]) != set(wanted):
+        text = f"the plot is {plot.name!r} with {', '.join(vectors)}"
         raise BadEvidence(f"{text}; {PLOT!r} with frequency and {', '.join(wanted)} was asked for")
     band, found = deck.analysis.band, data[:, 0].real
     expected = band.start * 10.0 ** (np.arange(band.steps + 1) / band.density)
