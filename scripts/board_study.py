@@ -3,8 +3,8 @@
     python scripts/board_study.py loops|straight-pieces|driven [--boards 200] [--first 0]
 
 ``loops``: closed-loop boards (inv, pinv, ridge), each with a random matrix, way of negative
-entries, op-amp of one or two poles, capacitance and gf. Rest, poles and settling time must lie
-within their bounds of equations that `tests/support/loop_boards.py` writes from T with numpy.
+entries, op-amp of one or two poles, capacitance and gf. Every number of the verdict must lie within
+its bound of the modes of the deck's text (`tests/support/exact_readings.py`).
 
 ``straight-pieces``: boards of piecewise linear amplifiers. The transient must lie within its bound
 of that of `tests/support/kinked.py`, which knows no modes and no search for switches; the

@@ -17,18 +17,14 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import plain
 from taction.system.errors import InputError
+from taction.verification.evidence.stress.compare import compare
 from taction.verification.report.documents.verdict import VerdictBody
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
-from tests.support.loop_boards import (
-    board_scene,
-    compare_board,
-    network,
-    opamp_figures,
-    poles_agree,
-)
+from tests.support.loop_boards import board_scene, compare_board
 from tests.support.making import make_scene
 from tests.support.readings import Samples
+from tests.support.true_values import true_values
 
 Matrix = NDArray[np.float64]
 T = np.array(
@@ -114,19 +110,16 @@ def test_the_settling_time_is_that_of_the_matrix_exponential(topology: str) -> N
 
 @pytest.mark.parametrize("seed", [*range(9), 15, 34])
 def test_random_boards_are_inside_their_uncertainty(seed: int) -> None:
-    """Rest, poles and settling beside nodal equations from T; 34 has two poles and capacitance."""
+    """Every reading of every channel beside the deck's text; 34 has two poles and capacitance."""
     found = compare_board(seed)
     assert found.outside == ()
-    assert found.settling is found.stable
-    assert found.doubt < 1e-6
+    assert found.numbers > (4 if found.stable else 0)
 
 
 def test_an_op_amp_a_millionth_faster_is_outside() -> None:
     one = board_scene(3)
-    figures = opamp_figures(one)
-    A, _ = network(one).equations(figures | {"gbw": figures["gbw"] * (1.0 + 1e-6)})
-    values = np.linalg.eigvals(A)
-    assert not poles_agree(verify(one), values, 1e-9 * np.abs(values))
+    faster = with_values(one, {"design.opamp.gbw": one.design.opamp.gbw * (1.0 + 1e-6)})
+    assert sum(each.outside for each in compare(verify(one), true_values(faster))) > 4
 
 
 def test_a_faulty_board_does_not_pass() -> None:
