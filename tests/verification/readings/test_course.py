@@ -80,16 +80,6 @@ def test_no_board_leaves_its_bounds(kind: str) -> None:
         assert np.all(np.abs(inside - cubic) <= room[k] + slack)
 
 
-def test_the_instants_of_a_board_do_not_depend_on_the_others() -> None:
-    each = courses(BOARDS["few channels"])
-    times, board = Courses(each).first_grids()
-    for k, course in enumerate(each):
-        alone, of = Courses([course]).first_grids()
-        assert np.all(of == 0)
-        assert times[board == k].tolist() == alone.tolist()
-        assert np.all(np.diff(alone) > 0.0)
-
-
 def test_a_single_lag_is_followed_in_quarters_of_its_time_constant() -> None:
     (course,) = courses([lags(1, 1e-6)])
     times, _ = Courses([course]).first_grids()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -44,14 +44,7 @@ def test_first_order_step_on_uneven_points():
     assert channel.frequency is None
 
 
-def test_another_band():
-    time = np.linspace(0, 12, 600)
-    channel = measure(time, first_order(time), ONE, band=1e-3).channels[0]
-    assert channel.settling_time.value == pytest.approx(np.log(1000), abs=1e-5)
-    assert channel.rise_time.value == pytest.approx(np.log(9), abs=1e-5)
-
-
-@pytest.mark.parametrize("zeta", [0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7])
+@pytest.mark.parametrize("zeta", [0.01, 0.2, 0.7])
 def test_second_order_step(zeta):
     time = np.linspace(0, 7 / zeta, int(1500 / np.sqrt(zeta)))
     channel = measure(time, second_order(time, zeta), ONE).channels[0]
@@ -67,8 +60,8 @@ def test_second_order_step(zeta):
         assert channel.growth_rate == pytest.approx(-zeta, rel=1e-4)
 
 
-@pytest.mark.parametrize("zeta", [0.01, 0.1, 0.3])
-def test_a_record_cut_short_has_no_settling_time(zeta):
+def test_a_record_cut_short_has_no_settling_time():
+    zeta = 0.1
     time = np.linspace(0, 3.5 / zeta, 3000)
     found = measure(time, second_order(time, zeta), ONE)
     assert found.settling_time is None
@@ -76,7 +69,7 @@ def test_a_record_cut_short_has_no_settling_time(zeta):
     assert "simulate" in found.reason
 
 
-@pytest.mark.parametrize("stop", [0.5, 2.0, 4.0, 4.606, 4.7])
+@pytest.mark.parametrize("stop", [0.5, 4.0, 4.606])
 def test_a_first_order_record_cut_short(stop):
     time = np.linspace(0, stop, 500)
     channel = measure(time, first_order(time), ONE).channels[0]
@@ -231,6 +224,7 @@ def test_a_peak_that_grazes_the_settling_band_gives_both_values():
     assert under.alternative == pytest.approx(over.value, rel=0.03)
 
 
+@settings(max_examples=25)
 @given(zeta=st.floats(0.03, 0.9), points=st.integers(10, 40), seed=st.integers(0, 1000))
 def test_coarse_sampling_is_covered_by_the_uncertainty(zeta, points, seed):
     stop = 9 / zeta + 25
@@ -246,15 +240,6 @@ def test_coarse_sampling_is_covered_by_the_uncertainty(zeta, points, seed):
     grain = 2 * fine[1]
     assert abs(channel.settling_time.value - settled) <= channel.settling_time.uncertainty + grain
     assert abs(channel.rise_time.value - rise) <= channel.rise_time.uncertainty + grain
-
-
-def test_uncertainty_shrinks_with_the_step():
-    doubts = []
-    for count in (50, 100, 200):
-        time = np.linspace(0, 10, count)
-        doubts.append(measure(time, first_order(time), ONE).settling_time.uncertainty)
-    assert doubts[0] / doubts[1] > 3
-    assert doubts[1] / doubts[2] > 3
 
 
 def test_a_few_points_are_too_few():

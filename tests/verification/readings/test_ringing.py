@@ -40,22 +40,13 @@ def test_one_antisymmetric_mode_on_a_step_and_uneven_points(rng, growth):
     time = uneven(rng)
     signals = (1 - np.exp(-time / 18e-6))[:, None] + 1e-3 * ring(time, growth)[:, None] * SHAPE
     mode = fitted(time, signals)
+    assert (mode.grows, mode.decays) == (growth > 0.0, growth < 0.0)
     assert mode.frequency == pytest.approx(F0, rel=1e-7)
     assert mode.growth_rate == pytest.approx(growth, abs=1e-6 * F0)
     assert mode.growth_sigma < 1e-4 * F0
     # 20 points a period: sixth-order interpolation leaves about 1e-5 of the ringing.
     expected = 1e-3 * np.exp(growth * mode.stop) * np.abs(SHAPE)
     np.testing.assert_allclose(mode.channels, expected, atol=1e-3 * expected.max())
-
-
-def test_growth_and_decay_are_established_and_a_steady_tone_is_not(rng):
-    time = uneven(rng)
-    up, down, steady = (fitted(time, ring(time, g)[:, None]) for g in (500.0, -500.0, 0.0))
-    assert up.grows
-    assert not up.decays
-    assert down.decays
-    assert not down.grows
-    assert abs(steady.growth_rate) < 1.0
 
 
 def test_of_two_modes_two_per_cent_apart_the_lasting_one_is_within_its_uncertainty(rng):
@@ -97,21 +88,15 @@ def test_only_the_stretch_before_saturation_is_fitted():
     assert mode.doubt == ""
 
 
-def test_a_hard_rail_too():
-    time = np.linspace(0, 2.5e-3, 50001)
-    mode = fitted(time, np.clip(1e-4 * ring(time, 6e3), -1, 1)[:, None])
-    assert mode.growth_rate == pytest.approx(6e3, rel=1e-6)
-
-
 def uneven_periods(rng, points, periods=60):
     return uneven(rng, periods / F0, round(points * periods) + 1)
 
 
-@pytest.mark.parametrize("clipped", [0.03, 0.1, 0.2, 0.3, 0.6])  # of the record
-@pytest.mark.parametrize("points", [8.1, 12.0, 25.0, 50.0])  # a period
+@pytest.mark.parametrize("clipped", [0.03, 0.2, 0.6])  # of the record
+@pytest.mark.parametrize("points", [8.1, 25.0])  # a period
 def test_seven_channels_at_hard_rails(rng, points, clipped):
     """Modes of either sign, in phase or not: no clipped end, harmonic or kink of it leads."""
-    for turned in (0.0, 1.0) * 3:
+    for turned in (0.0, 1.0):
         even = np.linspace(0, 60 / F0, round(60 * points) + 1)
         for time in (even, uneven_periods(rng, points)):
             onset = (1 - clipped) * time[-1]
@@ -203,13 +188,6 @@ def test_a_plain_exponential_has_no_find_ringing():
     found = find_ringing(time, (1 - np.exp(-time))[:, None])
     assert found.period is None
     assert found.amplitude.max() == 0.0
-
-
-def test_a_square_wave_keeps_its_fundamental():
-    time = np.linspace(0, 1e-3, 20001)
-    assert find_ringing(time, np.tanh(5 * ring(time, 0.0))[:, None]).period == pytest.approx(
-        1 / F0, rel=1e-3
-    )
 
 
 @pytest.mark.parametrize("share", [1.4, 1.9])

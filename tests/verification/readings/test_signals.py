@@ -31,17 +31,6 @@ def test_polynomials_of_the_stencils_degree_are_exact(rng, points):
     np.testing.assert_allclose(found, at[:, None] ** powers, atol=1e-12)
 
 
-def test_six_points_are_sixth_order():
-    errors = []
-    for n in (101, 201):
-        time = np.linspace(0, 1, n)
-        at = np.linspace(0.1, 0.9, 977)
-        errors.append(
-            np.abs(lagrange(time, np.sin(9 * time)[:, None], at, 6)[:, 0] - np.sin(9 * at))
-        )
-    assert errors[0].max() / errors[1].max() == pytest.approx(64, rel=0.1)
-
-
 def test_the_usual_step():
     assert typical_step(simulator_times()) == pytest.approx(1e-6, rel=1e-12)
     even = np.linspace(0, 3, 1001)

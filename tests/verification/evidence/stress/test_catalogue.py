@@ -11,12 +11,12 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
 from taction.verification.evidence.stress.catalogue import (
-    OUTCOMES,
     TRUE_VALUES,
     Case,
     load_catalogue,
     select,
 )
+from taction.verification.evidence.stress.matrices import make_array
 from tests.support.paths import CASES
 from tests.support.true_values import deck_digest
 
@@ -24,14 +24,6 @@ ALL = load_catalogue()
 STORED = json.loads(TRUE_VALUES.read_text("utf-8"))
 REFUSED = [case for case in ALL if case.refused]
 BOARDS = [case for case in ALL if not case.refused]
-EARLIER = (  # scenes on which taction was wrong once
-    *("auto-stop-offset", "auto-stop-too-short", "avx512-equilibrium", "avx512-step"),
-    *("coarse-points-rise", "impossible-volts", "impossible-volts-strain", "loose-error-settling"),
-    *("margin-window", "margin-window-inside", "nothing-moves", "overshoot-after-band"),
-    *("overshoot-zero", "point-cap", "rise-after-band", "rise-wide-band", "slew", "slew-ua741"),
-    *("stop-on-a-zero", "stop-on-a-zero-long", "unstable-by-1e-4", "unstable-ten-minutes"),
-    *("wrong-way-minus", "wrong-way-plus", "wrong-way-small-step"),
-)
 FILE = """
 [base.problem]
 kind = "matrix"
@@ -52,23 +44,6 @@ def folder_with(tmp_path: Path, **files: str) -> Path:
     for name, text in files.items():
         (tmp_path / f"{name}.toml").write_text(text)
     return tmp_path
-
-
-def test_the_catalogue_is_large_and_its_names_are_unique() -> None:
-    assert len(ALL) >= 80
-    assert len({case.name for case in ALL}) == len(ALL)
-    assert not {case.name for case in ALL} & {case.family for case in ALL}
-
-
-def test_every_case_says_why_it_is_hard_and_how_its_outcome_is_known() -> None:
-    for case in ALL:
-        assert len(case.why) > 10, case.name
-        assert len(case.known) > 10, case.name
-        assert {word for words in case.outcome.values() for word in words} <= OUTCOMES
-
-
-def test_scenes_on_which_taction_was_wrong_are_in_the_catalogue() -> None:
-    assert set(EARLIER) <= {case.name for case in ALL if case.family == "earlier-mistakes"}
 
 
 # In the catalogue this board has op-amps that do not slew, as the report assumed.
@@ -124,6 +99,11 @@ def test_a_refused_scene_has_no_deck(case: Case) -> None:
 def test_a_wrong_catalogue_is_refused(tmp_path: Path, files: dict[str, str], text: str) -> None:
     with pytest.raises(InputError, match=text):
         load_catalogue(folder_with(tmp_path, **files))
+
+
+def test_an_unknown_generator_is_an_error() -> None:
+    with pytest.raises(ValueError, match="expected one of 'identity'"):
+        make_array({"make": "nonsense"})
 
 
 def test_tables_of_a_case_are_laid_over_the_base(tmp_path: Path) -> None:

@@ -29,9 +29,9 @@ ALL = load_catalogue()
 FAST = 0.25  # s: `make stress` runs all cases
 SECONDS = {name: record["seconds"] for name, record in stored_values().items()}
 QUICK = [c for c in ALL if SECONDS[c.name] and max(SECONDS[c.name].values()) < FAST]
-SAMPLE = random.Random(11).sample(QUICK, 20)  # noqa: S311
+SAMPLE = random.Random(11).sample(QUICK, 8)  # noqa: S311
 LINEAR = [c for c in QUICK if c.truth is not None and c.truth.readable and "Arb, 320" in c.truth.by]
-AGAIN = random.Random(12).sample(LINEAR, 6)  # noqa: S311
+AGAIN = random.Random(12).sample(LINEAR, 3)  # noqa: S311
 
 
 def name_of(case: Case) -> str:
@@ -83,17 +83,13 @@ def test_a_refusal_is_a_right_outcome() -> None:
     assert run.comparisons == ()
 
 
-@pytest.mark.parametrize("outcome", ["fail", "SolverError"])
-def test_another_outcome_than_the_right_one_is_wrong(outcome: str) -> None:
-    case = replace(one("two-channels"), outcome={"statespace": (outcome,)})
+def test_another_outcome_than_the_right_ones_is_wrong() -> None:
+    case = replace(one("two-channels"), outcome={"statespace": ("fail",)})
     run = run_case(case, "statespace")
     assert run.judgement is CaseJudgement.WRONG_OUTCOME
-    assert f"pass instead of {outcome}" in run.reason
-
-
-def test_one_of_several_accepted_outcomes_is_right() -> None:
-    case = replace(one("two-channels"), outcome={"statespace": ("fail", "pass")})
-    assert run_case(case, "statespace").judgement is CaseJudgement.RIGHT
+    assert "pass instead of fail" in run.reason
+    either = replace(case, outcome={"statespace": ("fail", "pass")})
+    assert run_case(either, "statespace").judgement is CaseJudgement.RIGHT
 
 
 def test_a_check_of_its_own_must_have_its_outcome() -> None:

@@ -98,20 +98,10 @@ def test_junit_keeps_to_the_published_schema(updated: bool) -> None:
         assert schema.validate(document), schema.error_log
 
 
-def test_the_schema_would_notice() -> None:
-    schema = etree.XMLSchema(etree.parse(SCHEMA))
-    document = parsed(regression_junit(report()))
-    document[0].set("surprise", "1")
-    assert not schema.validate(document)
-
-
-def test_junit_names_simulator_solver_and_method() -> None:
-    found = parsed(regression_junit(report())).findall(".//property[@name='simulator']")
-    assert {each.get("value") for each in found} == {"ngspice-46, KLU, trapezoidal"}
-
-
 def test_junit_counts_what_is_in_it() -> None:
     root = parsed(regression_junit(report()))
+    named = root.findall(".//property[@name='simulator']")
+    assert {each.get("value") for each in named} == {"ngspice-46, KLU, trapezoidal"}
     for node in (root, *root.findall("testsuite")):
         assert int(node.get("tests")) == len(node.findall(".//testcase"))
         assert int(node.get("failures")) == len(node.findall(".//failure"))
@@ -169,15 +159,6 @@ def test_markdown_tables_have_their_columns_whatever_a_reason_holds() -> None:
     assert "and 3 more" in text
     assert "| changed | changed | 1 of 1 pass | 64 | ngspice-46 | aaaaaaaaaaaa |" in text
     assert "same.toml: same" not in text
-
-
-def test_the_table_for_people_names_every_scene_and_every_change() -> None:
-    text = page_text(view(report()))
-    for result in RESULTS:
-        assert result.file.removesuffix(".toml") in text
-    assert "waveform u_14" in text
-    assert "check stability" in text
-    assert "1 same, 1 changed, 1 broken, 1 newly passing, 1 new, 1 missing" in text
 
 
 def test_a_page_has_every_change_and_a_terminal_the_largest() -> None:
