@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,8 +26,7 @@ from taction.verification.design.choice_plan import (
     choice_plan,
 )
 from taction.verification.design.choose import best_designs, design_scene, designs
-from taction.verification.report.renderers.picture import draw_sheet
-from taction.verification.report.views.choose import sheet, view
+from taction.verification.report.views.choose import view
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.run import computed
@@ -190,16 +188,6 @@ def test_an_unstable_design_has_no_share() -> None:
     assert not best_designs([design])
 
 
-def test_a_picture(tmp_path: Path) -> None:
-    plan, path = choice_plan(scene(), TWO), tmp_path / "choice.svg"
-    with Store(":memory:") as store:
-        store_records(plan, store, {k: record() for k in range(8)})
-        ranked = designs(plan, store)
-    draw_sheet(sheet("title", ranked, best_designs(ranked)), path)
-    text = path.read_text("utf-8")
-    assert "<svg" in text
-
-
 def test_a_written_scene_is_the_design() -> None:
     plan = choice_plan(scene(), TWO)
     with Store(":memory:") as store:
@@ -272,15 +260,6 @@ def test_a_folder_with_files_is_refused(tmp_path: Path) -> None:
     found = command("choose", FILE, "-o", str(tmp_path))
     assert found.exit_code == 2
     assert "not empty" in found.stderr
-
-
-def test_the_command_tries_every_op_amp_without_an_option(tmp_path: Path) -> None:
-    words = ["choose", FILE, "--settling", "1ms", "--points", "1", "--jobs", "1", "--json"]
-    found = command(*words, "--store", str(tmp_path / "a.sqlite"))
-    assert found.exit_code in (0, 1), found.stderr
-    document = json.loads(found.stdout)
-    names = {name for name, each in OPAMPS.items() if math.isfinite(each.gbw)}
-    assert {each["values"]["design.opamp.base"] for each in document["designs"]} == names
 
 
 def test_a_board_without_a_capacitor_is_chosen_by_its_own_keys() -> None:

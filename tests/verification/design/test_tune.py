@@ -16,7 +16,6 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.documents import plain
 from taction.system.errors import EngineError, InputError
 from taction.verification.design import tune as tune_module
 from taction.verification.design.trials import Trial
@@ -94,14 +93,6 @@ def test_lambda_is_held_and_the_resistance_follows() -> None:
     before, after = synthesise(scene()).value, synthesise(tuned().scene).value
     assert after("lambda") == pytest.approx(before("lambda"), rel=1e-12)
     assert after("R") * after("gain") == pytest.approx(before("R") * before("gain"))
-
-
-def test_the_same_search_finds_the_same() -> None:
-    again = tune(scene(), overshoot=0.02, margin=1.3)
-    for one, other in zip(again.frontier, tuned().frontier, strict=True):
-        assert plain(one) == plain(other)
-    assert plain(again.after) == plain(tuned().after)
-    assert again.tried == tuned().tried
 
 
 def test_the_frontier_is_nondominated() -> None:

@@ -121,6 +121,14 @@ def wanted(T: np.ndarray, D: np.ndarray, mu: float, f1: np.ndarray, f2: np.ndarr
     return np.linalg.solve(A.T @ A + mu * np.eye(len(D)), A.T @ f1 + f2)
 
 
+@pytest.mark.parametrize("mu", [1e-3, 1e-13])
+def test_cholesky_and_qr(rng: np.random.Generator, mu: float) -> None:
+    T, D = rng.standard_normal((8, 5)), rng.random(5) + 0.5
+    f1, f2 = rng.standard_normal(8), rng.standard_normal(5)
+    y = factorise(T, T.T @ T, D, mu)(f1, f2)
+    assert y == pytest.approx(wanted(T, D, mu, f1, f2), rel=1e-11)
+
+
 def test_qr_keeps_digits_that_normal_equations_lose(rng: np.random.Generator) -> None:
     U, V = (np.linalg.qr(rng.standard_normal((6, 6)))[0] for _ in range(2))
     sigma = np.logspace(0, -7, 6)

@@ -12,7 +12,6 @@ import pytest
 from taction.netlist_gen.board.circuit import Circuit, Role
 from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
@@ -22,7 +21,7 @@ from taction.verification.stability import port_response as module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.loci import LociSearch, _Trace, trace_together
 from taction.verification.stability.poles import count_unstable, poles
-from taction.verification.stability.port_response import PortResponse, eliminate_together
+from taction.verification.stability.port_response import PortResponse
 from tests.support.boards import lag_board, single_mode, window
 from tests.support.paths import SCENES
 
@@ -118,18 +117,6 @@ def test_the_loci_count_what_winding_numbers_and_poles_count(name: str) -> None:
     assert count_unstable(board) == found.unstable_at(share)
 
 
-def test_responses_of_several_boards_have_the_digits_that_each_has_alone() -> None:
-    made = [load_scene(SCENES / f"{name}.toml") for name in ("tuned-breadboard", "custom-matrix")]
-    scenes = [made[0], with_values(made[0], {"design.capacitance": 3e-11}), made[1], made[1]]
-    together, omega = [capacitors(synthesise(each)) for each in scenes], np.geomspace(1e2, 1e8, 7)
-    eliminate_together(together)
-    for one, scene in zip(together, scenes, strict=True):
-        assert "_reduced" in vars(one)
-        alone = capacitors(synthesise(scene))
-        for found, wanted in zip(one.at(omega), alone.at(omega), strict=True):
-            assert found.tobytes() == wanted.tobytes()
-
-
 @pytest.mark.parametrize("name", ["tuned-breadboard", "eleven-channel"])
 def test_loci_by_modes_are_those_of_solves_of_the_equations(name: str) -> None:
     ports = capacitors(synthesise(load_scene(SCENES / f"{name}.toml")))
@@ -141,16 +128,6 @@ def test_loci_by_modes_are_those_of_solves_of_the_equations(name: str) -> None:
     apart = np.abs(whole[:, :, None] - modal[:, None])
     for nearest in (apart.min(axis=1), apart.min(axis=2)):
         assert np.all(nearest < 1e-9 * np.abs(whole).max(axis=1, keepdims=True))
-
-
-def test_parts_that_are_not_exchanged_have_one_response() -> None:
-    circuit = synthesise(load_scene(SCENES / "tuned-breadboard.toml"))
-    first, second, *_, last = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
-    board = LinearBoard(circuit)
-    larger = replace(last, farads=2.0 * last.farads)
-    assert len(board.state_space.blocks) == 2
-    for parts, sizes in (((first, second), (2,)), ((first, last), (1, 1)), ((first, larger), (2,))):
-        assert PortResponse.of_parts(board, parts).sizes == sizes
 
 
 def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> None:

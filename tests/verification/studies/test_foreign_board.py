@@ -277,26 +277,12 @@ def test_what_has_no_equations_is_refused_by_name(
         poles(read(deck("refused", *cards)).circuit)
 
 
-def test_coils_in_series_are_one_state(read: Read) -> None:
-    """-R / (L1 + L2): the current of the middle node is that of the other coil."""
-    cards = deck("coils", "L1 in m 1m", "L2 m out 1m", "R1 out 0 1k")
-    np.testing.assert_allclose(poles(read(cards).circuit).poles, [-5e5], rtol=1e-9)
-
-
 def test_a_step_through_a_sensed_capacitor_jumps(read: Read) -> None:
     """F copies the impulse of C2 = 10 pF into C1 = 1 nF: 2 x 10 pF x 1 V / 1 nF = 20 mV."""
     board = read(DECKS["cccs-mirror"])
     solution = exact_solution(LinearBoard(board.circuit), initial="rest")
     assert solution.start[0] == pytest.approx(0.02, rel=1e-12)
     assert solution.final[0] == pytest.approx(10.0, rel=1e-12)
-
-
-def test_a_gain_has_edges_without_a_scan(read: Read) -> None:
-    board = LinearBoard(read(DECKS["wien"]).circuit)
-    family = Family.of(board, board.circuit.knob("E1"))
-    assert family.ports is not None
-    (edge,) = family.edges(1.0, 10.0).edges
-    assert edge.value == pytest.approx(3.0, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -47,12 +47,6 @@ def test_entries_are_at_levels_within_the_window() -> None:
     np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
 
-def test_a_scene_without_devices_has_its_resistors() -> None:
-    assert all(
-        matrix.device is None for matrix in taction.synthesise(scene(ROWS, [1.0] * 3)).matrices
-    )
-
-
 def test_a_programming_error_spreads_one_output_by_its_own_share() -> None:
     """One equation: u = eps / T, so 2 % of the conductance is 2 % of u, and 95 % are in 1.96."""
     asked = scene([[1.0]], [0.5], programming_error="0.4uS")

@@ -13,9 +13,8 @@ from taction.netlist_gen.analysis import OperatingPoint
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
 from taction.system.array_types import Floats
-from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.views.answer import answer_text, yield_text
-from taction.verification.verdict.input_spread import InputSpread
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
 
@@ -128,6 +127,11 @@ def test_the_sentence_about_the_yield_is_true_of_drawn_boards(
                      yield_text(verdict.answer))  # fmt: skip
     assert said is not None
     assert float(said[2]) == 100.0 * tolerance
+    found, built = verdict_document(verdict)["answer"], verdict.answer.built
+    assert built is not None
+    assert (found["boards"], found["yield_at_most"]) == (0.95, built.most)
+    assert found["built_error"] == pytest.approx(built.distance / verdict.answer.unit)
+    assert built.error < 0.1 * built.distance
     beside = SIGMAS * math.sqrt(share * (1.0 - share) / BOARDS)
     assert -beside <= float(said[1]) / 100.0 - share < 0.1 + beside
     wide = re.search(r"95 % of built boards within ([\d.]+) %", answer_text(verdict.answer))
@@ -135,26 +139,3 @@ def test_the_sentence_about_the_yield_is_true_of_drawn_boards(
     beside = SIGMAS * math.sqrt(0.95 * 0.05 / BOARDS)
     low, high = np.quantile(away / np.abs(target).max(), [0.95 - beside, 0.95 + beside])
     assert low < float(wide[1]) / 100.0 < 1.1 * high  # it rounds up, and has a bound on its error
-
-
-@pytest.mark.parametrize("distribution", ["normal", "uniform"])
-def test_the_stated_distance_and_share_are_those_of_drawn_boards(distribution: str) -> None:
-    tolerances = {"resistor": 0.01, "opamp_gain": 0.0, "distribution": distribution}
-    problem = {"kind": "matrix", "matrix": T.tolist(), "strain": STRAIN.tolist()}
-    scene = make_scene(problem=problem, design=DESIGN, tolerances=tolerances)
-    circuit = synthesise(scene)
-    spread = InputSpread.of(LinearBoard(circuit), tolerances=scene.tolerances)
-    cards = expanded(write_deck(circuit, OperatingPoint()).text)
-    target = np.linalg.solve(T.T @ T + LAMBDA * np.eye(2), T.T @ STRAIN)
-    away = np.abs(at_rest(cards, drawn(cards, distribution == "uniform")) - target).max(axis=1)
-    assert spread is not None
-    distance, error = spread.distance(target)
-    beside = SIGMAS * math.sqrt(0.95 * 0.05 / BOARDS)
-    low, high = np.quantile(away, [0.95 - beside, 0.95 + beside])
-    assert low - error < distance < high + error
-    for limit in (0.5 * distance, 0.8 * distance, distance):
-        least, most = spread.within(target, limit)
-        share = float((away <= limit).mean())
-        beside = SIGMAS * math.sqrt(share * (1.0 - share) / BOARDS)
-        assert least - beside <= share <= most + beside
-        assert most - least < 0.1

@@ -88,26 +88,6 @@ def test_95_of_100_drawn_boards_rest_within_the_distance(kind: str) -> None:
     assert error < 0.2 * distance
 
 
-@pytest.mark.parametrize("figure", ["offset_voltage", "bias_current", "offset_current"])
-@pytest.mark.parametrize("kind", ["linear", "passive"])
-def test_a_slope_is_the_difference_of_two_equilibria(kind: str, figure: str) -> None:
-    circuit = board(kind)
-    slopes = RestSensitivity.of(LinearBoard(circuit)).input_errors()
-    for cell in circuit.opamps:
-        model, name = circuit.models[cell.model], f"{cell.name}.{figure}"
-        moved = []
-        for step in (1.0, -1.0):
-            size = getattr(model, figure) + step * dict(model.varying)[figure].sigma
-            own = replace(model, name="own", **{figure: size})
-            cells = tuple(replace(c, model="own") if c == cell else c for c in circuit.opamps)
-            moved.append(
-                at_rest(replace(circuit, opamps=cells, models={**circuit.models, "own": own}))
-            )
-        expected = (moved[0] - moved[1]) / (2.0 * dict(model.varying)[figure].sigma)
-        atol = 1e-6 * np.abs(expected).max() + 1e-9
-        np.testing.assert_allclose(slopes[name], expected, rtol=1e-4, atol=atol)
-
-
 def test_common_mode_errors_move_followers_with_their_sign() -> None:
     circuit = board("passive")
     slopes = RestSensitivity.of(LinearBoard(circuit)).input_errors()
@@ -300,13 +280,10 @@ def test_boards_that_differ_in_capacitances_alone_share_their_spread(kind: str) 
 def test_boards_with_other_rests_or_errors_have_spreads_of_their_own(
     changed: dict[str, Any],
 ) -> None:
-    own, other = InputSpread.of(LinearBoard(board())), LinearBoard(board(**changed))
-    found = InputSpread.of(other)
+    own, found = (InputSpread.of(LinearBoard(each)) for each in (board(), board(**changed)))
     assert own is not None
     assert found is not None
     assert not np.array_equal(found.mean, own.mean)
-    drawn = sampled(other.circuit, 200)
-    np.testing.assert_allclose(found.sigma, drawn.std(axis=0), rtol=0.25)
 
 
 @pytest.mark.parametrize(
@@ -329,17 +306,3 @@ def test_the_distance_is_the_quantile_of_the_distribution(
     assert abs(distance - expected) < min(error, 0.02 * expected)
     least, most = spread.within(np.zeros(count), expected)
     assert least < 0.95 < most < least + 0.02
-
-
-def test_the_slope_of_a_gain_is_the_difference_of_two_equilibria() -> None:
-    circuit = board("linear", opamp=UA741 | {"dc_gain": 2e3, "slew_rate": "1kV/us"})
-    slopes = RestSensitivity.of(LinearBoard(circuit)).gains()
-    for cell in circuit.opamps:
-        model, moved = circuit.models[cell.model], []
-        for factor in (1.001, 1.0 / 1.001):
-            own = replace(model, name="own", dc_gain=model.dc_gain * factor)
-            cells = tuple(replace(c, model="own") if c == cell else c for c in circuit.opamps)
-            models = {**circuit.models, "own": own}
-            moved.append(at_rest(replace(circuit, opamps=cells, models=models)))
-        expected = (moved[0] - moved[1]) / (2.0 * np.log(1.001))
-        np.testing.assert_allclose(slopes[f"{cell.name}.dc_gain"], expected, rtol=1e-4, atol=1e-9)

@@ -131,24 +131,6 @@ def test_the_lowest_frequency_is_stated() -> None:
     assert found("ua741").unknown_corners == ("ua741",)
 
 
-def test_noise_follows_its_sources() -> None:
-    """White sources of different kinds add up in power."""
-
-    def power(**design: Any) -> np.ndarray:
-        return np.square(output_noise(LinearBoard(synthesise(small(**design))))[0])
-
-    silent = {"voltage_noise": 0, "current_noise": 0}
-    alone = power(opamp={"base": "tl084", **silent})
-    parts = [
-        power(opamp={"base": "tl084", **silent, name: value}) - alone
-        for name, value in (("voltage_noise", "18nV/rtHz"), ("current_noise", "1pA/rtHz"))
-    ]
-    sensors = power(opamp={"base": "tl084", **silent}, sensor_noise="2pA/rtHz") - alone
-    figures = {"voltage_noise": "18nV/rtHz", "current_noise": "1pA/rtHz"}
-    together = power(opamp={"base": "tl084", **figures}, sensor_noise="2pA/rtHz")
-    assert together == pytest.approx(alone + sum(parts) + sensors, rel=1e-9)
-
-
 def check_of(noise: OutputNoise | None, limit: float | None = 1e-3) -> Check | None:
     checks = {} if limit is None else {"noise": {"max": limit}}
     found = run_checks(evidence(checks=checks, noise=noise))

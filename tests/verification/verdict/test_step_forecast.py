@@ -53,10 +53,9 @@ def run(circuit: Circuit, stop: float, forecast: StepForecast) -> tuple[int, flo
     return len(found.time), float(off / np.abs(exact.final - exact.start).max())
 
 
-@pytest.mark.parametrize("error", [1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("error", [1e-3, 1e-5])
 @pytest.mark.parametrize(
-    ("C", "gain"),
-    [(1e-9, 1e5), (1e-10, 1e5), (1e-11, 1e5), (3.3e-11, 1e6), (1e-10, 6.25e6), (5e-12, 8.3e5)],
+    ("C", "gain"), [(1e-9, 1e5), (1e-11, 1e5), (3.3e-11, 1e6), (1e-10, 6.25e6)]
 )
 def test_ngspice_does_what_the_forecast_says(
     ngspice: str, C: float, gain: float, error: float
@@ -72,11 +71,8 @@ def test_ngspice_does_what_the_forecast_says(
     assert off >= 0.3 * error
 
 
-@pytest.mark.parametrize("error", [1e-4, 1e-5])
 @pytest.mark.parametrize("gain", ["1Mohm", "5Mohm"])
-def test_op_amps_hold_more_charge_than_small_capacitors(
-    ngspice: str, gain: str, error: float
-) -> None:
+def test_op_amps_hold_more_charge_than_small_capacitors(ngspice: str, gain: str) -> None:
     """A charge above the limit has a relative tolerance: ngspice then takes longer steps."""
     values = {
         "design.capacitance": "1pF",
@@ -87,7 +83,7 @@ def test_op_amps_hold_more_charge_than_small_capacitors(
         "design.opamp.base": "opa2134",
     }
     circuit = synthesise(with_values(load_scene(SCENES / "paper-breadboard.toml"), values))
-    model, stop = model_of(circuit)
+    (model, stop), error = model_of(circuit), 1e-5
     assert np.abs(model.rest).max() > model.charge
     forecast = model.cheapest(0.8 * error)
     steps, off = run(circuit, stop, forecast)

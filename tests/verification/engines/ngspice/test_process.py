@@ -307,12 +307,6 @@ def test_version_and_solver(answer: str, version: int, option: str, tmp_path: Pa
         assert simulator.solver_of(f"* title\n.options {asked}\n.end\n") == right
 
 
-def test_it_is_asked_once(tmp_path: Path) -> None:
-    path = fake(tmp_path, "** ngspice-45 : x")
-    assert find_simulator(path) is find_simulator(path)
-    assert (tmp_path / "calls").read_text() == "x\n"
-
-
 def test_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("TACTION_NGSPICE", raising=False)
@@ -357,13 +351,6 @@ def test_a_run_has_all_that_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert place.stat().st_mode & 0o077 == 0
     remove_own_folder(place)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_within_is_removed_too(tmp_path: Path) -> None:
-    (tmp_path / "run" / "within").mkdir(parents=True)
-    (tmp_path / "run" / "within" / "file").touch()
-    remove_own_folder(tmp_path / "run")
-    assert not (tmp_path / "run").exists()
 
 
 def test_a_given_folder_is_made_and_must_be_empty(tmp_path: Path) -> None:

@@ -225,18 +225,3 @@ def test_a_cluster_that_dies_keeps_what_is_stored(
         assert "The stored results are intact, the same command continues" in str(ended.value)
         assert 5 <= database.count() < 400
     assert capfd.readouterr().err == ""
-
-
-def test_a_worker_without_ngspice_is_refused_like_one_of_another_version(
-    tmp_path: Path, ngspice: str
-) -> None:
-    assert ngspice
-    with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
-        worker(stack, file, TACTION_NGSPICE="/missing/ngspice")
-        store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
-        workers = stack.enter_context(cluster(address(file)))
-        text = "no usable ngspice .no executable '/missing/ngspice'. instead of taction "
-        with pytest.raises(NoVerdictError, match=text):
-            sweep(small_plan(2, "ngspice"), store, workers)
-        assert store.count() == 0

@@ -18,7 +18,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.system.errors import Killed
 from taction.verification.studies.running.collecting import RUNS, for_each_file, repeated_if_killed
-from taction.verification.studies.running.versions import digest, own_code
+from taction.verification.studies.running.versions import digest
 from tests.support.making import make_scene
 from tests.support.paths import ROOT
 
@@ -149,8 +149,3 @@ def test_one_resistor_makes_another_digest() -> None:
 def test_unknown_content_is_refused() -> None:
     with pytest.raises(TypeError, match="no canonical encoding of object"):
         digest(object())
-
-
-def test_the_own_code_is_one_number_a_version() -> None:
-    assert len(own_code()) == 32
-    assert own_code() == own_code()

@@ -16,9 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from taction.system.errors import InputError, NoVerdictError
+from taction.system.errors import NoVerdictError
 from taction.verification.studies.running import worker
-from taction.verification.studies.running.cluster import cluster
 from taction.verification.studies.running.collecting import collected
 from taction.verification.studies.running.executors import ATTEMPTS, LocalPool, local
 from taction.verification.studies.running.worker import Worker, WorkerDiedError
@@ -260,19 +259,6 @@ def test_workers_do_not_outlive_a_killed_parent() -> None:
         time.sleep(0.01)
     assert len(pids) == 2
     assert all(map(gone, pids))
-
-
-def test_local_is_a_context() -> None:
-    with local(1) as workers:
-        assert workers.window() >= 1
-        assert workers.executor.submit(pow, 3, 2).result(60) == 9
-
-
-def test_no_scheduler_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("taction.verification.studies.running.cluster.PATIENCE", 0.2)
-    with pytest.raises(InputError, match="no Dask scheduler answers"), cluster("tcp://127.0.0.1:9"):
-        pass
 
 
 def test_it_answers_from_one_other_process_and_says_what_went_wrong() -> None:

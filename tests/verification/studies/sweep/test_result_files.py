@@ -4,27 +4,16 @@ from __future__ import annotations
 
 import csv
 import json
-from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import Result
 
-from taction.netlist_gen.scene.axes import parse_axes
-from taction.netlist_gen.scene.loading import load_scene
-from taction.verification.report.renderers.picture import draw_page
-from taction.verification.report.views.sweep import view
 from taction.verification.studies.running import executors
 from taction.verification.studies.running.worker import Workers
-from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.result import SweepResult
-from taction.verification.studies.sweep.run import SweepCounts
-from taction.verification.verdict.record import FIGURES
 from tests.support.making import write_matrix_scene
 from tests.support.running import taction as command
 
@@ -167,25 +156,6 @@ def test_pictures(folder: Path, over: tuple[str, ...], ending: str) -> None:
         assert b"<svg" in picture
 
 
-def test_a_map_with_a_boundary(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = load_scene(folder / "scene.toml")
-    axes = parse_axes(scene, ["C=1p:100p:5", "gain=1k:1M:4"])
-    plan = Plan(scene, axes, "statespace")
-    shape = (5, 4)
-    growth = np.linspace(-1e4, 1e4, 20).reshape(shape)
-    fake: dict[str, Any] = {name: np.full(shape, 0.5) for name in FIGURES}
-    fake["settling_time"][growth > 0] = np.nan
-    outcome = (np.arange(20).reshape(shape) % 4).astype(np.int8)
-    fake |= {"growth_rate": growth, "outcome": outcome}
-    words = np.array(["pass", "fail: stability", "inconclusive: rise time", ""], dtype=object)
-    sweep = "taction.verification.report.views.sweep"
-    monkeypatch.setattr(f"{sweep}.grids", lambda result: fake)
-    monkeypatch.setattr(f"{sweep}.result_names", lambda result: words[outcome])
-    with Store(str(folder / "a.sqlite")) as store:
-        draw_page(view(SweepResult(plan, store, SweepCounts(20))), folder / "a.png")
-    assert (folder / "a.png").stat().st_size > 20_000
-
-
 def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None:
     for words, says in (
         (("--export", "a.xls"), ".csv, .parquet, .nc"),
@@ -200,16 +170,3 @@ def test_what_cannot_be_written_is_refused_before_any_work(folder: Path) -> None
         assert done.exit_code == 2, done.output
         assert says in done.stderr
     assert not (folder / "scene.sqlite").exists()
-
-
-def test_a_database_that_is_none(folder: Path) -> None:
-    (folder / "a.sqlite").write_text("a,b\n" * 2000)
-    done = taction(*OVER, "-o", "a.sqlite")
-    assert done.exit_code == 2
-    assert "no SQLite database" in done.stderr
-
-
-def test_counts_as_text() -> None:
-    ended = Counter({"pass": 55, "fail": 5})
-    count = SweepCounts(total=100, done=60, ran=20, outcomes=ended)
-    assert count.text == "60 of 100 points; 5 fail, 55 pass"

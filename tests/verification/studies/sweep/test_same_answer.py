@@ -6,7 +6,6 @@ A twentieth of the scenes is verified by default, all with ``TACTION_RANDOM_SCEN
 from __future__ import annotations
 
 import os
-from collections import Counter
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from typing import Any
 
@@ -129,25 +128,3 @@ def swept(over: str, engine: str) -> dict[float, dict[str, Any]]:
         sweep(plan, store, Workers(executor, lambda: 1, (BrokenExecutor,)))
         found = list(records(plan, store))
     return {record.pop("values")["C"]: record | {"seconds": 0.0} for record in found}
-
-
-def test_the_scenes_are_of_every_kind() -> None:
-    scenes = [random_scene(seed) for seed in range(COUNT)]
-    designs = [scene.design for scene in scenes]
-    kinds = Counter(scene.problem.kind for scene in scenes)
-    kinds += Counter(getattr(scene.problem, "kernel", "matrix") for scene in scenes)
-    kinds += Counter(design.topology for design in designs)
-    kinds += Counter(design.amplifier for design in designs)
-    kinds += Counter(design.resistor_series for design in designs)
-    kinds += Counter(scene.analysis.initial for scene in scenes)
-    kinds += Counter(f"{d.opamp.base} of {d.amplifier == 'linear'}" for d in designs)
-    for kind in (
-        *("tactile", "tangential", "normal", "matrix", "integrator", "passive", "zero", "rest"),
-        *("exact", "E24", "E96", "linear", "exponential", "sinh", "softplus", "tanh"),
-    ):
-        assert kinds[kind] >= 3, kind
-    assert {design.opamp.base for design in designs} >= {"ua741", "tl084", "ne5534", "ideal"}
-    for given in ("rise_time", "overshoot"):
-        assert sum(getattr(scene.checks, given) is not None for scene in scenes) >= 50
-    assert sum(scene.checks.stability.margin > 1.0 for scene in scenes) >= 50
-    assert sum(scene.analysis.stop != "auto" for scene in scenes) >= 30

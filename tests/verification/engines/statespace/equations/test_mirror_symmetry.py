@@ -13,7 +13,6 @@ from taction.system.array_types import Floats, Ints
 from taction.verification.engines.statespace.equations.mirror_symmetry import (
     DenseMatrix,
     evened,
-    exchange_bases,
     proposed_image,
     proposed_mirror,
 )
@@ -82,14 +81,6 @@ def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
     found = np.sum(modes.shares(rows @ basis, left @ start).errors)
     whole = np.sum(decompose([A]).shares(rows, start).errors)
     assert 0.3 * whole < found < 3.0 * whole
-
-
-def test_the_bases_of_an_exchange_are_orthogonal() -> None:
-    for image in (ODD, EVEN, np.array([0, 2, 1, 3])):
-        even, odd = exchange_bases(image)
-        assert np.array_equal(even[image], even)
-        assert np.array_equal(odd[image], -odd)
-        assert not np.any(even.T @ odd)
 
 
 def test_real_arithmetic_keeps_pairs_and_their_order_of_accuracy() -> None:

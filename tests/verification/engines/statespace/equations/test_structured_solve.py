@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,10 +24,8 @@ from taction.verification.engines.statespace.linearised.count_unstable import (
 )
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.engines.statespace.linearised.rightmost_poles import (
-    nearest_poles,
     rightmost_poles,
 )
-from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.simulate import simulate
@@ -179,15 +176,6 @@ def test_rightmost_poles_of_a_wide_board_are_the_dense_ones(circuit: Circuit) ->
     assert found.rightmost == pytest.approx(complex(lead.real, abs(lead.imag)), rel=1e-7)
 
 
-def test_nearest_poles_come_in_pairs() -> None:
-    board = LinearBoard(wide_board(10))
-    dense = np.linalg.eigvals(board.state_space.A)
-    found = nearest_poles(board.structure, 1e4 + 2.5e5j, 3, 1e-10)
-    assert len(found.poles) == 6
-    for pole, error in zip(found.poles, found.errors, strict=True):
-        assert np.abs(dense - pole).min() <= error < 1e-8 * abs(pole)
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_the_errors_of_the_rightmost_poles_hold(seed: int) -> None:
     circuit = drawn_board(seed, 20)
@@ -232,15 +220,6 @@ def test_slow_poles_that_no_coarse_board_has_are_found() -> None:
     assert rightmost_poles(whole).poles[0] == pytest.approx(exact[np.argmax(exact.real)], rel=1e-6)
 
 
-def test_time_scales_of_a_wide_board_come_from_its_coarse_image() -> None:
-    circuit = wide_board(40)
-    scales = time_scales(circuit)
-    assert not scales.complete
-    whole = time_scales(wide_board(20))
-    assert scales.ringing[0].period == pytest.approx(whole.ringing[0].period, rel=0.1)
-    assert scales.slowest == pytest.approx(whole.slowest, rel=0.1)
-
-
 @pytest.mark.parametrize(
     "analysis",
     [
@@ -282,11 +261,6 @@ def test_an_unstable_board_grows_as_its_pole_says_and_its_record_ends() -> None:
     long = stepped.simulate(circuit, Transient(1e-2, 1e-6))
     assert long.time[-1] < 1e-2
     assert "diverges" in long.flags[0]
-
-
-def test_a_board_without_a_step_stays_where_it_is() -> None:
-    quiet = replace(paper_board(), currents=())
-    assert not stepped.simulate(quiet, Transient(1e-5, 1e-6)).values.any()
 
 
 def test_the_equilibrium_of_a_wide_exponential_board() -> None:

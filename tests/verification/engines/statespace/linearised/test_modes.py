@@ -198,18 +198,6 @@ def test_a_matrix_has_the_same_digits_beside_others_as_alone(order: int, first: 
             np.testing.assert_array_equal(mine, wanted)
 
 
-def test_matrices_of_a_stack_have_their_own_poles() -> None:
-    """Against 60 digits; matrices of two sizes."""
-    matrices = [
-        stiff(decades, seed, n) for decades in (3.0, 12.0) for seed in (1, 2) for n in (3, 4)
-    ]
-    for A, modes in zip(
-        matrices, decompose_together([Decomposable([A]) for A in matrices]), strict=True
-    ):
-        off = np.abs(modes.poles[:, None] - true_poles(A)).min(axis=1)
-        assert np.all(off <= 1e-10 * np.abs(modes.poles))
-
-
 def test_a_stack_with_a_matrix_that_is_not_finite_is_refused() -> None:
     with pytest.raises(np.linalg.LinAlgError):
         decompose_together([Decomposable([-np.eye(2)]), Decomposable([np.full((2, 2), np.nan)])])

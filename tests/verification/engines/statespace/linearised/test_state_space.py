@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -25,7 +24,6 @@ from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations import stamps as stamps_module
-from taction.verification.engines.statespace.equations.stamps import stamp
 from taction.verification.engines.statespace.linearised import board as board_module
 from taction.verification.engines.statespace.linearised import state_space as state_space_module
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
@@ -56,41 +54,6 @@ def test_an_rc_stage_has_its_pole_and_its_gain() -> None:
     assert D[:, 1].tolist() == [3.0, 0.0, 0.0]
 
 
-def test_nodes_without_capacitance_are_eliminated_exactly() -> None:
-    # A ladder: 1 k to a bare node, from there 2 k to the capacitor and 3 k to ground.
-    space = LinearBoard(
-        bare(
-            resistors=(Resistor("R2", "m", "c", 2e3), Resistor("R3", "m", "0", 3e3)),
-            capacitors=(Capacitor("C", "c", "0", 1e-9),),
-            currents=(CurrentSource("I", "m", 1e-3),),
-        )
-    ).state_space
-    assert space.A.item() == pytest.approx(-1.0 / (5e3 * 1e-9), rel=1e-14)
-    C, D = space.rows(("m",))
-    assert C.item() == pytest.approx(3.0 / 5.0, rel=1e-14)
-    assert D[0, 0] == pytest.approx(1e-3 * (2e3 * 3e3 / 5e3), rel=1e-14)
-
-
-def test_a_floating_capacitor_is_one_state() -> None:
-    values = poles_of(
-        resistors=(Resistor("R1", "a", "0", 1e3), Resistor("R2", "b", "0", 3e3)),
-        capacitors=(Capacitor("C", "a", "b", 1e-9),),
-    )
-    assert values == pytest.approx([-1.0 / (4e3 * 1e-9)], rel=1e-12)
-
-
-def test_an_ideal_integrator_multiplies_its_capacitor() -> None:
-    model = OpAmp("ideal", 1e3)
-    values = poles_of(
-        models={"ideal": model},
-        opamps=(OpAmpCell("X", "ideal", "0", "x", "v"),),
-        resistors=(Resistor("R", "x", "v", 1e4), Resistor("Rs", "x", "0", 1e4)),
-        capacitors=(Capacitor("C", "x", "v", 1e-9),),
-    )
-    # The node sees (1 + A0) C and (1 + A0) / R + 1 / Rs.
-    assert values == pytest.approx([-(1001.0 + 1.0) / (1001.0 * 1e4 * 1e-9)], rel=1e-12)
-
-
 def test_a_follower_has_the_poles_of_its_quadratic() -> None:
     gbw, second, gain = 1e6, 3e6, 1e5
     values = LinearBoard(
@@ -117,26 +80,6 @@ def test_output_resistance_and_input_capacitances_by_hand() -> None:
     # Output: (-gain x - out)/ro - out/load + (x - out)/1e4 = 0; input: both capacitances on x.
     out = (1e-4 - gain / ro) / (1.0 / ro + 1.0 / load + 1e-4)
     assert values == pytest.approx([-(1.0 / rin + 1e-4 * (1.0 - out)) / (cd + ci)], rel=1e-12)
-
-
-def test_a_linear_board_has_thirteen_states_a_channel() -> None:
-    space = LinearBoard(paper_board()).state_space
-    assert space.n == 91
-    assert len(set(space.states)) == 91
-
-
-def test_matrices_are_stamped_as_their_elements_would_be() -> None:
-    circuit = paper_board()
-    loose = [
-        Resistor(f"{m.name}_{k}_{n}", a, b, ohms)
-        for m in circuit.matrices
-        for k, n, a, b, ohms in m.elements()
-    ]
-    wanted = stamp(replace(circuit, matrices=(), resistors=(*circuit.resistors, *loose)))
-    found = stamp(circuit)
-    order = [wanted.place(name) for name in found.names]
-    K = wanted.dense.stiffness[np.ix_(order, order)]
-    assert found.dense.stiffness == pytest.approx(K, rel=1e-13)
 
 
 def test_the_state_space_rests_where_the_regularised_problem_has_its_solution() -> None:
@@ -197,16 +140,6 @@ def recorded(
 
     monkeypatch.setattr(module, name, wrapped)
     return calls
-
-
-def test_a_part_is_the_same_however_often_it_is_asked_for() -> None:
-    board = LinearBoard(paper_board())
-    for name in ("descriptor", "equilibrium", "rest", "state_space", "open_loop", "structure"):
-        assert getattr(board, name) is getattr(board, name)
-    assert board.state_space.modes is board.state_space.modes
-    assert board.state_space.descriptor is board.descriptor
-    assert LinearBoard.of(board) is board
-    assert LinearBoard.of(board.circuit).circuit is board.circuit
 
 
 def test_the_linearisation_of_a_linear_board_needs_no_equilibrium(

@@ -83,10 +83,6 @@ def test_state_matrices_are_those_of_the_whole_network(board: str) -> None:
     assert max(apart(taction.synthesise(scene(6, BOARDS[board])))) < 1e-12
 
 
-def test_state_matrices_are_those_of_the_whole_network_at_32() -> None:
-    assert max(apart(taction.synthesise(scene(32, BOARDS["inv"])))) < 1e-12
-
-
 @pytest.mark.parametrize("board", BOARDS)
 def test_solves_of_large_boards_have_the_same_matrices(board: str) -> None:
     """The structured solve at a complex shift, and its transpose, against full matrices."""

@@ -62,18 +62,6 @@ def test_a_defective_board_has_powers_of_the_time(count: int) -> None:
     assert slopes[:, 0] == pytest.approx(slope, abs=1e-9 / TAU)
 
 
-def test_derivatives_are_derivatives() -> None:
-    solution = exact_solution(paper_board())
-    t, h = np.linspace(1e-6, 1e-4, 50), 1e-9
-    five = [8.0, 1.0]
-    numeric = (
-        five[0] * (solution.at(t + h) - solution.at(t - h))
-        - five[1] * (solution.at(t + 2 * h) - solution.at(t - 2 * h))
-    ) / (12 * h)
-    exact_slope = solution.derivative(t)
-    assert numeric == pytest.approx(exact_slope, abs=1e-7 * np.abs(exact_slope).max())
-
-
 def test_the_uniform_record_is_the_same_solution() -> None:
     circuit = paper_board()
     record = simulate(circuit, Transient(stop=1e-3, max_step=1.1e-6))
@@ -85,16 +73,6 @@ def test_the_uniform_record_is_the_same_solution() -> None:
     few = simulate(circuit, Transient(1e-3, 1e-6), nodes=("w3", "0"), times=np.array([1e-5, 1e-3]))
     assert few.nodes == ("w3", "0")
     assert few["0"].tolist() == [0.0, 0.0]
-
-
-def test_a_board_that_does_not_move_and_records_of_few_points() -> None:
-    still = exact_solution(replace(paper_board(), currents=()))
-    assert still.uniform(1e-6, 10) == pytest.approx(np.zeros((10, 7)), abs=0.0)
-    assert still.at(np.array([0.0, 1e-3])) == pytest.approx(np.zeros((2, 7)), abs=0.0)
-    solution = exact_solution(paper_board())
-    for count in (1, 2, 3, 5, 500):
-        wanted = solution.at(np.float64(3e-7) * np.arange(count))
-        assert solution.uniform(3e-7, count) == pytest.approx(wanted, abs=1e-14)
 
 
 def test_modes_that_have_faded_are_not_missed() -> None:

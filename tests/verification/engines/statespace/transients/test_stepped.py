@@ -96,23 +96,6 @@ def test_from_rest_nothing_moves_without_strain() -> None:
     assert np.abs(record.values / record.values[0] - 1.0).max() < 1e-9
 
 
-def test_a_small_step_is_the_linearised_boards() -> None:
-    circuit = breadboard()
-    rest = replace(
-        circuit,
-        currents=tuple(replace(c, amps=1e-5 * c.amps) for c in circuit.currents),
-    )
-    record = simulate(rest, Transient(3e-5, 1e-7, initial="rest"))
-    space = LinearBoard(replace(rest, currents=())).state_space
-    B = LinearBoard(rest).state_space.B[:, 0]
-    C, _ = space.rows(record.nodes)
-    poles, V = np.linalg.eig(space.A)
-    share = np.linalg.solve(V, -np.linalg.solve(space.A, B))
-    step = ((C @ V) @ (share[:, None] * (1.0 - np.exp(np.outer(poles, record.time))))).real.T
-    moved = record.values - record.values[0]
-    assert moved == pytest.approx(step, abs=1e-4 * np.abs(step).max())
-
-
 def test_an_amplifier_fed_through_resistors_alone() -> None:
     # No capacitance at its input: v = (a + 3 w) / 4 + ..., algebraic in its own output.
     circuit = replace(
