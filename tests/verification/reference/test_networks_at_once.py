@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, SolverError
 from taction.verification.reference.ideal_answer import (
-    NETWORKS,
     energy_rise,
     ideal_answer,
     ideal_network,
 )
 from taction.verification.reference.networks import solve_square
 from taction.verification.reference.problem import Problem
-from taction.verification.reference.solve import solve
 from tests.support.making import make_scene, matrix_problem
 
 
@@ -91,11 +89,6 @@ def test_the_network_of_a_topology_is_at_rest_at_once(topology: str) -> None:
     assert answer.target == pytest.approx(wanted, rel=1e-12)
     assert (answer.settling_time, answer.problem) == (0.0, "")
     assert energy_rise(network, np.array([0.0, 1.0]), np.zeros((2, 2))) is None
-
-
-def test_the_table_has_the_topologies_that_need_one() -> None:
-    assert list(NETWORKS) == ["inv", "pinv", "ridge"]
-    assert NETWORKS["pinv"].solver is solve
 
 
 def test_ridge_needs_a_number_for_lambda() -> None:

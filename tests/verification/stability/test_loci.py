@@ -17,7 +17,6 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.stability import port_response as module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.loci import LociSearch, _Trace, trace_together
 from taction.verification.stability.poles import count_unstable, poles
@@ -128,22 +127,6 @@ def test_loci_by_modes_are_those_of_solves_of_the_equations(name: str) -> None:
     apart = np.abs(whole[:, :, None] - modal[:, None])
     for nearest in (apart.min(axis=1), apart.min(axis=2)):
         assert np.all(nearest < 1e-9 * np.abs(whole).max(axis=1, keepdims=True))
-
-
-def test_modes_and_solves_give_one_response(monkeypatch: pytest.MonkeyPatch) -> None:
-    circuit = synthesise(load_scene(SCENES / "custom-matrix.toml"))
-    omega = np.array([0.0, 1e3, 3e5, 4e6])
-    for parts in (
-        circuit.capacitors_of(Role.SIGNAL_CAPACITOR),
-        circuit.resistors_of(Role.CONSTRAINT_RESISTOR),
-    ):
-        board = LinearBoard(circuit)
-        modal = PortResponse.of_parts(board, parts).at(omega)
-        with monkeypatch.context() as patch:
-            patch.setattr(module, "WELL_CONDITIONED", 0.0)
-            solved = PortResponse.of_parts(board, parts).at(omega)
-            for one, other in zip(modal, solved, strict=True):
-                assert one == pytest.approx(other, rel=1e-8, abs=1e-8 * np.abs(one).max())
 
 
 def test_a_large_board_has_the_crossings_of_the_dense_one(monkeypatch: pytest.MonkeyPatch) -> None:

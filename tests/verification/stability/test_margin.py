@@ -18,12 +18,10 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import EngineError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import (
     REACH,
-    Families,
     find_margin,
     stable_values,
 )
@@ -54,29 +52,6 @@ def test_c_may_shrink_to_its_crossing() -> None:
     assert margin.uncertainty == pytest.approx(1e-6 * margin.factor)
     assert margin.text == "C can shrink by the factor 2.419, to 4.134 pF"
     assert margin.doubt == ""
-
-
-def test_boards_that_differ_in_c_alone_are_confirmed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    counted = []
-    count = module.Family.count
-
-    def counting(family: module.Family, value: float, edges: Edges) -> int:
-        counted.append(value)
-        return count(family, value, edges)
-
-    monkeypatch.setattr(module.Family, "count", counting)
-    families = Families()
-    for farads in (10e-12, 15e-12, 8e-12, 25e-12):
-        each = board("design.capacitance", farads)
-        before = len(counted)
-        shared = find_margin(each, families=families)
-        assert len(counted) - before == (2 if farads == 10e-12 else 0)
-        assert shared == find_margin(each)  # the same digits as alone
-        assert shared.factor == pytest.approx(farads / 4.1337463e-12, rel=1e-7)
-    other = board("design.gain", "1Mohm")
-    before = len(counted)
-    assert find_margin(other, families=families) == find_margin(other)
-    assert len(counted) - before == 4
 
 
 def test_the_gain_may_grow_to_its_crossing() -> None:
@@ -157,16 +132,6 @@ def test_a_board_on_the_axis_has_no_known_margin() -> None:
     assert margin.doubt == "the board itself may be stable or unstable"
 
 
-def test_a_board_with_another_gain_is_the_one_that_the_synthesis_makes() -> None:
-    changed, made = board().turned("gain", 3e6), board("design.gain", 3e6)
-    assert [r.name for r in changed.resistors] == [r.name for r in made.resistors]
-    ohms = [resistor.ohms for resistor in made.resistors]
-    assert [r.ohms for r in changed.resistors] == pytest.approx(ohms, rel=1e-15)
-    assert changed.value("gain") == 3e6
-    assert changed.value("lambda") == pytest.approx(made.value("lambda"), rel=1e-12)
-    assert board().turned("C", 2e-12).capacitors == board("design.capacitance", 2e-12).capacitors
-
-
 def test_an_unstable_board_has_no_margin() -> None:
     margin = find_margin(board("design.gain", 5e6), "gain")
     assert (margin.factor, margin.text) == (0.0, "the board is unstable")
@@ -198,15 +163,6 @@ def test_a_window_is_found_from_both_sides(own: float) -> None:
     (first, below), (above, last) = found.stable_ranges
     assert (below / farads, above / farads) == pytest.approx((low, high), rel=1e-9)
     assert (first, last) == (found.low, found.high)
-
-
-@pytest.mark.parametrize("scene", ["paper-breadboard", "custom-matrix", "paper-exponential"])
-def test_eigenvalues_agree_at_many_values(scene: str) -> None:
-    board = synthesise(load_scene(SCENES / f"{scene}.toml"))
-    found = stable_values(board)
-    for farads in np.geomspace(1.001 * found.low, 0.999 * found.high, 9).tolist():
-        inside = any(low < farads < high for low, high in found.stable_ranges)
-        assert poles(board.turned("C", farads)).stable == inside
 
 
 def test_an_unstable_board_gives_the_same_ranges() -> None:

@@ -137,63 +137,6 @@ def test_a_colpitts_oscillator(read: Read) -> None:
     assert gm == pytest.approx(sign_change(routh, 1e-6, 1e-2), rel=1e-7)
 
 
-def test_a_follower_with_a_capacitor_at_its_output(read: Read) -> None:
-    """s^2 Ro C / w + s (1 / w + Ro C / A / w ...) + 1 = 0, w the gain-bandwidth product.
-
-    The op-amp has one pole at w/A, and its resistance Ro with the load C another one.
-    """
-    A, w, Ro, C = 1e5, 2.0 * math.pi * 1e7, 100.0, 10e-9
-    text = deck(
-        "follower", f"G1 0 x in out {A / 1e6!r}", "R1 x 0 1meg", f"C1 x 0 {A / 1e6 / w!r}",
-        "E1 o 0 x 0 1", "Ro o out 100", "CL out 0 10n",
-    )  # fmt: skip
-    found = poles(read(text).circuit).poles
-    # (1 + s A/w) (1 + s Ro C) + A = 0
-    true = np.roots([A / w * Ro * C, A / w + Ro * C, 1.0 + A])
-    assert sorted(found.tolist(), key=lambda p: p.imag) == pytest.approx(
-        sorted(true.tolist(), key=lambda p: p.imag), rel=1e-9
-    )
-
-
-def test_a_follower_of_two_poles_oscillates_at_its_closed_form(read: Read) -> None:
-    """A op-amp of A, p1, p2 behind Ro with a load C: Routh's criterion of the third order."""
-    A, p1, p2, Ro = 1e5, 2.0 * math.pi * 100.0, 2.0 * math.pi * 3e6, 100.0
-    text = deck(
-        "follower", f"G1 0 x in out {A / 1e6!r}", "R1 x 0 1meg", f"C1 x 0 {1e-6 / p1!r}",
-        "G2 0 y x 0 1m", "R2 y 0 1k", f"C2 y 0 {1e-3 / p2!r}", "E1 o 0 y 0 1", "Ro o out 100",
-        "CL out 0 10p",
-    )  # fmt: skip
-    (sweep,) = checked(read(text), "CL=10p:100n:21").sweeps
-    # a3 s^3 + a2 s^2 + a1 s + 1 + A with times a = 1/p1, b = 1/p2, c = Ro C: a2 a1 = a3 (1 + A)
-    a, b = 1.0 / p1, 1.0 / p2
-
-    def routh(c: float) -> float:
-        return (a * b + (a + b) * c) * (a + b + c) - a * b * c * (1.0 + A)
-
-    (edge,) = sweep.crossings
-    assert edge.value == pytest.approx(sign_change(routh, 1e-9, 1e-5) / Ro, rel=1e-7)
-
-
-def test_settling_of_two_poles_in_closed_form(read: Read) -> None:
-    """A Sallen-Key filter with equal real poles: y = 1 - (1 + t/T) exp(-t/T)."""
-    text = deck("critical", "R1 in a 10k", "R2 a b 10k", "C1 a out 1n", "C2 b 0 1n",
-                "E1 out 0 b 0 1")  # fmt: skip
-    found = checked(read(text))
-    T = 1e-5
-    settled = T * sign_change(lambda x: (1.0 + x) * math.exp(-x) - 0.01, 0.0, 100.0)
-    (row,) = found.outputs
-    assert row.settling_time is not None
-    assert row.settling_bound is not None
-    assert abs(row.settling_time - settled) <= row.settling_bound + 1e-12 * T
-    assert row.overshoot == pytest.approx(0.0, abs=1e-9)
-
-
-def test_noise_of_an_rc_is_kt_over_c(read: Read) -> None:
-    found = checked(read(deck("RC", "R1 in out 12345", "C1 out 0 3.3p")))
-    (row,) = found.outputs
-    assert row.noise == pytest.approx(math.sqrt(1.380649e-23 * 300.15 / 3.3e-12), rel=1e-5)
-
-
 def test_sensitivities_are_differences_of_poles(read: Read) -> None:
     board = read(DECKS["sallen-key-fast"])
     rows = {row.name: row for row in checked(board).parts}
@@ -314,41 +257,6 @@ def test_the_response_of_a_gain_is_that_of_the_equations(name: str, read: Read) 
         if ports is not None:
             exact = np.stack([ports.exact(1j * each) for each in omega.tolist()])
             assert np.allclose(ports.at(omega), exact, rtol=1e-6, atol=1e-9)
-
-
-def test_the_sensitivity_to_a_negative_capacitance(read: Read) -> None:
-    """C1 - 0.4 nF in parallel: the pole -1 / (R C) moves by C2 / C of itself."""
-    found = checked(read(deck("negative", "R1 in out 1k", "C1 out 0 1n", "C2 out 0 -0.4n")))
-    rates = {row.name: row.real for row in found.parts}
-    assert rates["C1"] == pytest.approx(1.0 / 0.6e-6 / 0.6, rel=1e-6)
-    assert rates["C2"] == pytest.approx(-0.4 / 0.6e-6 / 0.6, rel=1e-6)
-
-
-def test_a_howland_source_has_an_infinite_resistance_where_it_is_balanced(read: Read) -> None:
-    """Then only the load has a pole; else the source adds 1 / R1 - R4 / (R3 R2) to it."""
-    load = 2e3 * 1e-9
-    balanced, off = (poles(read(DECKS[n]).circuit) for n in ("howland-ideal", "howland-unbalanced"))
-    assert balanced.rightmost.real == pytest.approx(-1.0 / load, rel=1e-3)
-    added = 1.0 / 10e3 - 1.0 / 10.5e3
-    source = 1.0 / added + 1.0
-    assert off.rightmost.real == pytest.approx(-(1.0 / 2e3 + 1.0 / source) / 1e-9, rel=1e-3)
-
-
-def test_a_gyrator_is_a_coil(read: Read) -> None:
-    """L = C2 / (g1 g2): s^2 C1 L + s L / Rs + 1 = 0."""
-    found = poles(read(DECKS["gyrator-two-sources"]).circuit)
-    L, C, R = 10e-9 / 1e-6, 1e-9, 1e4
-    exact = np.roots([C * L, L / R, 1.0])
-    assert abs(found.rightmost - exact[exact.imag > 0.0][0]) < 1e-9 * abs(found.rightmost)
-
-
-def test_a_transimpedance_stage_in_closed_form(read: Read) -> None:
-    """A(s) = w / (s + w / A0): (1 + s Rf (Cd + Cf)) (s + w / A0) + w (1 + s Rf Cf) = 0."""
-    found = poles(read(DECKS["transimpedance-closed"]).circuit)
-    w, A, Rf, Cd, Cf = 6.283185307179586e7, 1e5, 1e5, 40e-12, 0.4e-12
-    total = Rf * (Cd + Cf)
-    exact = np.roots([total, 1.0 + total * w / A + w * Rf * Cf, w / A + w])
-    assert abs(found.rightmost - exact[exact.imag > 0.0][0]) < 1e-9 * abs(found.rightmost)
 
 
 @pytest.mark.parametrize("text", ["v(out)=1@-5%", "v(out)=1@-1mV", "out=1@", "v(out)=1@nan%"])

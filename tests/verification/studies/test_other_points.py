@@ -37,7 +37,7 @@ def drawn(kind: str, seed: int) -> str:
     return text + f"B1 x0 0 V=12*tanh({1e4 * r[2]}*V(p))\nR3 x0 x {r[3]}k\nE1 out 0 x 0 1"
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(1))
 @pytest.mark.parametrize("kind", ["latch", "schmitt", "hidden", "exchanged"])
 def test_a_deck_that_latches_is_named_with_its_points(kind: str, seed: int, tmp_path: Path) -> None:
     """Two stable points stand on either side of the unstable one."""

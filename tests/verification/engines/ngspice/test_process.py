@@ -77,18 +77,6 @@ def test_an_include_file_stands_beside_the_deck(simulator: Simulator) -> None:
     assert waveforms["out"][-1] == pytest.approx(0.5 * -np.expm1(-10.0), rel=1e-5)
 
 
-def test_two_runs_at_the_same_time(simulator: Simulator) -> None:
-    decks = [transient(step=step, stop=2e-4) for step in (1e-8, 2e-8)]
-    with (
-        start(decks[0], simulator, timeout=30.0) as fine,
-        start(decks[1], simulator, timeout=30.0) as coarse,
-    ):
-        fine_points, coarse_points = (len(run.result().time) for run in (fine, coarse))
-    assert fine_points / coarse_points == pytest.approx(2.0, rel=0.01)
-    assert not fine.folder.exists()
-    assert not coarse.folder.exists()
-
-
 def test_run_folder_goes_on_success_and_stays_when_asked(
     simulator: Simulator, tmp_path: Path
 ) -> None:
@@ -218,12 +206,6 @@ def test_out_of_disk(case: str, simulator: Simulator, tmp_path: Path) -> None:
         assert 0.0 < partial.time[-1] < 1e-4
 
 
-def test_a_run_folder_that_cannot_be_written(simulator: Simulator, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutOfDisk, match="cannot be made"):
-        simulate(transient(), simulator, timeout=30.0, folder=tmp_path / "file" / "run")
-
-
 def test_timeout_ends_the_whole_group_and_keeps_what_was_written(
     simulator: Simulator, tmp_path: Path
 ) -> None:
@@ -283,12 +265,6 @@ def fake(folder: Path, answer: str) -> str:
     path.write_text(f"#!/bin/sh\necho x >> {folder}/calls\necho '{answer}'\n")
     path.chmod(0o755)
     return str(path)
-
-
-def test_the_real_one(ngspice: str) -> None:
-    simulator = find_simulator(ngspice)
-    assert simulator.version >= 39
-    assert simulator.solver_option == ("klu" if simulator.klu else "noopiter")
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from taction.verification.studies.sweep.run import sweep
 from tests.support.clusters import address, another_taction, scheduler, worker
 from tests.support.making import NEAR_IDEAL, make_scene
 from tests.support.running import taction as command
-from tests.support.studying import one_thread, scene_file, small_scene
+from tests.support.studying import scene_file, small_scene
 
 DESIGN = {"capacitance": "100pF", "gain": "100kohm", "stray_capacitance": 0, "opamp": NEAR_IDEAL}
 POINTS = 60
@@ -51,23 +51,6 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
         rows = list(records(plan, store))
     assert count.outcomes == {"pass": POINTS}
     assert len(rows) == count.ran == POINTS
-
-
-def test_a_sweep_by_ngspice_is_that_of_one_process(tmp_path: Path, ngspice: str) -> None:
-    assert ngspice
-    asked = make_scene({"channels": 2, "span": 1.2}, design=DESIGN)
-    plan = Plan(asked, parse_axes(asked, ["C=50p:500p:8"]), "ngspice")
-    with ExitStack() as stack:
-        file = stack.enter_context(scheduler(tmp_path))
-        worker(stack, file)
-        store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
-        there = sweep(plan, store, stack.enter_context(cluster(address(file))))
-        memory = Store(":memory:")
-        here = sweep(plan, memory, stack.enter_context(one_thread()))
-        pairs = list(zip(records(plan, store), records(plan, memory), strict=True))
-    assert there.total == there.ran == here.ran == len(pairs) == 8
-    assert there.outcomes == here.outcomes == {"pass": 8}
-    assert all(a["settling_time"] == b["settling_time"] for a, b in pairs)
 
 
 def test_a_yield_and_the_corners_are_those_of_one_process(tmp_path: Path) -> None:

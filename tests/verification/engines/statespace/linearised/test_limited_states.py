@@ -7,7 +7,6 @@ import pytest
 
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards, stepped
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.elimination import _parts_decomposed
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles
 
@@ -52,17 +51,3 @@ def test_coils_in_series_are_one_state(small: float) -> None:
         "r4 q 0 1e12",
     )
     np.testing.assert_allclose(poles(made).poles, [-small / 3e-3], rtol=1e-8)
-
-
-def test_parts_are_decomposed_by_themselves(rng: np.random.Generator) -> None:
-    A = np.zeros((7, 7))
-    A[np.ix_([0, 3], [0, 3])] = [[1.0, -1.0], [-1.0, 1.0]]
-    A[np.ix_([1, 5], [1, 5])] = rng.normal(size=(2, 2))
-    A[6, 6] = -3.0
-    U, S, Vt = _parts_decomposed(A)
-    np.testing.assert_allclose(U * S @ Vt, A, atol=1e-14)
-    np.testing.assert_allclose(U @ U.T, np.eye(7), atol=1e-14)
-    np.testing.assert_allclose(Vt @ Vt.T, np.eye(7), atol=1e-14)
-    assert np.all(np.diff(S) <= 0.0)
-    zero = np.flatnonzero(S < 1e-12)  # 0 and 3 together, 2 and 4 each alone
-    assert np.sum(np.count_nonzero(Vt[zero], axis=1) == 1) == 2

@@ -49,7 +49,7 @@ def true_poles(A: Floats) -> Complexes:
 
 
 @pytest.mark.parametrize("decades", [3.0, 9.0, 15.0])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_transient_is_within_its_bounds(decades: float, seed: int) -> None:
     A = stiff(decades, seed)
     start = np.random.default_rng([seed, 1]).standard_normal(len(A))
@@ -71,7 +71,7 @@ def test_a_transient_is_within_its_bounds(decades: float, seed: int) -> None:
 
 
 @pytest.mark.parametrize("decades", [3.0, 9.0, 15.0])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_slow_poles_do_not_lose_the_digits_of_the_fast_ones(decades: float, seed: int) -> None:
     A = stiff(decades, seed)
     modes, truth = decompose([A]), true_poles(A)

@@ -13,7 +13,6 @@ from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.stamps import stamp
-from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.simulate import simulate
 from tests.support.boards import IDEAL, board, kernel, lags, paper_board, strain
@@ -84,23 +83,6 @@ def test_modes_that_have_faded_are_not_missed() -> None:
     rates = (np.exp(np.outer(t, poles)) @ (share * poles[:, None])).real
     slope = solution.derivative(t)
     assert np.all(np.abs(slope - rates) <= 1e-12 * np.abs(rates).max(axis=0))
-
-
-def test_a_start_along_a_mode_shows_only_that_mode() -> None:
-    circuit = paper_board(5e-12)
-    space = LinearBoard(circuit).state_space
-    poles, vectors = np.linalg.eig(space.A)
-    lead = int(np.argmax(poles.real))
-    quiet = replace(circuit, currents=())
-    charged = [space.nodes[k] for k in np.flatnonzero(space.descriptor.dense.mass.any(axis=1))]
-    vectors = space.C @ vectors
-    volts = 1e-3 * vectors[[space.nodes.index(name) for name in charged], lead].real
-    voltages = dict(zip(charged, volts, strict=True))
-    t = np.linspace(0.0, 1e-4, 201)
-    record = simulate(quiet, Transient(1e-4, 1e-6, voltages=voltages), times=t)
-    shape = vectors[[space.nodes.index(n) for n in circuit.signal_nodes], lead]
-    wanted = 1e-3 * (np.exp(poles[lead] * t)[:, None] * shape).real
-    assert record.values == pytest.approx(wanted, abs=1e-7 * np.abs(wanted).max())
 
 
 def test_from_rest_a_board_with_a_voltage_source_does_not_move_without_strain() -> None:

@@ -18,23 +18,6 @@ from taction.verification.engines.statespace.transients.modal_steps import Modal
 from taction.verification.engines.statespace.transients.radau import STAGES, tableau
 
 
-def test_three_stages_are_the_published_ones() -> None:
-    method = tableau(3)
-    root = np.sqrt(6.0)
-    assert method.c == pytest.approx([(4 - root) / 10, (4 + root) / 10, 1.0], rel=1e-14)
-    third = 3.0 ** (1 / 3)
-    assert method.shifts[0] == pytest.approx(3 + third**2 - third, rel=1e-12)
-
-
-@pytest.mark.parametrize("stages", [3, 9])
-def test_the_coefficients_are_those_of_the_polynomial_through_start_and_stages(stages: int) -> None:
-    method = tableau(stages)
-    theta = np.append(0.0, method.c)
-    assert method.legendre @ (2.0 * theta - 1.0) == pytest.approx([0.0, 1.0] + [0.0] * (stages - 1))
-    square = method.legendre @ (2.0 * theta - 1.0) ** 2  # 1/3 P0 + 2/3 P2
-    assert square[:3] == pytest.approx([1 / 3, 0.0, 2 / 3])
-
-
 @pytest.mark.parametrize("stages", [3, 5, 9])
 def test_a_method_integrates_polynomials_up_to_its_order(stages: int) -> None:
     method = tableau(stages)
