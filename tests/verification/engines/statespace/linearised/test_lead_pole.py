@@ -58,6 +58,19 @@ def test_the_bound_is_that_of_the_mode(C: float) -> None:
     assert lead.errors[0] > 64.0 * EPS * abs(lead.poles[0])
 
 
+def test_a_board_beside_others_has_the_digits_that_it_has_alone() -> None:
+    values = (8e-12, 10e-12, 30e-12)
+    boards = [paper_board(C) for C in values] + [single_mode(1e-6), lags(3, 1e-6)]
+    spaces = [LinearBoard(board).state_space for board in boards]
+    together = lead_poles(spaces)
+    assert together[-1] is None
+    for space, lead in zip(spaces[:-1], together, strict=False):
+        assert lead is not None
+        alone = found(space)
+        assert lead.poles.tobytes() == alone.poles.tobytes()
+        assert lead.errors.tobytes() == alone.errors.tobytes()
+
+
 def test_poles_that_cannot_be_told_apart_are_left_to_the_modes() -> None:
     """Equal lags in a row are one defective pole; equal channels have equal poles."""
     channels = Scene.from_arrays(np.eye(2), np.ones(2), lam=0.1, capacitance="10pF")
