@@ -8,6 +8,7 @@ that ngspice repeats this point to the last bit. It has a source of current into
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -143,9 +144,9 @@ def find_point(
     point = DeckPoint(tuple(lines), cards, found, volts, OWN, options, mode, _weights(nodes))
     shared = [*lines, *_probes(point.weights)]
     commands = [AT_ONCE, f"save all {' '.join(asked)}", "op", f"write {RESULT}"]
-    for limits in TRIED:
-        for _ in range(2):  # the second time ngspice's last step, which junctions lack, is nearly 0
-            text = (*shared, f".options {limits} {options}", *point.starts)
+    for limits, near in itertools.product(TRIED, (True, False)):
+        for _ in range(1 + near):  # again: ngspice's last step, which junctions lack, is nearly 0
+            text = (*shared, f".options {limits} {options}", *(point.starts if near else ()))
             answers = run_commands(text, commands, simulator, mode=mode, seconds=TRIED_SECONDS)
             if not (again := read_volts(answers)):
                 break

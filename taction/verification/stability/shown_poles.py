@@ -28,7 +28,7 @@ HIDDEN = 1e-9  # of the largest voltage of a mode: outputs with less do not show
 SHOWS = 0.1  # of this voltage: nodes with more show a mode beyond the band
 BAND = 1e10  # Hz: no board has a pole beyond
 STRAYS = (1e-14, 1e-13, 1e-12)  # F: one of them takes poles of the models away
-FAINT = 1e-18  # F, at every node beside such a delay
+FAINTS = (1e-18, 1e-16, 1e-15)  # F, at every node beside such a delay: likewise
 NONE: Complexes = np.zeros(0, complex)
 NAMED = 3  # poles in a sentence
 
@@ -134,7 +134,9 @@ def _of_models(circuit: Circuit, near: int, nodes: Iterable[str]) -> bool:
         more = replace(circuit, knobs=(), capacitors=(*circuit.capacitors, *strays))
         if len(_growing(more)) == near:
             return True
-    return bool(np.all(np.abs(_growing(delayed(circuit, FAINT))) <= math.pi * BAND))
+    return any(
+        np.all(np.abs(_growing(delayed(circuit, farads))) <= math.pi * BAND) for farads in FAINTS
+    )
 
 
 def _growing(circuit: Circuit) -> Complexes:

@@ -337,6 +337,7 @@ def _parts_decomposed(A: Floats) -> tuple[Floats, Floats, Floats]:
         places = slice(begin, begin := begin + len(own))
         U[own, places], S[places], Vt[places, own] = np.linalg.svd(A[np.ix_(own, own)])
     order = np.argsort(-S, kind="stable")
+    U, Vt = (np.where(np.abs(X) < ROUNDING, 0.0, X) for X in (U, Vt))  # else rounding couples
     return U[:, order], S[order], Vt[order]
 
 
