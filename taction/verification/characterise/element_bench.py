@@ -129,6 +129,11 @@ class _Bench:
             text = f"{shown(element.name)}: ngspice has no voltage or current {error} at rest"
             raise CardError(text) from None
 
+    def _ohms(self, element: Element, i: int) -> float:
+        """Return the resistance before a terminal; that of a base (with RBM) is as at rest."""
+        siemens = self.volts.get(f"{element.name}[gx]", 0.0) if i == 1 else 0.0
+        return max(1.0 / siemens if siemens else element.inner[i][1], LEAST_OHMS)
+
     def _copy(self, tag: str, element: Element, pattern: str, excited: int) -> _Copy:
         """Put a copy on the bench, with one of what it depends on excited."""
         rest, count = self._held(element), len(element.held)
@@ -143,8 +148,7 @@ class _Bench:
             outer = node
             if i in inner:
                 outer = f"x{tag}_{i}"
-                ohms = max(inner[i][1], LEAST_OHMS)
-                self.cards.append(f"rh{tag}_{i} {outer} {node} {ohms!r}")
+                self.cards.append(f"rh{tag}_{i} {outer} {node} {self._ohms(element, i)!r}")
             self.cards.append(f"vh{tag}_{i} {outer} 0 dc {rest[i]!r} ac {int(i == excited)}")
         for j in range(len(element.currents)):
             self.cards.append(f"v{tag}_c{j} k{tag}_{j} 0 dc 0")
@@ -182,8 +186,8 @@ class _Bench:
         ports = tuple(element.inner[i][0] if i in element.inner else element.held[i]
                       for i in range(n))  # fmt: skip
         resistors = tuple(
-            (element.held[i], inner, max(ohms, LEAST_OHMS))
-            for i, (inner, ohms) in sorted(element.inner.items())
+            (element.held[i], inner, self._ohms(element, i))
+            for i, (inner, _) in sorted(element.inner.items())
         )
         outer = self.volts.get(f"{element.name}[cbx]", 0.0) if 1 in element.inner else 0.0
         made = MeasuredElement(element, G, C, rest, held, ports, resistors, outer)

@@ -6,7 +6,7 @@ rests. All counts from its last terminal, so that a device between floating node
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -50,7 +50,6 @@ def add_measured(flat: Flat, found: Iterable[MeasuredElement]) -> None:
 def _device(flat: Flat, each: MeasuredElement) -> None:
     name, ports, n = each.element.name, each.ports, each.element.terminals
     end, controls = ports[-1], [*ports, *each.element.held[n:]]
-    scale = float(np.abs(each.C).max(initial=0.0))
     for i, a in enumerate(ports[:-1]):
         for j, b in enumerate(controls):
             if j != n - 1 and each.G[i, j]:
@@ -69,9 +68,27 @@ def _device(flat: Flat, each: MeasuredElement) -> None:
             part = CurrentBetween(f"{name}#i{i}", a, end, offset, offset)
             flat.branches.append(part)
             flat.stimuli[part.card] = Stimulus(offset, offset, kind=FIXED)
-    sums = np.diag(each.C).copy()
-    for i in range(n - 1):
-        for j in range(i):
+    _charges(flat, each, controls)
+
+
+def _charges(flat: Flat, each: MeasuredElement, controls: Sequence[str]) -> None:
+    """Add the capacitances of a device, from the last of its terminals that have any.
+
+    Where the substrate has none, the others sum to zero, and from there rounding would be a pole.
+    """
+    name, ports, n = each.element.name, each.ports, each.element.terminals
+    scale = float(np.abs(each.C).max(initial=0.0))
+    large = np.abs(each.C) > SMALL * scale
+    *own, last = [i for i in range(n) if large[i].any() or large[:, i].any()] or [0]
+    end, sums = ports[last], np.diag(each.C).copy()
+
+    def charge(i: int, j: int, value: float, control: tuple[str, str]) -> None:
+        if abs(value) > SMALL * scale:
+            card = f"{name}#q{i}{j}"
+            flat.branches.append(ChargeByVoltage(card, ports[i], end, value, control))
+
+    for i in own:
+        for j in own[: own.index(i)]:
             one, other = float(each.C[i, j]), float(each.C[j, i])
             shared = min(one, other, key=abs) if one * other > 0.0 else 0.0
             if abs(shared) > SMALL * scale and ports[i] != ports[j]:
@@ -80,21 +97,13 @@ def _device(flat: Flat, each: MeasuredElement) -> None:
                 sums[j] += shared
             else:
                 shared = 0.0
-            for to, by, value in ((i, j, one - shared), (j, i, other - shared)):
-                if abs(value) > SMALL * scale:
-                    charge = ChargeByVoltage(
-                        f"{name}#q{to}{by}", ports[to], end, value, (ports[by], end)
-                    )
-                    flat.branches.append(charge)
+            charge(i, j, one - shared, (ports[j], end))
+            charge(j, i, other - shared, (ports[i], end))
         for j in range(n, len(controls)):
-            if abs(value := float(each.C[i, j])) > SMALL * scale:
-                card = f"{name}#q{i}{j}"
-                flat.branches.append(
-                    ChargeByVoltage(card, ports[i], end, value, (controls[j], GROUND))
-                )
-    for i, a in enumerate(ports[:-1]):
-        if abs(sums[i]) > SMALL * scale and a != end:
-            flat.capacitors.append(Capacitor(f"{name}#c{i}", a, end, float(sums[i])))
+            charge(i, j, float(each.C[i, j]), (controls[j], GROUND))
+    for i in own:
+        if abs(sums[i]) > SMALL * scale and ports[i] != end:
+            flat.capacitors.append(Capacitor(f"{name}#c{i}", ports[i], end, float(sums[i])))
 
 
 def _drop(each: MeasuredElement, i: int) -> float:

@@ -94,6 +94,18 @@ def test_a_pole_of_a_negative_capacitance_does_not_decide(
     assert not latching(made.circuit)
 
 
+def test_a_pole_of_a_model_where_strays_of_one_size_leave_no_digit() -> None:
+    """1 uohm beside 1e-18 F: a pole at -1e24 /s, whose rounding hides all others."""
+    cards = [
+        *("e2 x 0 n 0 1meg", "r3 m 0 1u", "f2 x m v2 -1", "v2 p 0 0", "e3 q 0 x m 1"),
+        *("c2 p q 2.9n", "c4 n 0 80n", "r4 n 0 87k", "e1 o 0 a x 1", "r5 a n 1u"),
+    ]
+    made = LinearBoard(circuit_of(read_cards(cards), "a", ["n"]))
+    shown, apart = told_apart(made, poles(made))
+    np.testing.assert_allclose(apart.far, [1e6 / 2.9e-9], rtol=1e-3)
+    assert shown.known_stable
+
+
 def test_a_pole_that_rounding_hides_is_said_and_does_not_decide() -> None:
     """Two nodes with 1 mS each: 1 nF between them, and 3e-24 F that is lost beside it.
 

@@ -19,7 +19,7 @@ from taction.verification.engines.statespace.linearised.modes import Modes
 UNITS = 4.0  # times rounding: error of a stamped value
 ASIDE = 1e-4  # of a pole: distance of the point at which its left vector is found
 MIXED = 0.5  # spectral radius of what modes share in M: with a larger one nothing is said of pairs
-WORK = 2e9  # products of the solves; of a larger board the rightmost poles are checked
+WORK = 2e9  # products of all pairs; of a larger board the rightmost poles are checked
 
 
 class PoleResiduals(NamedTuple):
@@ -50,7 +50,7 @@ def pole_residuals(
     equations are the eigenvalues of ``S - (1 + F)^-1 R``: to first order those of ``S - R``.
     """
     size, n = seen.shape
-    count = min(n, max(1, int(WORK / size**3)))
+    count = min(n, max(1, int(WORK / size**2)))
     unknown = PoleResiduals(np.full(count, np.inf))
     if not modes.defect < 1.0:
         return unknown
@@ -63,14 +63,10 @@ def pole_residuals(
     largest = np.abs(rows).max(axis=1, keepdims=True)
     rows /= np.where(largest > 0.0, largest, 1.0)  # the size of a left vector says nothing
     aside = ASIDE * np.maximum(np.abs(poles), 1e-6 * np.abs(modes.poles).max(initial=0.0))
-    pencils = (poles + aside)[:, None, None] * mass - pull
-    scale = np.abs(pencils).max(axis=2, keepdims=True)
-    scale[scale == 0.0] = 1.0
     try:
-        turned = np.linalg.solve((pencils / scale).swapaxes(1, 2), rows[:, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:
+        left = _turned(mass, pull, poles + aside, rows)
+    except RuntimeError:  # singular
         return unknown
-    left = turned / scale[:, :, 0]
     v, w, s = (part.astype(np.clongdouble) for part in (right, left, poles))
     charged = M @ v
     missing = s * charged - K @ v
@@ -97,6 +93,22 @@ def pole_residuals(
     between = mixed @ np.linalg.solve(np.eye(n) - mixed, residuals)
     np.fill_diagonal(residuals, np.diag(unsure))
     return PoleResiduals(bounds, (-own, _known(residuals + between)))
+
+
+def _turned(mass: Floats, pull: Floats, near: Complexes, rows: Complexes) -> Complexes:
+    """Solve ``left (s M - K) = row`` for each place s near a pole, (k,); equations are scaled."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.linalg import splu
+
+    i, j = np.nonzero((mass != 0.0) | (pull != 0.0))
+    M, K, found = mass[i, j], pull[i, j], np.empty(rows.shape, complex)
+    for k, s in enumerate(near):
+        values, scale = s * M - K, np.zeros(len(mass))
+        np.maximum.at(scale, i, np.abs(values))
+        scale[scale == 0.0] = 1.0
+        pencil = coo_array((values / scale[i], (j, i)), mass.shape).tocsc()
+        found[k] = splu(pencil).solve(rows[k]) / scale
+    return found
 
 
 def _known(bound: Floats) -> Floats:

@@ -9,6 +9,7 @@ from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards, stepped
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles
+from tests.support.nodal_analysis import exact_poles
 
 TAU = 1e-6  # s: 1 kohm and 1 nF
 TIMES = np.array([1e-8, 1e-7, 1e-6, 3e-6])
@@ -51,3 +52,19 @@ def test_coils_in_series_are_one_state(small: float) -> None:
         "r4 q 0 1e12",
     )
     np.testing.assert_allclose(poles(made).poles, [-small / 3e-3], rtol=1e-8)
+
+
+def test_a_current_beside_nodes_that_capacitors_join_is_no_equation_of_rounding() -> None:
+    """A vendor's op-amp: the current of V5, which a capacitor takes from X, returns through F2.
+
+    What rounding leaves of this current in the voltages of the capacitors is none of it.
+    """
+    cards = [
+        *("v1 in 0 1", "e1 r 0 s 0 1", "e2 a b in r 50", "e3 b r out r 50", "v5 x y 0"),
+        *("f2 0 x v5 1", "r4 p 0 6", "r17 x 0 110", "c1 in out 5p", "c8 a t 100p", "c9 u r 10p"),
+        *("cf s 0 1u", "cj1 out q 0.6p", "cj2 p w 0.25p", "cj3 w q 0.6p", "cd y u 0.8p"),
+        *("r1 in out 1k", "r2 t 0 1", "r3 u 0 1k", "r5 s 0 250k", "r6 q 0 10", "e4 w 0 t 0 1"),
+    ]
+    wanted = exact_poles(cards)
+    found = poles(LinearBoard(circuit_of(read_cards(cards), "a", ["out"])))
+    np.testing.assert_allclose(found.poles, sorted(wanted, key=lambda p: -p.real))
