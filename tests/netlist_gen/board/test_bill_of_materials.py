@@ -74,14 +74,6 @@ def test_a_board_from_a_series_has_standard_values_only(series: str) -> None:
     assert [line.value for line in lines if line.preferred] == []
 
 
-def test_tolerances_are_those_that_the_scene_gives() -> None:
-    given = parts_of({"tolerances": {"resistor": 0.001}}).lines
-    assert {(line.kind, line.tolerance) for line in given} == {
-        ("resistor", 0.001),
-        ("capacitor", None),
-    }
-
-
 @pytest.mark.parametrize(
     ("opamp", "packages", "spare"), [("ua741", 9, 0), ("lf353", 5, 1), ("tl084", 3, 3)]
 )

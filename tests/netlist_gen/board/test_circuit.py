@@ -67,14 +67,3 @@ def test_a_turned_knob_is_the_board_of_the_other_scene(
     for fact in other.facts.values():
         assert turned.value(fact.name) == pytest.approx(fact.value, rel=1e-12)
     assert scaled_parts(circuit, [knob]) != scaled_parts(turned, [knob])
-
-
-def test_what_a_topology_does_not_state_is_named() -> None:
-    circuit = board()
-    with pytest.raises(ValueError, match="topology 'integrator' states no fact 'Ve'"):
-        circuit.value("Ve")
-    with pytest.raises(ValueError, match="topology 'integrator' has no knob 'stray'"):
-        circuit.knob("stray")
-    with pytest.raises(ValueError, match=r"design\.unit_conductance does not scale parts"):
-        circuit.turned("G0", 1e-6)
-    assert circuit.named("a role of nobody") == ()

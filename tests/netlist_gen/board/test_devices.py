@@ -60,11 +60,6 @@ def test_programmed_conductances_stay_within_the_window() -> None:
     np.testing.assert_allclose(found, [5e-6, 7e-6, 9e-6, 1e-6], rtol=1e-12)
 
 
-def test_a_device_without_a_window_keeps_a_positive_conductance() -> None:
-    device = Device(programming_error=(1e-5,))
-    assert np.all(device.programmed(np.array([1e-6, 2e-6]), np.array([-9.0, -9.0])) > 0.0)
-
-
 def test_drift_is_the_power_law_of_its_source_and_has_an_inverse() -> None:
     """aihwkit: nu = clip(-0.0155 ln x + 0.0244, 0.049, 0.1), sd clip(-0.0125 ln x - 0.0059, ..)."""
     day = replace(load_devices()["pcm-aihwkit"], age=86400.0)
@@ -79,11 +74,6 @@ def test_drift_is_the_power_law_of_its_source_and_has_an_inverse() -> None:
     np.testing.assert_allclose(day.spreads(now)["programming"], fresh * now / aimed, rtol=1e-9)
 
 
-def test_standard_deviations_of_all_reasons_add_as_squares() -> None:
-    one = Device(programming_error=(3e-7,), read_noise=0.04)
-    assert one.spread(np.array([1e-5]))[0] == pytest.approx(5e-7, rel=1e-12)
-
-
 def test_a_share_of_the_cells_is_stuck_and_the_others_are_as_before(
     rng: np.random.Generator,
 ) -> None:
@@ -94,3 +84,8 @@ def test_a_share_of_the_cells_is_stuck_and_the_others_are_as_before(
         assert count == pytest.approx(20_000 * share, abs=4.0 * math.sqrt(20_000 * share))
     others = found[(found > 1e-6) & (found < 9e-6)]
     assert np.std(others) == pytest.approx(1e-8, rel=4.0 / math.sqrt(2.0 * len(others)))
+
+
+def test_standard_deviations_of_all_reasons_add_as_squares() -> None:
+    one = Device(programming_error=(3e-7,), read_noise=0.04)
+    assert one.spread(np.array([1e-5]))[0] == pytest.approx(5e-7, rel=1e-12)

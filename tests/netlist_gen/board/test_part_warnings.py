@@ -129,9 +129,3 @@ def test_every_limit_has_a_reason_and_the_documentation_has_it() -> None:
     page = " ".join((ROOT / "docs" / "parts.md").read_text("utf-8").split())
     for limit in LIMITS.values():
         assert f"| {limit.reason} |" in page
-
-
-def test_the_limits_themselves_are_accepted() -> None:
-    assert warnings(resistance="10Mohm", inverter_resistance="10ohm") == ()
-    assert warnings(capacitance="10pF", stray_capacitance="10pF") == ()
-    assert warnings(capacitance="1fF", stray_capacitance=0) == ()

@@ -6,7 +6,6 @@ import math
 import re
 import tracemalloc
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from taction.netlist_gen.analysis import Analysis, OperatingPoint, Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.parts import Resistor
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.deck.board_cards import matrix_lines
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
@@ -75,15 +72,6 @@ def test_golden_split_deck() -> None:
     assert deck.files == {"golden_matrix.inc": matrix}
 
 
-@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
-def test_the_same_scene_gives_the_same_bytes(path: Path) -> None:
-    def text() -> str:
-        scene = load_scene(path)
-        return write_deck(synthesise(scene, make_problem(scene)), Transient(1e-4, 1e-7)).text
-
-    assert text() == text()
-
-
 def test_every_value_keeps_every_digit() -> None:
     circuit = build(LINEAR, [[1 / 3, -math.pi]], [1 / 7])
     text = write_deck(circuit, Transient(1e-4 / 3, 1e-7 / 3)).text
@@ -98,17 +86,6 @@ def test_every_value_keeps_every_digit() -> None:
             assert not re.search(r" \d[\d.]*(meg|[fpnumkgt])\b", line, re.IGNORECASE), line
 
 
-def test_a_resistor_is_called_by_row_and_column() -> None:
-    assert matrix_lines(build(LINEAR).matrices) == [
-        "Rf_1_1 a_1 c_1 1000000.0",
-        "Rf_1_2 v_2 c_1 2000000.0",
-        "Rf_2_2 a_2 c_2 4000000.0",
-        "Rb_1_1 w_1 x_1 1000000.0",
-        "Rb_1_2 z_1 x_2 2000000.0",
-        "Rb_2_2 w_2 x_2 4000000.0",
-    ]
-
-
 @pytest.mark.usefixtures("ngspice")
 @pytest.mark.parametrize("design", [LINEAR, EXPONENTIAL, CASES["linear"][0], CASES["passive"][0]])
 @pytest.mark.parametrize("solver", ["klu", "noopiter"])
@@ -120,16 +97,6 @@ def test_an_operating_point_of_every_kind_of_board(design: dict[str, Any], solve
     wanted = LinearBoard(circuit).equilibrium
     found = rest_of(circuit, nodes, solver=solver, relative=1e-9)
     assert found == pytest.approx([wanted[node] for node in nodes], rel=1e-6, abs=1e-9)
-
-
-@pytest.mark.usefixtures("ngspice")
-def test_the_signs_of_an_ideal_board_by_hand() -> None:
-    """One channel, T = 1: u = eps / (1 + lam), w = s G0 (u - eps), v = u."""
-    circuit = build({**LINEAR, "opamp": NEAR_IDEAL, "gain": "2Mohm"}, [[1.0]], [0.5])
-    v, a, w = rest_of(circuit, ("v_1", "a_1", "w_1"), relative=1e-9)
-    assert v == pytest.approx(0.5 / 1.1, rel=1e-7)
-    assert a == pytest.approx(-0.5 / 1.1, rel=1e-7)
-    assert w == pytest.approx(2.0 * (0.5 / 1.1 - 0.5), rel=1e-6)
 
 
 @pytest.mark.usefixtures("ngspice")
@@ -219,50 +186,15 @@ def test_the_scale_of_the_conductances_does_not_matter(G0: float, solver: str) -
     assert time.values[-1] == pytest.approx(wanted, rel=1e-4)
 
 
-def test_options_follow_the_analysis() -> None:
-    circuit = build(LINEAR)
-    gear = write_deck(circuit, Transient(1e-4, 1e-7, method="gear"), solver="noopiter").text
-    assert ".options noopiter\n" in gear
-    assert "method=gear" in gear
-    assert "method=" not in write_deck(circuit, OperatingPoint()).text
-    assert ".options klu\n" in write_deck(circuit, OperatingPoint()).text
-
-
-def test_only_the_nodes_asked_for_are_saved() -> None:
-    deck = write_deck(build(LINEAR), OperatingPoint(), saved=["w_2", "v_1"])
-    assert deck.saved == ("w_2", "v_1")
-    assert ".save v(w_2) v(v_1)\n" in deck.text
-
-
-def test_the_header_says_what_the_deck_is() -> None:
-    head = [
-        x for x in write_deck(build(EXPONENTIAL), OperatingPoint()).text.split("\n") if x[:1] == "*"
-    ]
-    text = "\n".join(head)
-    for part in ("scene scene: 2 channels, 2 sensors, exponential", "units: ohm, F, V, A, s",
-                 "G0 = 1e-06 S", "U0 = 0.5 V", "Ve = 0.1 V", "lambda = 0.1", "u_1 = -v(a_1)",
-                 "left out: 2 matrix resistors; 1 entries of T are zero"):  # fmt: skip
-        assert part in text
-
-
 def test_a_large_board_is_written_in_little_memory() -> None:
-    """131,072 resistors as lines, not as objects: 8 MB of text, and not much beside it."""
-    circuit = build(LINEAR, np.random.default_rng(0).standard_normal((256, 256)), np.ones(256))
+    """32,768 resistors as lines, not as objects: 2 MB of text, and not much beside it."""
+    circuit = build(LINEAR, np.random.default_rng(0).standard_normal((128, 128)), np.ones(128))
     tracemalloc.start()
     deck = write_deck(circuit, Transient(1e-4, 1e-7))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert len(re.findall(r"^R[fb]_\d+_\d+ ", deck.text, re.MULTILINE)) == 2 * 256 * 256
-    assert peak < 100e6
-
-
-def test_a_part_with_a_name_of_its_own_comes_through() -> None:
-    circuit = build(LINEAR)
-    extra = Resistor("load_1", "v_1", "0", 1234.5)
-    text = write_deck(
-        replace(circuit, resistors=(*circuit.resistors, extra)), OperatingPoint()
-    ).text
-    assert "Rload_1 v_1 0 1234.5\n" in text
+    assert len(re.findall(r"^R[fb]_\d+_\d+ ", deck.text, re.MULTILINE)) == 2 * 128 * 128
+    assert peak < 25e6
 
 
 def test_an_exponential_board_starts_at_every_resolution(ngspice: str) -> None:

@@ -90,13 +90,6 @@ def test_elements_subcircuits_models_and_parameters_have_names() -> None:
     assert ".param C=4.7e-11" in str(made)
 
 
-def test_a_vendors_subcircuit_stays_text() -> None:
-    vendor = "\n.subckt amp inp inn out\nD1 inp out diode\n.model diode d(is=1e-14)\n.ends amp\n"
-    deck = deck_of("known-readings")
-    made = replace(deck, text=deck.text.replace(".end\n", f"{vendor}.end\n")).to_pyspice()
-    assert vendor.strip() in made.raw_spice
-
-
 def test_another_dialect_is_refused() -> None:
     with pytest.raises(ValueError, match="'hspice' has no PySpice circuit; expected ngspice"):
         deck_of("known-readings", dialect="hspice").to_pyspice()

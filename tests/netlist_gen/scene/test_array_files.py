@@ -16,9 +16,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
-from taction.verification.verdict.verify import verify
 from tests.support.making import write_matrix_scene
-from tests.support.running import taction
 
 
 @pytest.fixture
@@ -80,12 +78,6 @@ def test_a_file_that_is_no_numpy_file(scene: Scene, tmp_path: Path, content: byt
     (tmp_path / "T.npy").write_bytes(content)
     with pytest.raises(InputError, match=r"expected a \.npy file of real numbers"):
         read_array(scene, "problem.matrix", "T.npy", (None, None))
-
-
-def test_a_profile_has_two_columns(scene: Scene, tmp_path: Path) -> None:
-    (tmp_path / "p.csv").write_text("0,1,2\n1,2,3\n")
-    with pytest.raises(InputError, match="shape 2 x 3; expected any x 2"):
-        read_profile(scene, "problem.load.file", "p.csv")
 
 
 def test_a_numpy_header_that_lies_takes_no_memory(scene: Scene, tmp_path: Path) -> None:
@@ -170,22 +162,6 @@ def scene_file(folder: Path, matrix: str) -> Path:
     return path
 
 
-def test_the_board_settles_at_the_solution_of_the_normal_equations(tmp_path: Path) -> None:
-    T, eps = np.array([[1.0, 0.2], [0.2, 1.0]]), np.array([1.0, 0.5])
-    verdict = verify(load_scene(scene_file(tmp_path, "[[1, 0.2], [0.2, 1]]")))
-    expected = np.linalg.solve(T.T @ T + 0.1 * np.eye(2), T.T @ eps)
-    assert [c.target for c in verdict.measurements.channels] == pytest.approx(expected.tolist())
-    assert verdict.outcome.value == "pass"
-
-
-def test_a_sweep_and_its_workers_read_it_too(tmp_path: Path) -> None:
-    path = scene_file(tmp_path, "[[1, 0.2], [0.2, 1]]")
-    words = ("sweep", str(path), "--over", "C=50p,100p", "-o", str(tmp_path / "a.sqlite"))
-    done = taction(*words, "--jobs", "2")
-    assert done.exit_code == 0, done.output
-    assert "2 points: 2 pass" in done.output
-
-
 @pytest.mark.parametrize(
     ("matrix", "text"),
     [
@@ -205,3 +181,9 @@ def test_what_is_no_matrix_is_refused(tmp_path: Path, matrix: str, text: str) ->
     with pytest.raises(InputError) as caught:
         load_scene(scene_file(tmp_path, matrix))
     assert text in str(caught.value)
+
+
+def test_a_profile_has_two_columns(scene: Scene, tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("0,1,2\n1,2,3\n")
+    with pytest.raises(InputError, match="shape 2 x 3; expected any x 2"):
+        read_profile(scene, "problem.load.file", "p.csv")

@@ -15,7 +15,7 @@ from taction.netlist_gen.scene.axes import (
     with_value,
     with_values,
 )
-from taction.netlist_gen.scene.keys import all_keys, find_key, own_value
+from taction.netlist_gen.scene.keys import find_key, own_value
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
@@ -55,10 +55,6 @@ def test_a_key_has_a_path_a_unit_and_a_value(
     assert (key.path, key.unit) == (path, unit)
     value = own_value(scene, key)
     assert value == (None if own is None else pytest.approx(own, rel=1e-12))
-
-
-def test_every_key_is_found_by_its_path(scene: Scene) -> None:
-    assert all(find_key(scene, key.path) == key for key in all_keys(scene))
 
 
 def test_ranges_are_logarithmic_unless_told_otherwise_and_keep_their_ends(scene: Scene) -> None:
@@ -170,12 +166,6 @@ def test_lambda_is_held_where_the_scene_gives_a_resistance() -> None:
 )
 def test_the_forms_of_a_fixed_value(fixed: Fixed) -> None:
     assert fixed_values(make_scene(), fixed) == {"design.lambda": 0.5}
-
-
-def test_several_keys_and_units() -> None:
-    expected = {"design.capacitance": 2e-12, "analysis.timeout": 30.0}
-    assert fixed_values(make_scene(), ["C=2pF", "timeout=30s"]) == expected
-    assert fixed_values(make_scene(), ()) == {}
 
 
 @pytest.mark.parametrize(

@@ -50,10 +50,6 @@ def complaints(**tables: object) -> str:
     return str(refused.value)
 
 
-def test_without_plugins_the_type_is_scene() -> None:
-    assert scene_type() is Scene
-
-
 def test_a_scene_has_the_tables_and_names_of_plugins(plugin: Plugin) -> None:
     before = parse_scene(data(), "scene.toml")
     plugin("acme", GROUPS, SOURCE)
@@ -123,19 +119,6 @@ def test_mistakes_in_keys_of_plugins_have_the_nearest_key(plugin: Plugin) -> Non
     )
     assert "design.ladder = {'rung': 1}: needs topology = 'ladder'" in complaints(
         design={"ladder": {"rung": 1}}
-    )
-
-
-def test_names_are_listed_with_the_nearest() -> None:
-    assert complaints(design={"amplifier": "sinus"}).endswith(
-        "design.amplifier = 'sinus': did you mean 'sinh'? one of 'linear', 'exponential', 'sinh',"
-        " 'softplus', 'tanh', 'deadzone', 'rectifier', 'saturation'"
-    )
-    assert complaints(analysis={"engine": 3}).endswith(
-        "analysis.engine = 3: expected a name, one of 'auto', 'ngspice', 'statespace'"
-    )
-    assert "design.opamp.base = 'ua742': did you mean 'ua741'? one of 'ideal'," in complaints(
-        design={"opamp": {"base": "ua742"}}
     )
 
 

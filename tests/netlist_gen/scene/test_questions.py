@@ -72,11 +72,6 @@ def test_what_looks_like_a_slip_is_asked_about_and_what_is_usual_is_not(
         assert bool(found) is bool(says), value
 
 
-def test_another_value_of_a_scene_raises_no_question_that_its_file_does_not() -> None:
-    scene = make_scene(checks={"settling_time": "10s"})
-    assert questions(with_value(scene, "design.gain", 1e6)) == ()
-
-
 @pytest.mark.parametrize(
     ("key", "value"),
     [("gain", "6.252mohm"), ("gain", "0.5"), ("capacitance", 10), ("capacitance", 2.0)],

@@ -3,77 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.wired_arrays import joined_resistors
-from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.questions import questions
 from taction.system.errors import InputError
-from taction.verification.stability.poles import poles
 from tests.netlist_gen.topologies.test_loops import (
-    A0,
     G0,
-    ONE_POLE,
-    WAYS,
-    WT,
     pseudo_matrix,
     scene,
     signed,
     stacked,
 )
-
-
-def nodal(circuit: Circuit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return Y of the inputs, F to the outputs, and E: ``Y v_in = -F v``, ``E v_in = v+ - v-``."""
-    outputs = {cell.output: place for place, cell in enumerate(circuit.opamps)}
-    held = {GROUND, *outputs, *(source.node for source in circuit.voltages)}
-    joined = [each for each in joined_resistors(circuit) if math.isfinite(each[2])]
-    nodes = dict.fromkeys(node for a, b, _ in joined for node in (a, b) if node not in held)
-    free = {node: place for place, node in enumerate(nodes)}
-    Y, F = np.zeros((len(free), len(free))), np.zeros((len(free), len(outputs)))
-    for a, b, ohms in joined:
-        for node, other in ((a, b), (b, a)):
-            if node not in free:
-                continue
-            Y[free[node], free[node]] += 1.0 / ohms
-            if other in free:
-                Y[free[node], free[other]] -= 1.0 / ohms
-            elif other in outputs:
-                F[free[node], outputs[other]] -= 1.0 / ohms
-    E = np.zeros((len(outputs), len(free)))
-    for row, cell in enumerate(circuit.opamps):
-        for node, sign in ((cell.noninverting, 1.0), (cell.inverting, -1.0)):
-            if node in free:
-                E[row, free[node]] += sign
-    return Y, F, E
-
-
-@pytest.mark.parametrize("topology", ["inv", "pinv", "ridge"])
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("wires", [{}, {"word_line": 30.0, "sense": 5.0}])
-def test_the_poles_are_those_of_the_conductances(topology: str, way: str, wires: Any) -> None:
-    """``v' = wt S v - wp v``, inputs over outputs S; a second pole needs a > wt t2 b²."""
-    circuit = synthesise(with_values(scene(topology, way, opamp=ONE_POLE), {"wires": wires}))
-    Y, F, E = nodal(circuit)
-    modes = np.linalg.eigvals(E @ np.linalg.solve(Y, F))
-    found = poles(circuit)
-    allowed = 2.0 * found.resolution + 1e-9 * float(abs(found.poles).max())
-    least = float(modes.real.min())
-    assert found.rightmost.real == pytest.approx(-WT * (least + 1.0 / A0), abs=allowed)
-    ringing = modes[np.abs(modes.imag) > 1e-9 * np.abs(modes)]
-    if least > 0.0 and len(ringing):
-        edge = float((ringing.real / (WT * ringing.imag**2)).min())  # t2, A0 without limit
-        for factor, stable in ((0.999, True), (1.001, False)):
-            (model,) = circuit.models.values()
-            model = replace(model, dc_gain=1e12, second_pole=1.0 / (math.tau * factor * edge))
-            other = replace(circuit, models=dict.fromkeys(circuit.models, model))
-            assert poles(other).known_stable is stable
 
 
 def test_the_fastest_gf_is_near_the_fastest_board(rng: np.random.Generator) -> None:

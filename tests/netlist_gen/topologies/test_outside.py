@@ -11,7 +11,6 @@ import pytest
 
 import taction
 from taction.netlist_gen.kicad.project import kicad_project
-from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from tests.support.paths import SCENES
 from tests.support.plugins import recipe
 from tests.support.running import taction as command
@@ -62,10 +61,6 @@ def run(*words: str) -> str:
     found = command(*words)
     assert found.exit_code == 0, found.stderr + found.stdout
     return found.stdout
-
-
-def test_the_own_topologies_are_the_modules_of_the_folder() -> None:
-    assert list(TOPOLOGIES) == ["integrator", "inv", "passive", "pinv", "ridge"]
 
 
 def test_the_deck_has_its_parts_its_facts_and_its_expressions(folder: Path) -> None:
@@ -128,7 +123,6 @@ def test_card_picture_and_schematic_show_it(folder: Path) -> None:
         f"{fact.symbol} = {fact.text}" for fact in board.facts.values()
     )
     assert "capacitance of every cable" in board._repr_html_()
-    assert board.plot().axes
     assert "Ccable_11" in kicad_project(board, scene).files["eleven-channel-bom.csv"]
     assert "shielded" in repr(board)
 

@@ -104,25 +104,11 @@ def test_an_exponential_board_has_its_stages_and_its_bias() -> None:
     assert (unbiased.voltages, names(unbiased.resistors, "bias_")) == ((), set())
 
 
-def test_a_row_of_zeros_has_no_constraint_node() -> None:
-    circuit = build(design(), [[1.0], [0.0], [2.0]], [1.0, 5.0, 1.0])
-    assert names(circuit.opamps, "c_") == {"c_1", "c_3"}
-    assert board_outputs(circuit) == pytest.approx(tikhonov([[1.0], [2.0]], [1.0, 1.0], 0.1))
-
-
 def test_stray_capacitance_stands_at_every_summing_node() -> None:
     circuit = build(design(stray_capacitance="2pF"), T, [1.0, 1.0])
     summing = {cell.inverting for cell in circuit.opamps}
     stray = {part.a: part.farads for part in circuit.capacitors if part.name.startswith("stray_")}
     assert stray == dict.fromkeys(summing, 2e-12)
-
-
-def test_every_name_can_stand_in_a_deck_and_stands_once() -> None:
-    scene = design(amplifier="exponential", stray_capacitance="1pF")
-    circuit = build(scene, T, [1.0, 1.0])
-    for kind in ("opamps", "resistors", "capacitors", "currents", "voltages", "amplifiers"):
-        found = [part.name for part in getattr(circuit, kind)]
-        assert len({name.lower() for name in found}) == len(found)
 
 
 def test_lambda_and_resistance_say_the_same() -> None:

@@ -10,7 +10,6 @@ import pytest
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.topologies.frame.entries import pruned
-from taction.system.errors import InputError
 from tests.support.making import make_scene, matrix_problem
 
 T = [[2.0, -0.01, 0.0], [0.5, 1.0, 0.019], [0.002, 0.0, -0.015]]
@@ -59,9 +58,3 @@ def test_nothing_is_pruned_without_the_key() -> None:
         circuit = board(prune)
         assert circuit.realised == pytest.approx(matrix, rel=1e-14)
         assert not [item for item in circuit.omissions if "pruned" in item.what]
-
-
-@pytest.mark.parametrize("value", [1.0, -0.1, "1%"])
-def test_a_fraction_is_at_least_zero_and_below_one(value: Any) -> None:
-    with pytest.raises(InputError, match=r"design\.prune = "):
-        make_scene(design={"prune": value})
