@@ -1,16 +1,20 @@
-"""Networks without capacitors: their solvers against exact arithmetic, and what they refuse."""
+"""Lambda of components, networks without capacitors, and the solver for straight pieces."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from fractions import Fraction
+from math import exp, isclose, log, log1p, sinh, tanh
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.optimize import brentq, lsq_linear, nnls
 
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, SolverError
+from taction.verification.reference.dynamics import IdealNetwork, lambda_times_resistance
 from taction.verification.reference.ideal_answer import (
     energy_rise,
     ideal_answer,
@@ -18,7 +22,10 @@ from taction.verification.reference.ideal_answer import (
 )
 from taction.verification.reference.networks import solve_square
 from taction.verification.reference.problem import Problem
+from taction.verification.reference.smooth import solve_smooth
+from taction.verification.reference.solve import solve
 from tests.support.making import make_scene, matrix_problem
+from tests.support.piecewise_boards import KINDS, proximal
 
 
 def exact(T: NDArray[np.float64], eps: NDArray[np.float64]) -> list[Fraction]:
@@ -94,3 +101,110 @@ def test_the_network_of_a_topology_is_at_rest_at_once(topology: str) -> None:
 def test_ridge_needs_a_number_for_lambda() -> None:
     with pytest.raises(InputError, match=r"design\.lambda"):
         ideal_network(matrix_problem(np.eye(2), np.ones(2)), scene("ridge"))
+
+
+G: dict[str, Callable[[float], float]] = {
+    "linear": lambda x: x,
+    "exponential": exp,
+    "sinh": sinh,
+    "softplus": lambda x: log1p(exp(x)),
+    "tanh": tanh,
+}
+# Components of one channel with two sensors, SI units, all of them unlike 1.
+R, S, G0, U0, VE = 1.7e6, 2.9e6, 0.43e-6, 0.6, 0.15
+T, EPS = np.array([[1.3], [-0.4]]), np.array([0.9, 0.25])
+
+
+def current(v: float, kind: str, biased: bool) -> float:
+    """Current into the capacitor of the node, A: eq (9) as corrected, in SI units."""
+    u = v if kind == "linear" else U0 * G[kind](v / VE)
+    w = [S * G0 * (t * u - e * U0) for t, e in zip(T[:, 0].tolist(), EPS.tolist(), strict=True)]
+    feedback = sum(t * G0 * volts for t, volts in zip(T[:, 0].tolist(), w, strict=True))
+    return -v / R - biased * VE / R - feedback
+
+
+@pytest.mark.parametrize(
+    ("kind", "biased"), [("linear", False), *((k, b) for k in list(G)[1:] for b in (False, True))]
+)
+def test_the_rest_state_of_the_components_solves_the_problem(kind: str, biased: bool) -> None:
+    v = brentq(current, -3.0, 3.0, args=(kind, biased), xtol=1e-15)
+    product = lambda_times_resistance(kind, s=S, G0=G0, U0=U0, Ve=VE)
+    network = IdealNetwork(T, EPS, product / R, R * 1e-11, U0, kind, VE, biased)
+    u = U0 * solve(network.problem).u[0]
+    assert u == pytest.approx(v if kind == "linear" else U0 * G[kind](v / VE), rel=1e-12)
+
+
+def test_the_papers_lambda() -> None:
+    """Eqs (16) and (8): ``sum u log u`` has 2/(sR) in the paper's units; eq (21): 1/(sR)."""
+    assert isclose(lambda_times_resistance("exponential", s=4.0, G0=1.0), 2.0 / 4.0)
+    assert isclose(lambda_times_resistance("linear", s=4.0, G0=1.0), 1.0 / 4.0)
+
+
+def test_the_entropy_with_bias_in_closed_form() -> None:
+    """T = 1, eps = 1, lambda = 2: ``2 (u - 1) + 2 (log u + 1) = 0``, so ``u + log u = 0``."""
+    network = IdealNetwork(np.eye(1), np.ones(1), 2.0, 1.0, amplifier="exponential", bias=True)
+    u = float(solve(network.problem).u[0])
+    assert abs(u + log(u)) < 1e-15
+
+
+def random_problem(seed: int, kind: str, ridge: float, bias: bool = False) -> Problem:
+    rng = np.random.default_rng([27, seed])
+    M = int(rng.integers(2, 12))
+    N = int(rng.integers(1, M + 1))
+    T, eps = rng.standard_normal((M, N)), 2.0 * rng.standard_normal(M)
+    return Problem(T, eps, float(10.0 ** rng.uniform(-2.0, 1.0)), kind, bias, ridge)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_scipy_has_the_same_non_negative_and_bounded_answers(seed: int) -> None:
+    problem = random_problem(seed, "rectifier", 0.0)
+    answer = solve(problem)
+    assert answer.trusted
+    assert answer.u == pytest.approx(nnls(problem.T, problem.eps)[0], abs=1e-10)
+    boxed = solve(random_problem(seed, "saturation", 0.0))
+    known = lsq_linear(problem.T, problem.eps, (-1.0, 1.0), tol=1e-14)
+    assert boxed.u == pytest.approx(known.x, abs=1e-6)
+    assert boxed.objective <= 2.0 * known.cost + 1e-12
+
+
+@pytest.mark.parametrize("ridge", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_proximal_gradient_ends_within_the_error_bound(kind: str, ridge: float) -> None:
+    for seed in range(2):
+        problem = random_problem(seed, kind, ridge)
+        answer = solve(problem)
+        assert answer.trusted
+        assert answer.certificate <= answer.bound
+        other = proximal(problem.T, problem.eps, problem.lam, kind, ridge)
+        assert answer.u == pytest.approx(other, abs=answer.error_bound + 1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_newton_s_method_has_the_same_answer_with_the_whole_ridge_term(kind: str) -> None:
+    problem = random_problem(3, kind, 1.0, bias=True)
+    assert solve(problem).u == pytest.approx(solve_smooth(problem).u, abs=1e-9)
+
+
+def test_the_lasso_of_orthogonal_columns_is_a_soft_threshold() -> None:
+    Q = np.linalg.qr(np.random.default_rng(5).standard_normal((6, 4)))[0]
+    eps = Q @ np.array([3.0, -0.4, 0.9, -2.0])
+    answer = solve(Problem(Q, eps, 1.6, "deadzone", ridge_share=0.0))  # threshold lam/2 = 0.8
+    assert answer.u == pytest.approx([2.2, 0.0, 0.1, -1.2], abs=1e-14)
+    assert answer.u[1] == 0.0
+    # The input is u, and at least the threshold (in units of lam/2) where u is not 0.
+    assert answer.v == pytest.approx([3.2, -0.5, 1.1, -2.2], abs=1e-13)
+
+
+def test_an_answer_that_is_not_unique_is_not_trusted() -> None:
+    T, eps = np.ones((1, 2)), np.ones(1)
+    answer = solve(Problem(T, eps, 1.0, "saturation", ridge_share=0.0))
+    assert not answer.trusted
+    assert "not unique" in answer.reason
+    assert solve(Problem(T, eps, 1.0, "saturation", ridge_share=0.1)).trusted
+
+
+def test_a_share_of_the_ridge_term_needs_straight_pieces() -> None:
+    with pytest.raises(InputError, match="ridge"):
+        Problem(np.eye(2), np.ones(2), 1.0, "tanh", ridge_share=0.5)
+    with pytest.raises(InputError, match="ridge"):
+        Problem(np.eye(2), np.ones(2), 1.0, "deadzone", ridge_share=1.5)

@@ -1,20 +1,39 @@
-"""Values and Markdown tables as text; outputs that cannot be written."""
+"""Values, tables, pictures and exported waveforms as files."""
 
 from __future__ import annotations
 
+import importlib.util
 import math
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from taction.netlist_gen.board.circuit import Output
+from taction.netlist_gen.scene.loading import load_scene
+from taction.system.documents import plain
 from taction.system.errors import InputError
+from taction.system.picture import time_unit
+from taction.system.raw_file import read_raw
+from taction.system.waveforms import Cost, Waveforms
+from taction.verification.readings.readings import Reading
+from taction.verification.report.documents.verdict import (
+    verdict_document,
+)
 from taction.verification.report.output_checks import check_folder, check_separate
 from taction.verification.report.renderers.markdown import table as markdown_table
 from taction.verification.report.texts import KNOWN, value_text, with_error
 from taction.verification.report.views.checks import check_bar
 from taction.verification.report.views.difference import allowed_cell
+from taction.verification.report.waveform_files import check_export, export
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import Difference
+from taction.verification.verdict.record import Channel, finite
+from taction.verification.verdict.verify import Verdict, verify
+from tests.support.measured import channel
+from tests.support.paths import SCENES
 
 
 @pytest.mark.parametrize(
@@ -72,3 +91,67 @@ def test_devices_may_be_shared(tmp_path: Path) -> None:
     file = str(tmp_path / "a")
     with pytest.raises(InputError, match="the file of --junit of the same command"):
         check_separate([], {"--junit": file, "--markdown": file})
+
+
+@cache
+def verdict() -> Verdict:
+    scene = load_scene(SCENES / "tuned-breadboard.toml")
+    analysis = scene.analysis.model_copy(update={"engine": "statespace"})
+    found = verify(scene.model_copy(update={"analysis": analysis}))
+    every = slice(None, None, 40)  # enough points to draw
+    waves = found.waveforms
+    waves = replace(waves, time=waves.time[every], values=waves.values[every])
+    return replace(found, recording=replace(found.recording, ends=waves))
+
+
+@pytest.mark.parametrize(
+    ("longest", "size", "name"),
+    [(2.0, 1.0, "s"), (7.8e-3, 1e-3, "ms"), (9e-5, 1e-6, "µs"), (1e-12, 1e-9, "ns")],
+)
+def test_the_unit_of_a_time_axis(longest: float, size: float, name: str) -> None:
+    assert time_unit(longest) == (size, name)
+
+
+def test_a_document_is_plain_and_counts_channels_from_one() -> None:
+    document = verdict_document(verdict())
+    assert [record["index"] for record in document["channels"]] == list(range(1, 8))
+    for record in document["channels"]:
+        bounds = record["uncertainties"]
+        readings = {"rise_time", "settling_time", "overshoot", "undershoot"}
+        assert readings < set(bounds) <= readings | {"equilibrium"} | {"rise_time"}
+        assert all(0.0 < bounds[name] < 1e-6 for name in ("overshoot", "undershoot"))
+    assert document["engine"] == document["simulator"] == "statespace"
+    assert (document["solver"], document["method"]) == (None, "exact")
+    assert document["error_budget"]["opamps"]["unit"] == "V"
+    fragile = plain(Channel.of(channel(rise_time=Reading(1e-5, 0.0, True, 4e-6))))
+    assert (fragile["fragile"], fragile["alternatives"]) == (True, {"rise_time": 4e-6})
+    assert finite(None) is None
+    assert finite(Reading(float("nan"), 0.0)) is None
+
+
+def test_an_exported_record_keeps_every_digit(tmp_path: Path) -> None:
+    """Two channels, the second read with a minus sign."""
+    time = np.array([0.0, 1 / 3, 1.0])
+    values = np.array([[0.0, 0.0], [1 / 7, -0.1], [1e-20, -2 / 3]])
+    waveforms = Waveforms(time, ("v_1", "a_2"), values, "test", Cost(0.0, 3))
+    circuit = replace(verdict().circuit, outputs=(Output("v_1", 1.0), Output("a_2", -1.0)))
+    export(circuit, waveforms, str(tmp_path / "w.csv"))
+    assert (tmp_path / "w.csv").read_text().splitlines()[0] == "time,u_1,u_2"
+    table = np.loadtxt(tmp_path / "w.csv", delimiter=",", skiprows=1)
+    assert np.array_equal(table, np.column_stack([time, values * [1.0, -1.0]]))
+    export(circuit, waveforms, str(tmp_path / "w.raw"))
+    plot = read_raw(tmp_path / "w.raw")
+    assert plot.vectors == ("time", "v(v_1)", "v(a_2)")
+    assert np.array_equal(plot.data, np.column_stack([time, values]))
+
+
+def test_an_export_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    for name, says in (("w.txt", "ends in .csv"), ("no/w.csv", "folder does not exist")):
+        with pytest.raises(InputError, match=says):
+            check_export(str(tmp_path / name))
+    if importlib.util.find_spec("pyarrow") is None:
+        with pytest.raises(InputError, match="needs pyarrow"):
+            check_export(str(tmp_path / "w.parquet"))
+    (tmp_path / "taken.csv").mkdir()
+    with pytest.raises(InputError, match="a folder; expected a file"):
+        export(verdict().circuit, verdict().waveforms, str(tmp_path / "taken.csv"))

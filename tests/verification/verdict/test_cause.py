@@ -1,15 +1,28 @@
-"""Why a verdict is no pass: one cause, and the checks that follow from it."""
+"""What decides: the cause, bounds on the errors of readings, warnings and contradictions."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.system.reading_definitions import EXCURSIONS, READINGS
+from taction.verification.readings.measurements import Measurements
+from taction.verification.readings.readings import Reading
+from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
 from taction.verification.verdict.cause import Cause, cause, causes, following
 from taction.verification.verdict.checks import Check, Outcome
+from taction.verification.verdict.companion import StepError, bounded, step_error
 from taction.verification.verdict.run_checks import run_checks
-from tests.support.measured import UNSTABLE, channel, evidence, steady
+from taction.verification.verdict.warnings import find_contradiction, find_warnings
+from tests.support.making import make_scene, matrix_problem
+from tests.support.measured import EXACT, UNSTABLE, channel, evidence, measured, steady
+from tests.support.poles import rounded_poles
 
 FAIL, UNDECIDED = Outcome.FAIL, Outcome.INCONCLUSIVE
 SLOW = Check("settling_time", FAIL, 3e-3, 1e-9, 2e-3, None, "s", "to ±1 %", 0.01)
@@ -84,3 +97,164 @@ def test_a_pass_has_no_cause_and_no_check_is_no_pass() -> None:
     settled = steady(1.0)
     assert cause(run_checks(evidence(channel(), steady=settled))) is None
     assert cause([]) == Cause("", "no check was made", "no check was made")
+
+
+def better(error: float = 0.0, **changes: object) -> Measurements:
+    known = {"overshoot": Reading(0.1, error), "undershoot": Reading(0.02, error)}
+    return measured(channel(**{**known, **changes}))
+
+
+def test_an_error_is_the_difference_and_the_doubt_of_the_better_reading() -> None:
+    record = measured(channel(rise_time=Reading(10e-6, 5e-7), overshoot=0.101))
+    other = better(1e-4, rise_time=Reading(9e-6, 2e-8))
+    found = bounded(record, other)
+    assert found.channels[0].rise_time.uncertainty == pytest.approx(1.02e-6)
+    error = step_error(found, 3e-4)
+    assert error.readings["rise_time"] == pytest.approx(1.02e-6)
+    assert error.readings["overshoot"] == pytest.approx(1.1e-3)
+    assert error.readings["undershoot"] == pytest.approx(1e-4)
+    assert error.steady_state == pytest.approx(3e-4)
+
+
+def test_every_channel_has_the_error_of_its_own_excursions() -> None:
+    record = measured(channel(0, overshoot=0.1), channel(1, overshoot=0.3, undershoot=0.0))
+    other = measured(
+        channel(0, overshoot=Reading(0.12, 1e-3)), channel(1, overshoot=0.3, undershoot=0.01)
+    )
+    found = bounded(record, other, 2.0)
+    errors = [[c.readings[name].uncertainty for name in EXCURSIONS] for c in found.channels]
+    assert errors == [[pytest.approx(0.041), 0.0], [0.0, pytest.approx(0.02)]]
+    # 0.1 + 0.041 is below 0.3, 0.02 is not above 0.02
+    assert [found.readings[name].uncertainty for name in EXCURSIONS] == [0.0, 0.0]
+
+
+def test_ends_are_fractions_of_the_step() -> None:
+    record = measured(channel(0), channel(1), amplitude=2.0)
+    assert step_error(record, 0.2).steady_state == pytest.approx(0.1)
+
+
+def test_the_network_settles_with_its_last_channel_within_the_bounds_of_all() -> None:
+    record = measured(
+        channel(0, settling_time=Reading(1.0e-3, 0.0)),
+        channel(1, settling_time=Reading(0.9e-3, 0.0)),
+    )
+    other = measured(
+        channel(0, settling_time=Reading(1.01e-3, 1e-6)),
+        channel(1, settling_time=Reading(1.2e-3, 1e-6)),
+    )
+    found = bounded(record, other).settling_time
+    assert found.value == 1.0e-3
+    assert found.uncertainty == pytest.approx(2.01e-4)  # the true time is 1.2 ms
+
+
+def test_the_value_of_a_fragile_reading_counts_not_its_alternative() -> None:
+    record = measured(channel(rise_time=Reading(10e-6, 0.0)))
+    other = better(rise_time=Reading(4e-6, 0.0, True, 10.3e-6))
+    assert bounded(record, other).channels[0].rise_time.uncertainty == pytest.approx(6e-6)
+
+
+def test_a_reading_that_only_one_solution_has_is_infinitely_uncertain() -> None:
+    record = bounded(measured(channel()), better(rise_time=None, settling_time=None))
+    assert record.channels[0].rise_time.uncertainty == math.inf
+    assert record.settling_time.uncertainty == math.inf
+    neither = bounded(measured(channel(rise_time=None)), better(rise_time=None))
+    assert neither.channels[0].rise_time is None
+    assert step_error(neither, 0.0).readings["rise_time"] == 0.0
+
+
+def test_without_another_solution_nothing_is_known() -> None:
+    record = bounded(measured(channel()), None)
+    found = step_error(record, math.inf)
+    assert {found.steady_state, *found.readings.values()} == {math.inf}
+
+
+def errors(steady_state: float = 0.0, **readings: float) -> StepError:
+    return StepError(steady_state, dict.fromkeys(READINGS, 0.0) | readings)
+
+
+def test_a_board_in_order_has_none() -> None:
+    assert find_warnings(evidence(error=EXACT)) == ()
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (errors(2e-4), "steady_state: the tolerance 0.001 is not well"),
+        (errors(overshoot=0.02), "overshoot: the limit 0.15 is not well above"),
+    ],
+)
+def test_a_tolerance_close_to_the_simulations_error(error: StepError, says: str) -> None:
+    (found,) = find_warnings(evidence(checks={"overshoot": {"max": 0.15}}, error=error))
+    assert says in found
+    assert "points_per_period" in found
+
+
+def test_a_board_at_the_edge_of_oscillation() -> None:
+    edge = rounded_poles(np.array([-50 + 1e5j, -50 - 1e5j]))
+    (found,) = find_warnings(evidence(poles=edge))
+    assert "damping ratio 0.0005" in found
+
+
+def test_a_fragile_reading_comes_with_both_values() -> None:
+    fragile = channel(3, rise_time=Reading(10.4e-6, 0.0, True, 4.3e-6))
+    (found,) = find_warnings(evidence(fragile))
+    assert found == (
+        "channel 4: rise time 10.4 us is fragile: 4.3 us with the level shifted by 0.5% of the step"
+    )
+
+
+def test_an_engines_own_doubts_come_first_and_always() -> None:
+    assert find_warnings(evidence(), ("singular matrix",)) == ("singular matrix",)
+    worst = StepError(1.0, dict.fromkeys(READINGS, 1.0))
+    assert find_warnings(evidence(error=worst, poles=UNSTABLE), ("note",)) == ("note",)
+
+
+PROBLEM = matrix_problem([[1.0, -0.3], [0.2, 0.8]], [1.0, 0.5])
+
+
+def made(**design: Any) -> tuple[Circuit, IdealAnswer]:
+    scene = make_scene(design=design)
+    return synthesise(scene, PROBLEM), ideal_answer(ideal_network(PROBLEM, scene), scene)
+
+
+@pytest.mark.parametrize("given", [{"lambda": 0.3}, {"resistance": "2Mohm"}])
+@pytest.mark.parametrize("amplifier", ["linear", "exponential", "tanh"])
+def test_a_board_and_its_reference_agree(amplifier: str, given: dict[str, Any]) -> None:
+    volts = {"unit_voltage": "0.3V"}
+    if amplifier != "linear":
+        volts["exponential_slope"] = "70mV"
+    circuit, ideal = made(amplifier=amplifier, **volts, **given)
+    assert find_contradiction(circuit, ideal, ideal.start) == ""
+
+
+@pytest.mark.parametrize(
+    ("number", "text"),
+    [
+        ("lambda", "the board states lambda = 0.6, the reference uses 0.3"),
+        ("U0", "the board states unit_voltage = 2.0, the reference uses 1.0"),
+        ("Ve", "the board states exponential_slope = 0.14, the reference uses 0.07"),
+    ],
+)
+def test_another_number_is_a_contradiction(number: str, text: str) -> None:
+    slope = {"amplifier": "exponential", "exponential_slope": "70mV"} if number == "Ve" else {}
+    circuit, ideal = made(**{"lambda": 0.3}, **slope)
+    doubled = replace(circuit.facts[number], value=2.0 * circuit.value(number))
+    changed = replace(circuit, facts={**circuit.facts, number: doubled})
+    assert text in find_contradiction(changed, ideal, ideal.start)
+
+
+@pytest.mark.parametrize("changes", [{"error": 1.0}, {"problem": "the gap is too wide"}])
+def test_without_a_step_to_judge_no_start_is_compared(changes: dict[str, Any]) -> None:
+    circuit, ideal = made(**{"lambda": 0.3})
+    assert find_contradiction(circuit, ideal, ideal.start + 1.0).startswith("channel 1 starts at")
+    assert find_contradiction(circuit, replace(ideal, **changes), ideal.start + 1.0) == ""
+
+
+@pytest.mark.parametrize(("away", "found"), [(0.09, False), (0.11, True)])
+def test_a_record_starts_where_the_reference_starts(away: float, found: bool) -> None:
+    circuit, ideal = made(amplifier="exponential", **{"lambda": 0.3})
+    amplitude = float(np.abs(ideal.target - ideal.start).max())
+    start = ideal.start + np.array([0.0, away * amplitude])
+    text = find_contradiction(circuit, ideal, start)
+    assert text.startswith("channel 2 starts at") is found
+    assert bool(text) is found

@@ -1,16 +1,22 @@
-"""The paper's claims: a table without holes, scenes as published, verdicts and pages."""
+"""The chapters of the paper and their claims."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import mpmath as mp
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import SimulatorNotFound
 from taction.verification.evidence.paper import findings
 from taction.verification.evidence.paper import reproduce as module
+from taction.verification.evidence.paper.conditioning import asymptotic, condition_number
+from taction.verification.evidence.paper.constraint_stage import constraint_plane
 from taction.verification.evidence.paper.findings import (
     Chapter,
     ClaimOutcome,
@@ -26,7 +32,8 @@ from taction.verification.evidence.paper.reproduce import (
     Reproduction,
     _run,
 )
-from taction.verification.evidence.paper.tactile import FINE, GradientFlow, by_transform
+from taction.verification.evidence.paper.speed import tikhonov
+from taction.verification.evidence.paper.tactile import FINE, Geometry, GradientFlow, by_transform
 from tests.support.paths import SCENES
 
 
@@ -139,3 +146,113 @@ def test_the_fourier_transform_inverts_a_circular_convolution() -> None:
     circulant = row[(place[:, None] - place[None, :]) % FINE.channels]
     found = by_transform(FINE, circulant @ stress)
     np.testing.assert_allclose(found, stress, atol=1e-6)
+
+
+WITH_NGSPICE = ("breadboard", "console", "hardware", "closed-loops")
+SHORTENED = ("reconstruction", "console", "simnon", "energy", "conditioning")
+SLOW = ("breadboard", "speed")  # `.ci/run` has all chapters: step reproduce
+BY_CLOCK = {"digital-impossible", "digital-quadratic"}  # as fast as the machine is today
+
+
+WHOLE = pytest.mark.nightly  # up to a minute; with every commit these chapters run shortened
+
+
+@pytest.mark.parametrize(
+    ("name", "quick"),
+    [
+        *(pytest.param(n, False, marks=[WHOLE] * (n in (*SHORTENED, *SLOW))) for n in CHAPTERS),
+        *((name, True) for name in SHORTENED),
+    ],
+)
+def test_the_verdicts_are_the_expected_ones(
+    name: str, quick: bool, request: pytest.FixtureRequest
+) -> None:
+    if name in WITH_NGSPICE:
+        request.getfixturevalue("ngspice")
+    found = {finding.id: finding for finding in CHAPTERS[name][1](quick).findings}
+    asked = [claim for claim in load_claims() if claim.chapter == name]
+    wanted = {claim.id: claim.expected for claim in asked if claim.quick or not quick}
+    assert found.keys() == wanted.keys()
+    judged = found.keys() - BY_CLOCK
+    assert {id_: found[id_].outcome for id_ in judged} == {id_: wanted[id_] for id_ in judged}
+    for finding in found.values():
+        assert finding.run
+        assert ("Condition:" in finding.ours) is (finding.outcome is ClaimOutcome.CONDITION)
+        assert ("Fitted:" in finding.ours) is (finding.outcome is ClaimOutcome.FITTED)
+        assert all(np.isfinite(list(finding.values.values())))
+
+
+def test_a_large_condition_number_is_that_of_mpmath() -> None:
+    """Eigenvalues at 60 digits; N = 41 over 4 depths."""
+    N = 41
+    with mp.workdps(60):
+        row = [(1 - mp.mpf(k * k) / 100) / (1 + mp.mpf(k * k) / 100) ** 2 for k in range(N)]
+        T = mp.matrix(N, N)
+        for i in range(N):
+            for j in range(N):
+                T[i, j] = row[abs(i - j)]
+        values = mp.eigsy(T, eigvals_only=True)
+        expected = float(values[N - 1] / values[0])
+    assert expected > 1e10
+    assert condition_number(10.0, 4.0) == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_solution_by_conjugate_gradients_is_that_of_the_whole_matrix() -> None:
+    rng, column = np.random.default_rng(5), Geometry(61, 6.0).matrix[0]
+    T, strain = toeplitz(column), rng.normal(size=61)
+    wanted = np.linalg.solve(T @ T + 0.1 * np.eye(61), T @ strain)
+    assert tikhonov(column, strain, 0.1) == pytest.approx(wanted, abs=1e-5 * np.abs(wanted).max())
+
+
+def test_the_asymptotic_formula_is_the_ratio_of_the_sampled_spectrum() -> None:
+    """3/2 w exp(-w) at w = 1 over its two aliases at the Nyquist frequency, r = 12."""
+    nyquist = np.pi * 12.0
+    expected = np.exp(-1.0) / (2.0 * nyquist * np.exp(-nyquist))
+    assert asymptotic(12.0) == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.fixture
+def circuit():
+    scene = load_scene(SCENES / "paper-breadboard.toml")
+    return synthesise(scene, make_problem(scene))
+
+
+def with_models(circuit, **figures):
+    models = {name: replace(model, **figures) for name, model in circuit.models.items()}
+    return replace(circuit, models=models)
+
+
+def noise_gain(circuit, row):
+    return 1.0 + circuit.value("gain") * np.sum(1.0 / circuit.forward.ohms[row - 1])
+
+
+def test_one_pole_rises_in_its_closed_loop_time_constant(circuit):
+    """Without a second pole the stage is a lag of noise gain / (2 pi GBW), but for 1/A0."""
+    single = with_models(circuit, second_pole=np.inf, output_resistance=0.0)
+    found = constraint_plane(single)
+    lag = noise_gain(circuit, found.row) / (2 * np.pi * 718e3)
+    assert found.amplifier_rise_time == pytest.approx(np.log(9) * lag, rel=1e-4)
+
+
+def test_the_stage_with_its_capacitance_is_a_second_order_system(circuit):
+    """One pole w = 2 pi GBW and C at the node: p² C s/w + p (noise gain)/w + 1."""
+    single = with_models(circuit, second_pole=np.inf, output_resistance=0.0, dc_gain=1e9)
+    found = constraint_plane(single)
+    w, gain = 2 * np.pi * 718e3, circuit.value("gain")
+    square, linear = 13e-12 * gain / w, noise_gain(circuit, found.row) / w
+    damping = linear / (2 * np.sqrt(square))
+    overshoot = np.exp(-np.pi * damping / np.sqrt(1 - damping**2))
+    assert found.stage_overshoot == pytest.approx(overshoot, rel=1e-3)
+    assert found.stage_rise_time > found.amplifier_rise_time
+
+
+def test_a_stage_that_oscillates_by_itself_has_no_rise_time(circuit):
+    # Three lags in the loop: the op-amp's integrator (90 degrees), its second pole at 1 kHz and
+    # the summing node's at 2 kHz (over 80 degrees each where the loop gain is 1, at some 9 kHz).
+    found = constraint_plane(with_models(circuit, second_pole=1e3))
+    assert (found.stage_rise_time, found.stage_overshoot) == (None, None)
+    assert 0.0 < found.amplifier_rise_time < 1e-5
+
+
+def test_the_papers_figure(circuit):
+    assert constraint_plane(circuit).amplifier_rise_time == pytest.approx(1.0e-6, rel=0.01)

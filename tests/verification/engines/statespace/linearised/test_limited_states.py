@@ -7,6 +7,7 @@ import pytest
 
 from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards, stepped
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.engines.statespace.linearised.elimination import _parts_decomposed
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import poles
 from tests.support.nodal_analysis import exact_poles
@@ -68,3 +69,17 @@ def test_a_current_beside_nodes_that_capacitors_join_is_no_equation_of_rounding(
     wanted = exact_poles(cards)
     found = poles(LinearBoard(circuit_of(read_cards(cards), "a", ["out"])))
     np.testing.assert_allclose(found.poles, sorted(wanted, key=lambda p: -p.real))
+
+
+def test_parts_are_decomposed_by_themselves(rng: np.random.Generator) -> None:
+    A = np.zeros((7, 7))
+    A[np.ix_([0, 3], [0, 3])] = [[1.0, -1.0], [-1.0, 1.0]]
+    A[np.ix_([1, 5], [1, 5])] = rng.normal(size=(2, 2))
+    A[6, 6] = -3.0
+    U, S, Vt = _parts_decomposed(A)
+    np.testing.assert_allclose(U * S @ Vt, A, atol=1e-14)
+    np.testing.assert_allclose(U @ U.T, np.eye(7), atol=1e-14)
+    np.testing.assert_allclose(Vt @ Vt.T, np.eye(7), atol=1e-14)
+    assert np.all(np.diff(S) <= 0.0)
+    zero = np.flatnonzero(S < 1e-12)  # 0 and 3 together, 2 and 4 each alone
+    assert np.sum(np.count_nonzero(Vt[zero], axis=1) == 1) == 2
