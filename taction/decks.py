@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from taction.system.time_limit import one_limit
 
 if TYPE_CHECKING:
     from taction.system.progress import Progress
     from taction.verification.studies.board_check import BoardCheck
-    from taction.verification.studies.foreign_board import ForeignBoard
-    from taction.verification.studies.wanted_checks import Wanted
 
 SECONDS = 60.0  # of all runs of ngspice of one check
 
@@ -125,64 +123,41 @@ def check(
     from taction.verification.studies.swept_values import SweptValue
 
     progress("deck")
-    board = read_board(deck, _listed(outputs))
-    moving = ngspice and board.point is None
-    moving &= transient or board.has_transient or "engines_agree" in asked.names
-    notes = board.notes
+    board, notes, spread = read_board(deck, _listed(outputs)), tuple[str, ...](), None
     asked.refuse_unknown(board.flat.nodes)
     swept = [
         SweptValue.of(each, board.circuit, board.parameters, board.value_of)
         for each in _listed(over)
     ]
     if matrix is not None and strain is not None:
-        asked, more = _with_reference(asked, board, matrix, strain, lam, unit, accept)
-        notes = (*notes, *more)
-    spread = None
+        from taction.verification.studies.board_reference import reference_values
+
+        nodes = [out.node for out in board.circuit.outputs]
+        values, notes = reference_values(nodes, matrix, strain, lam, unit, accept)
+        asked = replace(asked, expected=(*asked.expected, *values))
     if tolerances is not None:
         from taction.netlist_gen.deck.part_tolerances import read_tolerances
 
         spread = read_tolerances(tolerances, board.circuit, board.parameters)
     # all that can be refused is refused before the engine is loaded
     from taction.verification.studies.board_check import check_board
-    from taction.verification.studies.varied_deck import Samples
 
     found = check_board(
-        board.circuit,
+        board,
         asked,
-        initial=board.initial,
-        witness=board.witness if moving else None,
-        ac=board.ac if ngspice and not moving else None,
+        ngspice=ngspice,
+        transient=transient,
         over=swept,
-        deck=board,
         tolerances=spread,
-        samples=Samples(samples, seed),
+        samples=(samples, seed),
         notes=notes,
         progress=progress,
     )
-    if ngspice and board.point is not None:
-        from taction.verification.studies.other_points import point_notes
-
-        found = replace(found, notes=(*found.notes, *point_notes(found.measured, board)))
     if output is not None:
         from taction.system.atomic_files import write_atomically
 
         write_atomically(output, board.flat_text)
     return found
-
-
-def _with_reference(
-    asked: Wanted,
-    board: ForeignBoard,
-    matrix: str | Path,
-    strain: str | Path,
-    *settings: Any,
-) -> tuple[Wanted, tuple[str, ...]]:
-    """Return what is asked with the optimum of a problem, and what is to be said of its files."""
-    from taction.verification.studies.board_reference import BoardReference
-
-    nodes = [out.node for out in board.circuit.outputs]
-    wanted, notes = BoardReference(matrix, strain, *settings).expected(nodes)
-    return replace(asked, expected=(*asked.expected, *wanted)), notes
 
 
 def _refuse_half(matrix: str | Path | None, strain: str | Path | None) -> None:

@@ -9,9 +9,12 @@ joined, and all is in lower case. Lengths are counted before any regular express
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from pathlib import Path
+from typing import NamedTuple
+
+from taction.system.errors import Complaint, InputError
 
 LARGEST = 8_000_000  # bytes of a netlist with the files that it includes
 MOST_LINES = 100_000  # of all these files
@@ -24,29 +27,42 @@ MOST_PARTS = 3000  # R C L K V I E F G H B after that, without those within op-a
 MOST_COUPLINGS = 200  # K among them
 MOST_WRITTEN = 300_000  # characters of .func and what calls them, with each in its place
 ALLOWED = re.compile(r"[a-z0-9_ .,+\-*/(){}=:^<>!?&|#]*")
+WHOLE = "expected '.subckt NAME ports', its cards, and '.ends NAME'"
 _ENDS = re.compile(r"\.ends\*.*")  # of joined files: a comment without a line of its own
 _COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
 
 
-class RefusedError(ValueError):
-    """A line of a foreign netlist that is not accepted; the text has its number and the reason."""
-
-    def __init__(self, number: int, reason: str, text: str = "") -> None:
-        shown = f" {text[:60]!r}" if text else ""
-        super().__init__(f"line {number}{shown}: {reason}")
-        self.number = number
-
-
 @dataclass(frozen=True, slots=True)
-class Line:
-    """A logical line: `number` is the line of the file where it begins, from 1."""
+class Card:
+    """A logical line of a netlist.
+
+    Attributes
+    ----------
+    number : int
+        The line of the file where it begins, from 1.
+    text : str
+        In lower case.
+    file : path
+        The file.
+    """
 
     number: int
     text: str
+    file: str | Path = "netlist"
 
-    def refused(self, reason: str) -> RefusedError:
-        """Return the error for this line."""
-        return RefusedError(self.number, reason, self.text)
+    @property
+    def word(self) -> str:
+        """Its first word."""
+        return self.text.split(maxsplit=1)[0]
+
+    def with_text(self, text: str) -> Card:
+        """Return another card in its place."""
+        return Card(self.number, text, self.file)
+
+    def refused(self, reason: str) -> InputError:
+        """Return the error for this card: why it is not accepted, or what is."""
+        shown = repr(self.text[:80]) if self.text else ""
+        return InputError(self.file, Complaint(f"line {self.number}", shown, reason))
 
 
 def beyond(count: int, what: str, most: int) -> str:
@@ -60,39 +76,40 @@ def beyond(count: int, what: str, most: int) -> str:
     return f"{count:,} {what}; at most {most:,} are read"
 
 
-def physical_lines(content: bytes | str) -> list[str]:
+def physical_lines(content: bytes | str, file: str | Path = "netlist") -> list[str]:
     """Return the lines of a file, or of its text.
 
     Raises
     ------
-    RefusedError
+    InputError
         More lines than `MOST_LINES`, or a line over `LONGEST`.
     """
     lines = (content if isinstance(content, str) else content.decode("latin-1")).split("\n")
     if len(lines) > MOST_LINES:
-        raise RefusedError(MOST_LINES + 1, beyond(len(lines), "lines", MOST_LINES))
+        raise Card(MOST_LINES + 1, "", file).refused(beyond(len(lines), "lines", MOST_LINES))
     for place, line in enumerate(lines, 1):
         if len(line) > LONGEST:
-            raise RefusedError(place, beyond(len(line), "characters in a line", LONGEST))
+            reason = beyond(len(line), "characters in a line", LONGEST)
+            raise Card(place, "", file).refused(reason)
     return lines
 
 
-def logical_lines(content: bytes | str | Sequence[str]) -> list[Line]:
+def logical_lines(content: bytes | str | Sequence[str], file: str | Path = "netlist") -> list[Card]:
     r"""Return the logical lines of a file, of its text, or of its lines, without empty ones.
 
     Raises
     ------
-    RefusedError
+    InputError
         A character that is not accepted outside of comments, a continuation of nothing, or too
         long; see `physical_lines`.
 
     Examples
     --------
     >>> logical_lines(b"* title\nR1 a b 1K ; load\n+ tc1=0\n")
-    [Line(number=2, text='r1 a b 1k tc1=0')]
+    [Card(number=2, text='r1 a b 1k tc1=0', file='netlist')]
     """
     found, length = list[tuple[int, list[str]]](), 0
-    raw = physical_lines(content) if isinstance(content, str | bytes) else content
+    raw = physical_lines(content, file) if isinstance(content, str | bytes) else content
     for place, each in enumerate(raw, 1):
         # 0x1A ends a file of DOS; joined files have it between them.
         line = each.strip("\x1a").rstrip("\r").replace("\t", " ").strip(" ").lower()
@@ -102,11 +119,11 @@ def logical_lines(content: bytes | str | Sequence[str]) -> list[Line]:
         if comment := _COMMENT.search(line):
             line = line[: comment.start()]
         if wrong := ALLOWED.sub("", line, count=1):
-            raise RefusedError(place, f"the character {wrong[0]!r} is not accepted")
+            raise Card(place, "", file).refused(f"the character {wrong[0]!r} is not accepted")
         line = " ".join(line.split())
         if line.startswith("+"):
             if not found:
-                raise RefusedError(place, "a continuation of no line")
+                raise Card(place, "", file).refused("a continuation of no line")
             found[-1][1].append(line[1:].strip())
             length += 1 + len(found[-1][1][-1])
         elif line:
@@ -114,20 +131,41 @@ def logical_lines(content: bytes | str | Sequence[str]) -> list[Line]:
             length = len(line)
         if length > LONGEST:
             text = beyond(length, "characters in a line with its continuations", LONGEST)
-            raise RefusedError(found[-1][0], text)
-    return [Line(begin, " ".join(parts)) for begin, parts in found]
+            raise Card(found[-1][0], "", file).refused(text)
+    return [Card(begin, " ".join(parts), file) for begin, parts in found]
 
 
-class _Refusing(Protocol):
-    """A card that knows its place in a file."""
+def subcircuits(
+    cards: Iterable[Card], *, whole: bool = False
+) -> tuple[dict[str, list[Card]], list[Card]]:
+    """Return the cards of each subcircuit, its ``.subckt`` first, and those outside of all.
 
-    @property
-    def text(self) -> str: ...
+    With `whole` the text of each outermost one, with its ``.ends`` and those within it.
 
-    def refused(self, reason: str, /) -> Exception: ...
-
-
-Card = TypeVar("Card", bound=_Refusing)
+    Raises
+    ------
+    InputError
+        A subcircuit without a name or an end, an end of none, or two that differ with one name.
+    """
+    blocks, top, inside = dict[str, list[Card]](), list[Card](), list[list[Card]]()
+    for card in cards:
+        if card.word == ".subckt" and card.text != ".subckt":
+            inside.append([card])
+        elif card.word == ".subckt" or (card.word == ".ends" and not inside):
+            raise card.refused(WHOLE)
+        elif card.word == ".ends":
+            block = [*inside.pop(), *([card] if whole else [])]
+            if whole and inside:
+                inside[-1] += block
+                continue
+            first = blocks.setdefault(block[0].text.split()[1], block)
+            if [each.text for each in first] != [each.text for each in block]:
+                raise block[0].refused("a second subcircuit of this name, which differs")
+        else:
+            (inside[-1] if inside else top).append(card)
+    if inside:
+        raise inside[0][0].refused(WHOLE)
+    return blocks, top
 
 
 def called(text: str) -> str:
@@ -142,18 +180,8 @@ def called(text: str) -> str:
     return words[-1] if words else ""
 
 
-@dataclass(slots=True)
-class _Size:
-    """What a subcircuit holds with all that it calls."""
-
-    cards: int = 0
-    parts: int = 0
-    couplings: int = 0
-    levels: int = 0
-
-
 def check_expanded(
-    blocks: Mapping[str, Sequence[Card]], top: Sequence[Card], opamps: Sequence[str] = ()
+    blocks: Mapping[str, Sequence[Card]], top: Sequence[Card], opamps: Container[str] = ()
 ) -> list[str]:
     """Refuse a netlist that would be too large with every subcircuit in the place of its calls.
 
@@ -163,7 +191,7 @@ def check_expanded(
         The cards of each subcircuit.
     top : sequence of Card
         The cards outside of subcircuits.
-    opamps : sequence of str
+    opamps : container of str
         Subcircuits whose devices are no parts, because a model replaces them.
 
     Returns
@@ -173,62 +201,67 @@ def check_expanded(
 
     Raises
     ------
-    Exception
-        The error of the card at which a limit is passed.
+    InputError
+        At the card at which a limit is passed.
     """
     sizes: dict[str, _Size] = {}
-    for name in _in_order(blocks, top):
-        sizes[name] = _size(blocks[name], sizes, name in opamps)
+    within, waiting = list[str](), _calls(top, blocks)
+    while waiting:
+        name, card = waiting.pop()
+        if card is None:  # all that it calls is done
+            sizes[name] = _size(blocks[name], sizes, name in opamps)
+            within.remove(name)
+        elif name in within:
+            raise card.refused("a subcircuit that calls itself")
+        elif name not in sizes:
+            within.append(name)
+            waiting += [(name, None), *_calls(blocks[name], blocks)]
     _size(top, sizes, False)
     return list(sizes)
 
 
-def _in_order(blocks: Mapping[str, Sequence[Card]], top: Sequence[Card]) -> list[str]:
-    """Return the subcircuits that are called, each after those that it calls."""
-    order, within = dict[str, None](), list[str]()
-    waiting: list[tuple[str, Card | None]] = [(called(c.text), c) for c in _calls(top, blocks)]
-    while waiting:
-        name, card = waiting.pop()
-        if card is None:  # all that it calls is done
-            order[within.pop()] = None
-        elif name in within:
-            raise card.refused("a subcircuit that calls itself")
-        elif name not in order:
-            within.append(name)
-            waiting.append((name, None))
-            waiting += [(called(c.text), c) for c in _calls(blocks[name], blocks)]
-    return list(order)
+class _Size(NamedTuple):
+    """What a subcircuit holds with all that it calls."""
+
+    levels: int = 0
+    devices: int = 0
+    parts: int = 0
+    couplings: int = 0
 
 
-def _calls(cards: Sequence[Card], blocks: Mapping[str, Sequence[Card]]) -> list[Card]:
-    return [card for card in cards if card.text[0] == "x" and called(card.text) in blocks]
+LIMITS = _Size(MOST_LEVELS, MOST_CARDS, MOST_PARTS, MOST_COUPLINGS)
+COUNTED = (
+    "levels of subcircuits within one another",
+    "devices with all subcircuits expanded",
+    "parts with all subcircuits expanded",
+    "couplings K",
+)
+
+
+def _calls(
+    cards: Sequence[Card], blocks: Mapping[str, Sequence[Card]]
+) -> list[tuple[str, Card | None]]:
+    return [
+        (name, card)
+        for card in cards
+        if card.text[0] == "x" and (name := called(card.text)) in blocks
+    ]
 
 
 def _size(cards: Sequence[Card], sizes: Mapping[str, _Size], replaced: bool) -> _Size:
-    """Return the size of some cards; the error of the first one that passes a limit."""
+    """Return the size of some cards; refuse the first one that passes a limit."""
     total = _Size()
     for card in cards:
+        own = _Size(0, 1, not replaced, card.text[0] == "k" and not replaced)
         inner = sizes.get(called(card.text)) if card.text[0] == "x" else None
         if inner is not None:
-            total.cards += inner.cards
-            total.parts += inner.parts
-            total.couplings += inner.couplings
-            total.levels = max(total.levels, inner.levels + 1)
-        elif card.text[0] != ".":
-            total.cards += 1
-            total.parts += 1
-            total.couplings += card.text[0] == "k"
-        if total.levels > MOST_LEVELS:
-            text = beyond(total.levels, "levels of subcircuits within one another", MOST_LEVELS)
-            raise card.refused(text)
-        if total.cards > MOST_CARDS:
-            text = beyond(total.cards, "devices with all subcircuits expanded", MOST_CARDS)
-            raise card.refused(text)
-        if not replaced and total.parts > MOST_PARTS:
-            text = "parts with all subcircuits expanded"
-            raise card.refused(beyond(total.parts, text, MOST_PARTS))
-        if not replaced and total.couplings > MOST_COUPLINGS:
-            raise card.refused(beyond(total.couplings, "couplings K", MOST_COUPLINGS))
-    if replaced:
-        total.parts = total.couplings = 0
+            parts = (0, 0) if replaced else inner[2:]
+            own = _Size(inner.levels + 1, inner.devices, *parts)
+        elif card.text[0] == ".":
+            continue
+        levels = max(total.levels, own.levels)
+        total = _Size(levels, *(a + b for a, b in zip(total[1:], own[1:], strict=True)))
+        for count, what, most in zip(total, COUNTED, LIMITS, strict=True):
+            if count > most:
+                raise card.refused(beyond(count, what, most))
     return total

@@ -154,9 +154,9 @@ def test_an_unstable_value_of_a_sweep_has_no_readings() -> None:
     found = taction.check(CASES / "wienosc.cir", over="E1=2,3,4", ngspice=False)
     stable, edge, unstable = found.sweeps[0].points
     assert (stable.stable, edge.stable, unstable.stable) == (True, None, False)
-    assert stable.overshoot is not None
+    assert stable.figures["overshoot"] is not None
     for point in (edge, unstable):
-        assert point.overshoot is point.undershoot is point.settling_time is None
+        assert {*point.figures.values()} == {None}
 
 
 @pytest.mark.parametrize("order", [("margin=1.2", "stable"), ("stable", "margin=1.2")])
@@ -269,9 +269,9 @@ def test_an_output_without_a_limit_of_its_noise_hides_no_other() -> None:
     """ngspice's .noise of the deck has 39.04 uV at l."""
     found = taction.check(CASES / "noise-hidden.cir", checks="noise=1mV", ngspice=False)
     load, out = found.outputs
-    assert load.noise == pytest.approx(39.04e-6, rel=1e-3)
-    assert out.noise is out.noise_bound is None
-    assert found.noise_unknown.startswith("out: the noise has no limit")
+    assert load.figures["noise"] == pytest.approx(39.04e-6, rel=1e-3)
+    assert out.figures["noise"] is out.figures["noise_bound"] is None
+    assert found.noise.unknown.startswith("out: the noise has no limit")
     assert found.outcome.value == "inconclusive"
 
 

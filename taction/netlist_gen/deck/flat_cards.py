@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from taction.netlist_gen.board.branches import (
     BranchCoupling,
@@ -177,32 +178,34 @@ def _value(letter: str, text: str) -> tuple[str, str, float, dict[str, str]]:
     return plain[0], plain[1], value, keyed
 
 
-def _resistor(flat: Flat, name: str, text: str) -> None:
-    a, b, value, _ = _value("r", text)
-    flat.resistors.append(Resistor(name[1:], a, b, value))
-    flat.knobs[shown(name)] = (flat.resistors[-1].card, value)
-
-
-def _capacitor(flat: Flat, name: str, text: str) -> None:
-    a, b, value, keyed = _value("c", text)
-    if abs(value) < ABSENT:
+def _passive(flat: Flat, name: str, text: str) -> None:
+    """Read R, C or L."""
+    letter = name[0]
+    a, b, value, keyed = _value(letter, text)
+    if letter == "c" and abs(value) < ABSENT:
         flat.absent.append(shown(name))
         return
-    flat.capacitors.append(Capacitor(name[1:], a, b, value))
+    part: Resistor | Capacitor | Coil
+    if letter == "r":
+        part = Resistor(name[1:], a, b, value)
+        flat.resistors.append(part)
+    elif letter == "c":
+        part = Capacitor(name[1:], a, b, value)
+        flat.capacitors.append(part)
+    else:
+        if not value > 0.0:
+            raise ValueError("an inductance above 0 is expected")
+        part = Coil(name[1:], a, b, value)
+        flat.branches.append(part)
+    _knob(flat, name, part.card, value)
+    if letter != "r" and number(keyed.get("ic", "0")):
+        flat.charged.append(shown(name))
+
+
+def _knob(flat: Flat, name: str, card: str, value: float) -> None:
+    """Enter a part that can be moved: it is not one of ours."""
     if OWN not in name:
-        flat.knobs[shown(name)] = (flat.capacitors[-1].card, value)
-    if number(keyed.get("ic", "0")):
-        flat.charged.append(shown(name))
-
-
-def _coil(flat: Flat, name: str, text: str) -> None:
-    a, b, value, keyed = _value("l", text)
-    if not value > 0.0:
-        raise ValueError("an inductance above 0 is expected")
-    flat.branches.append(Coil(name[1:], a, b, value))
-    flat.knobs[shown(name)] = (flat.branches[-1].card, value)
-    if number(keyed.get("ic", "0")):
-        flat.charged.append(shown(name))
+        flat.knobs[shown(name)] = (card, value)
 
 
 def _coupling(flat: Flat, name: str, text: str) -> None:
@@ -215,37 +218,29 @@ def _coupling(flat: Flat, name: str, text: str) -> None:
     one, other = (f"L{coil[1:]}" for coil in coils)
     flat.branches.append(BranchCoupling(name[1:], one, other, value))
     if abs(value) < 1.0:  # an ideal one has no tolerance
-        flat.knobs[shown(name)] = (flat.branches[-1].card, value)
+        _knob(flat, name, flat.branches[-1].card, value)
 
 
-def _by_voltage(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
+def _controlled(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
+    by_voltage = kind in (VoltageByVoltage, CurrentByVoltage)
+    count, accepted = (5, "four nodes and one number; polynomials are not linear")
+    if not by_voltage:
+        count, accepted = 4, "two nodes, a voltage source and one number"
+
     def read(flat: Flat, name: str, text: str) -> None:
-        plain, keyed = _fields(text, 5)
-        if len(plain) > 5 or keyed.keys() - {"m"}:
-            raise ValueError("expected four nodes and one number; polynomials are not linear")
-        value = number(plain[4]) * number(keyed.get("m", "1"))
-        _gain(flat, name, kind(name[1:], plain[0], plain[1], value, (plain[2], plain[3])))
-
-    return read
-
-
-def _by_current(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
-    def read(flat: Flat, name: str, text: str) -> None:
-        plain, keyed = _fields(text, 4)
-        if len(plain) > 4 or keyed.keys() - {"m"}:
-            raise ValueError("expected two nodes, a voltage source and one number")
-        if plain[2][0] != "v":
+        plain, keyed = _fields(text, count)
+        if len(plain) > count or keyed.keys() - {"m"}:
+            raise ValueError(f"expected {accepted}")
+        if not by_voltage and plain[2][0] != "v":
             raise ValueError(f"{plain[2]!r} is no voltage source")
-        value = number(plain[3]) * number(keyed.get("m", "1"))
-        _gain(flat, name, kind(name[1:], plain[0], plain[1], value, f"V{plain[2][1:]}"))
+        value = number(plain[-1]) * number(keyed.get("m", "1"))
+        control = (plain[2], plain[3]) if by_voltage else card_of(plain[2])
+        part = kind(name[1:], plain[0], plain[1], value, control)
+        flat.branches.append(part)
+        if value:
+            _knob(flat, name, part.card, value)
 
     return read
-
-
-def _gain(flat: Flat, name: str, part: Branch) -> None:
-    flat.branches.append(part)
-    if part.value and OWN not in name:
-        flat.knobs[shown(name)] = (part.card, part.value)
 
 
 def _source(kind: Callable[..., Source]) -> Callable[[Flat, str, str], None]:
@@ -265,38 +260,40 @@ def _expression(flat: Flat, name: str, text: str) -> None:
         raise ValueError("expected two nodes and v=... or i=...")
     a, b, kind, formula = match.groups()
     found = affine(formula)
-    if not all(map(math.isfinite, (found.constant, *found.terms.values()))):
+    if not all(map(math.isfinite, found.values())):
         raise ValueError("a number of the expression is not finite")
-    parts = [(probe, value) for probe, value in found.terms.items() if value]
-    if found.constant or not parts:
-        parts.append(((), found.constant))
+    parts = [(probe, value) for probe, value in found.items() if value] or [((), 0.0)]
+    parts.sort(key=lambda part: not part[0])  # a constant last
     nodes = [a, *(f"{name}#{k}" for k in range(1, len(parts))), b]
     for k, (probe, value) in enumerate(parts):
-        card = f"{name}#{k}"
         ends = (nodes[k], nodes[k + 1]) if kind == "v" else (a, b)
+        made, control = _OF_PROBES[kind, probe[:1]], list[Any]()
+        if probe:
+            control = [probe[1:] if probe[0] == "v" else card_of(probe[1])]
+        part = made(f"{name}#{k}", *ends, value, *(control or [value]))
+        flat.branches.append(part)
         if not probe:
-            source = (VoltageBetween if kind == "v" else CurrentBetween)(card, *ends, value, value)
-            flat.stimuli[source.card] = Stimulus(value, value, kind=FIXED)
-            flat.branches.append(source)
-        elif probe[0] == "v":
-            by_voltage = VoltageByVoltage if kind == "v" else CurrentByVoltage
-            flat.branches.append(by_voltage(card, *ends, value, (probe[1], probe[2])))
-        else:
-            by_current = VoltageByCurrent if kind == "v" else CurrentByCurrent
-            flat.branches.append(by_current(card, *ends, value, card_of(probe[1])))
+            flat.stimuli[part.card] = Stimulus(value, value, kind=FIXED)
 
 
+_OF_PROBES: Mapping[tuple[str, tuple[str, ...]], Callable[..., Branch]] = {
+    ("v", ()): VoltageBetween,
+    ("i", ()): CurrentBetween,
+    ("v", ("v",)): VoltageByVoltage,
+    ("i", ("v",)): CurrentByVoltage,
+    ("v", ("i",)): VoltageByCurrent,
+    ("i", ("i",)): CurrentByCurrent,
+}
+"""Parts of a B card: what it is a source of, and the kind of what it depends on."""
 _READERS: Mapping[str, Callable[[Flat, str, str], None]] = {
-    "r": _resistor,
-    "c": _capacitor,
-    "l": _coil,
+    **dict.fromkeys("rcl", _passive),
     "k": _coupling,
     "v": _source(VoltageBetween),
     "i": _source(CurrentBetween),
-    "e": _by_voltage(VoltageByVoltage),
-    "g": _by_voltage(CurrentByVoltage),
-    "f": _by_current(CurrentByCurrent),
-    "h": _by_current(VoltageByCurrent),
+    "e": _controlled(VoltageByVoltage),
+    "g": _controlled(CurrentByVoltage),
+    "f": _controlled(CurrentByCurrent),
+    "h": _controlled(VoltageByCurrent),
     "b": _expression,
 }
 
@@ -373,36 +370,30 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     moving = [card for card, found in flat.stimuli.items() if found.moves]
     if moving:
         return flat, f"step at t = 0: {_named(moving)}"
+    still = "no source changes over time"
     sources = [card for card, found in flat.stimuli.items() if found.kind != FIXED]
-    chosen = [card for card in sources if flat.stimuli[card].ac]
+    excited = [card for card in sources if flat.stimuli[card].ac]
+    faint = [card for card in excited if flat.stimuli[card].after]
+    before, step = 0.0, 0.0
     if small:
-        chosen = chosen or sources[-1:]
-        faint_ones = [
-            _on(p, p.value + SMALL_STEP, p.value)
-            if p.card in chosen and isinstance(p, Source)
-            else p
-            for p in flat.branches
-        ]
-        text = (
-            f"no source changes over time, so a step by {SMALL_STEP:g} at t = 0: {_named(chosen)}"
-        )
-        return replace(flat, branches=faint_ones), text if chosen else "no source changes over time"
-    faint = [card for card in chosen if flat.stimuli[card].after]
-    chosen = faint or chosen or sources
-    unit = {card for card in chosen if flat.stimuli[card].after == 0.0}
-    if faint:
-        before = 1.0 - BIASED_STEP
-        branches = [
-            _on(p, p.value, before * p.value) if p.card in faint else p for p in flat.branches
-        ]
-        text = f"no source changes over time, so at t = 0 from {before:.0%} to the DC value: {{}}"
-    elif len(unit) == len(chosen):  # sources of an AC analysis have no value: they step to 1
-        branches = [_on(p, 1.0) if p.card in unit else p for p in flat.branches]
-        text = "no source changes over time, so at t = 0 from 0 to 1: {}"
+        chosen, before, step = excited or sources[-1:], 1.0, SMALL_STEP
+        text = f"{still}, so a step by {SMALL_STEP:g} at t = 0"
+    elif faint:
+        chosen, before = faint, 1.0 - BIASED_STEP
+        text = f"{still}, so at t = 0 from {before:.0%} to the DC value"
     else:
-        branches = [_on(p, p.value) if p.card in chosen else p for p in flat.branches]
-        text = "no source changes over time, so switched on at t = 0: {}"
-    return replace(flat, branches=branches), text.format(_named(chosen)) if chosen else ""
+        chosen, text = excited or sources, f"{still}, so switched on at t = 0"
+        if not any(flat.stimuli[card].after for card in chosen):  # of an AC analysis: to 1
+            step, text = 1.0, f"{still}, so at t = 0 from 0 to 1"
+    if not chosen:
+        return flat, still if small else ""
+    branches = [
+        replace(part, before=before * part.value, value=part.value + step)
+        if isinstance(part, Source) and part.card in chosen
+        else part
+        for part in flat.branches
+    ]
+    return replace(flat, branches=branches), f"{text}: {_named(chosen)}"
 
 
 def _named(cards: Sequence[str]) -> str:
@@ -410,8 +401,3 @@ def _named(cards: Sequence[str]) -> str:
     names = [shown(card[0].lower() + card[1:]) for card in cards]
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return ", ".join(names[:NAMED]) + more
-
-
-def _on(part: Part, value: float, before: float = 0.0) -> Branch:
-    assert isinstance(part, Source)  # noqa: S101 - of `Flat.stimuli`
-    return replace(part, before=before, value=value)

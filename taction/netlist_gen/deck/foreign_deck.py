@@ -22,12 +22,12 @@ from taction.spice_models.foreign_lines import (
     MOST_CARDS,
     MOST_FILES,
     MOST_LINES,
-    Line,
-    RefusedError,
+    Card,
     beyond,
     called,
     logical_lines,
     physical_lines,
+    subcircuits,
 )
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
@@ -78,33 +78,6 @@ REFUSED = (
 )
 """What no card may hold, and the reason, with what was found."""
 _NODE = re.compile(r"\b[vi] ?\([^()=]*\)")  # may have the name of anything
-
-
-@dataclass(frozen=True, slots=True)
-class Card:
-    """A card of a deck: the file and the line where it begins, and its text in lower case."""
-
-    file: Path
-    line: Line
-
-    @property
-    def text(self) -> str:
-        """The card."""
-        return self.line.text
-
-    @property
-    def word(self) -> str:
-        """Its first word."""
-        return self.text.split(maxsplit=1)[0]
-
-    def with_text(self, text: str) -> Card:
-        """Return another card in its place."""
-        return Card(self.file, Line(self.line.number, text))
-
-    def refused(self, accepted: str) -> InputError:
-        """Return the error for this card, with what is accepted instead."""
-        complaint = Complaint(f"line {self.line.number}", repr(self.text[:80]), accepted)
-        return InputError(self.file, complaint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,22 +177,8 @@ def read_library(file: str | Path, name: str) -> ForeignDeck:
     path = Path(file)
     reading = _DeckReading(path)
     reading.file(path)
-    top, blocks, open_ones = list[Card](), dict[str, list[Card]](), list[str]()
-    for card in reading.found:
-        if card.word == ".subckt":
-            open_ones.append([*card.text.split(), ""][1])
-            if len(open_ones) == 1 and open_ones[0] in blocks:
-                raise card.refused("a second subcircuit of this name")
-        if open_ones:
-            blocks.setdefault(open_ones[0], []).append(card)
-        elif card.word in (".model", ".param", ".func"):
-            top.append(card)
-        if card.word == ".ends":
-            if not open_ones:
-                raise card.refused("no subcircuit is open")
-            open_ones.pop()
-    if open_ones:
-        raise blocks[open_ones[0]][0].refused("this subcircuit has no .ends")
+    blocks, outside = subcircuits(reading.found, whole=True)
+    top = (card for card in outside if card.word in (".model", ".param", ".func"))
     if name.lower() not in blocks:
         known = ", ".join(sorted(blocks)[:10]) or "none"
         text = f"the file has no subcircuit {name!r}; it has {known}"
@@ -251,10 +210,7 @@ class _DeckReading:
         """Read the deck, or the file or the section of a library that a card names."""
         real, section = _real(path), "" if caller is None else caller.section
         text = self._text(path)
-        try:
-            raw = physical_lines(text)
-        except RefusedError as error:
-            raise InputError(path, Complaint("deck", "", str(error))) from None
+        raw = physical_lines(text, path)
         self.lines += len(raw)
         if caller is not None:
             self.files += 1
@@ -423,17 +379,14 @@ def _cards(
         remarks.append(f"{found}: begins with no letter, so that it is a comment, as in ngspice")
     if commands:
         remarks.append(f"{path.name}: {commands} lines of commands (.control) do not run")
-    try:
-        lines = logical_lines(raw)
-    except RefusedError as error:
-        raise InputError(path, Complaint("deck", "", str(error))) from None
-    for each in lines:
-        card = Card(path, each)
+    for card in logical_lines(raw, path):
         if card.word == ".end":
             return
-        if match := files.get(each.number):
+        if match := files.get(card.number):
             name = next(filter(None, match.groups()[:3]), "")
-            yield _Include(path, each, name.replace("\\", "/"), (match[4] or "").lower())
+            yield _Include(
+                card.number, card.text, path, name.replace("\\", "/"), (match[4] or "").lower()
+            )
         else:
             yield card
 

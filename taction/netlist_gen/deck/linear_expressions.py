@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from itertools import chain, combinations_with_replacement, count
 
 from taction.spice_models.foreign_expressions import number
@@ -13,7 +11,9 @@ from taction.spice_models.foreign_lines import LONGEST, beyond
 
 DEEPEST = 50  # parentheses within one another
 Probe = tuple[str, ...]
-"""``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source."""
+"""``("v", a, b)``: the voltage from a to b; ``("i", source)``: the current of a source; (): 1."""
+Sum = dict[Probe, float]
+"""Coefficients of a linear expression."""
 _POLY = re.compile(r"([efgh])(\S+) (\S+) (\S+) poly ?\( ?(\d+) ?\) ?(.*)")
 _TABLE = re.compile(
     r"([egi])(\S+) (\S+) (\S+) (?:([^\s{}]+ [^\s{}]+) )?(?:table|tbl) ?(?:\{([^{}]*)\})? ?=? ?(.*)"
@@ -186,27 +186,8 @@ def _point(text: str) -> str:
         return f"({text.strip().strip('{}')})"
 
 
-@dataclass(frozen=True, slots=True)
-class Affine:
-    """``constant + sum of terms``: a coefficient for each probe."""
-
-    constant: float = 0.0
-    terms: Mapping[Probe, float] = field(default_factory=dict)
-
-    def scaled(self, factor: float) -> Affine:
-        """Return its product with a number."""
-        return Affine(factor * self.constant, {p: factor * c for p, c in self.terms.items()})
-
-    def plus(self, other: Affine) -> Affine:
-        """Return the sum of both."""
-        terms = dict(self.terms)
-        for probe, value in other.terms.items():
-            terms[probe] = terms.get(probe, 0.0) + value
-        return Affine(self.constant + other.constant, terms)
-
-
-def affine(text: str) -> Affine:
-    """Return an expression of voltages and currents as a constant and coefficients.
+def affine(text: str) -> Sum:
+    """Return the coefficients of an expression of voltages and currents, by their probes.
 
     Raises
     ------
@@ -216,7 +197,7 @@ def affine(text: str) -> Affine:
     Examples
     --------
     >>> affine("2.5 - 10*(v(a,b) - v(c)/4)")
-    Affine(constant=2.5, terms={('v', 'a', 'b'): -10.0, ('v', 'c', '0'): 2.5})
+    {(): 2.5, ('v', 'a', 'b'): -10.0, ('v', 'c', '0'): 2.5}
     """
     probes: list[Probe] = []
 
@@ -230,47 +211,55 @@ def affine(text: str) -> Affine:
         return word if word[0].isalpha() or word[0] == "_" else repr(number(word))
 
     inner = _PROBE.sub(placed, text.strip().strip("{}'"))
-    inner = "".join(
-        part if part.startswith("P") else _TOKEN.sub(plain, part)
-        for part in re.split(r"(P\d+)", inner)
-    )
+    parts = re.split(r"(P\d+)", inner)
+    inner = "".join(part if part.startswith("P") else _TOKEN.sub(plain, part) for part in parts)
     if inner.count("(") > DEEPEST:
         raise ValueError(f"more than {DEEPEST} parentheses")
     try:
         tree = ast.parse(inner.strip().replace("^", "**"), mode="eval").body
-        return _value(tree, probes)
+        return _sum(tree, probes)
     except (SyntaxError, MemoryError):
         raise ValueError("the expression cannot be read") from None
     except RecursionError:
         raise ValueError("the expression has too many terms; expected several cards") from None
 
 
-def _value(node: ast.expr, probes: list[Probe]) -> Affine:
-    """Return the value of a tree."""
+def _sum(node: ast.expr, probes: list[Probe]) -> Sum:
+    """Return the coefficients of a tree."""
     match node:
         case ast.Constant(value=float(value)):
-            return Affine(value)
+            return {(): value}
         case ast.Name(id=name) if name.startswith("P"):
-            return Affine(0.0, {probes[int(name[1:])]: 1.0})
+            return {probes[int(name[1:])]: 1.0}
         case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=inner):
-            return _value(inner, probes).scaled(-1.0 if isinstance(sign, ast.USub) else 1.0)
+            return _scaled(_sum(inner, probes), -1.0 if isinstance(sign, ast.USub) else 1.0)
         case ast.BinOp(left=left, op=op, right=right):
-            return _both(_value(left, probes), op, _value(right, probes))
+            return _both(_sum(left, probes), op, _sum(right, probes))
     raise ValueError(
         "not linear: expected sums of voltages v(a), v(a,b) and currents i(source) times numbers"
     )
 
 
-def _both(one: Affine, op: ast.operator, other: Affine) -> Affine:
-    if isinstance(op, ast.Add | ast.Sub):
-        return one.plus(other.scaled(-1.0 if isinstance(op, ast.Sub) else 1.0))
-    if isinstance(op, ast.Mult) and not (one.terms and other.terms):
-        return one.scaled(other.constant) if one.terms else other.scaled(one.constant)
-    if isinstance(op, ast.Div) and not other.terms and other.constant:
-        return one.scaled(1.0 / other.constant)
-    if isinstance(op, ast.Pow) and not (one.terms or other.terms) and one.constant > 0.0:
-        try:
-            return Affine(one.constant**other.constant)
-        except OverflowError:
-            pass
+def _scaled(one: Sum, factor: float) -> Sum:
+    return {probe: factor * value for probe, value in one.items()}
+
+
+def _both(one: Sum, op: ast.operator, other: Sum) -> Sum:
+    value, factor = one.get((), 0.0), other.get((), 0.0)
+    by_number, of_number = not other.keys() - {()}, not one.keys() - {()}
+    match op:
+        case ast.Add() | ast.Sub():
+            added = _scaled(other, -1.0 if isinstance(op, ast.Sub) else 1.0)
+            return {p: one.get(p, 0.0) + added.get(p, 0.0) for p in {**one, **added}}
+        case ast.Mult() if by_number:
+            return _scaled(one, factor)
+        case ast.Mult() if of_number:
+            return _scaled(other, value)
+        case ast.Div() if by_number and factor:
+            return _scaled(one, 1.0 / factor)
+        case ast.Pow() if by_number and of_number and value > 0.0:
+            try:
+                return {(): value**factor}
+            except OverflowError:
+                pass
     raise ValueError("not linear: a product or a quotient of voltages, or no number")

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 
-from taction.netlist_gen.deck.foreign_deck import Card, ForeignDeck
+from taction.netlist_gen.deck.foreign_deck import ForeignDeck
 from taction.netlist_gen.deck.linear_expressions import without_calls, without_poly, without_table
 from taction.netlist_gen.deck.ltspice import OPAMPS, missing_cards, opamp_cards, plain_name
 from taction.spice_models.foreign_expressions import number
-from taction.spice_models.foreign_lines import called, check_expanded
+from taction.spice_models.foreign_lines import Card, called, check_expanded, subcircuits
 
 NOT_LINEAR = re.compile(
     r"^(?:[dqjmswb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
@@ -27,42 +26,6 @@ _RANGES = {
 Scope = tuple[str, ...]  # subcircuits, from the outermost one
 
 
-@dataclass(slots=True)
-class _Block:
-    """A subcircuit of the text."""
-
-    head: Card
-    cards: list[Card] = field(default_factory=list)
-
-    @property
-    def texts(self) -> list[str]:
-        """The text of its cards."""
-        return [card.text for card in (self.head, *self.cards)]
-
-
-def _blocks(deck: ForeignDeck) -> tuple[dict[str, _Block], list[Card]]:
-    """Return the subcircuits by name, and the cards of the top level."""
-    blocks, top, inside = dict[str, _Block](), list[Card](), list[_Block]()
-    for card in deck.cards:
-        if card.word == ".subckt":
-            words = card.text.split()
-            if len(words) < 2:
-                raise card.refused("a subcircuit without a name; expected '.subckt NAME ports'")
-            inside.append(_Block(card))
-        elif card.word == ".ends":
-            if not inside:
-                raise card.refused("no subcircuit is open")
-            block = inside.pop()
-            first = blocks.setdefault(block.head.text.split()[1], block)
-            if first.texts != block.texts:
-                raise block.head.refused("a second subcircuit of this name, which differs")
-        elif inside:
-            inside[-1].cards.append(card)
-        else:
-            top.append(card)
-    return blocks, top
-
-
 def check_size(deck: ForeignDeck, called_one: str = "") -> None:
     """Refuse a deck, or one subcircuit of it, that is too large with all subcircuits expanded.
 
@@ -71,11 +34,10 @@ def check_size(deck: ForeignDeck, called_one: str = "") -> None:
     InputError
         The card at which a limit is passed.
     """
-    blocks, top = _blocks(deck)
+    blocks, top = subcircuits(deck.cards)
     if called_one:
         top = [deck.cards[-1].with_text(f"x {called_one}")]
-    known = () if called_one else tuple(blocks)
-    check_expanded({name: block.cards for name, block in blocks.items()}, top, known)
+    check_expanded(blocks, top, () if called_one else blocks)
 
 
 def is_plain(deck: ForeignDeck) -> bool:
@@ -158,7 +120,7 @@ def _at_27(text: str) -> str:
 
 def ltspice_opamps(deck: ForeignDeck) -> dict[Card, str]:
     """Return the cards X that call an op-amp of LTspice's library which the deck lacks."""
-    own, found = _blocks(deck)[0], dict[Card, str]()
+    own, found = subcircuits(deck.cards)[0], dict[Card, str]()
     for card in deck.cards:
         if card.word[0] == "x" and (name := called(card.text)) not in own:
             if name not in OPAMPS:

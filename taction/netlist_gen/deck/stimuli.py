@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from taction.spice_models.foreign_expressions import number
 
@@ -73,35 +73,17 @@ def stimulus_of(text: str) -> Stimulus:
         rest = given[1] if repeats else given[4] if wave == "trrandom" and given[4:] else 0.0
         rest = rest if dc is None else dc
         return Stimulus(rest, rest, 0.0, "repeated" if repeats else "noise", ac)
-    found = _WAVES[wave](given, ac)
-    return replace(found, at=found.at + delay)
+    if wave == "pwl":
+        changes = zip(given[::2], given[1::2], given[3::2], strict=False)
+        at = next((t for t, one, other in changes if one != other), 0.0)
+        return Stimulus(given[1], given[1::2][-1], at + delay, "pwl", ac)
+    if wave.startswith("sin"):
+        return Stimulus(given[0], given[0], delay, "sin", ac)
+    at = given[2] if len(given) > 2 else 0.0
+    return Stimulus(given[0], given[1], at + delay, "exp" if wave == "exp" else "pulse", ac)
 
 
 def _numbers(words: list[str]) -> None:
     """Take the numbers at the front of some words: magnitude and phase."""
     while words and words[0] not in ("ac", "dc", "distof1", "distof2"):
         number(words.pop(0))
-
-
-def _pulse(given: list[float], ac: bool) -> Stimulus:
-    return Stimulus(given[0], given[1], given[2] if len(given) > 2 else 0.0, "pulse", ac)
-
-
-def _piecewise(given: list[float], ac: bool) -> Stimulus:
-    times, values = given[::2], given[1::2]
-    changes = [t for t, a, b in zip(times, values, values[1:], strict=False) if a != b]
-    return Stimulus(values[0], values[-1], changes[0] if changes else 0.0, "pwl", ac)
-
-
-def _sine(given: list[float], ac: bool) -> Stimulus:
-    return Stimulus(given[0], given[0], 0.0, "sin", ac)
-
-
-def _exponential(given: list[float], ac: bool) -> Stimulus:
-    return Stimulus(given[0], given[1], given[2] if len(given) > 2 else 0.0, "exp", ac)
-
-
-_WAVES = {
-    "pulse": _pulse, "step": _pulse, "pwl": _piecewise, "sin": _sine, "sine": _sine,
-    "exp": _exponential,
-}  # fmt: skip

@@ -14,7 +14,7 @@ from taction.spice_models.foreign_lines import LONGEST
 OWN = "_taction_"
 """In names of cards that are made: such parts are no knobs."""
 HIGHEST = 12  # order of a transfer function
-FARADS = "1e-09"  # of a state
+FARADS = 1e-9  # of a state
 RATIONAL = "expected a quotient of polynomials of s, such as {1e5/(1+s/62.8)}, of order 0 to 12"
 _PSPICE = re.compile(r"([eg]\S*) (\S+) (\S+) laplace ?=? ?\{([^{}]*)\} ?=? ?[{(](.*)[)}]")
 _LTSPICE = re.compile(r"([eg]\S*) (\S+) (\S+) (\S+) (\S+) laplace ?= ?(.+)")
@@ -26,7 +26,8 @@ _SIGNS: dict[str, Callable[[float, float], float]] = {
     "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
     "**": operator.pow,
 }  # fmt: skip
-Polynomial = list[str]
+Coefficient = float | str
+Polynomial = list[Coefficient]
 """Coefficients, that of 1 first: numbers, or expressions of parameters."""
 
 
@@ -90,58 +91,54 @@ def _states(
         raise ValueError(
             f"the order of the numerator is {len(above) - 1}, above {order}; {RATIONAL}"
         )
-    first = next(k for k, each in enumerate(below) if each != "0")
-    ratio, w = _folded("/", below[first], below[-1]), "1.0"
+    first = next(k for k, each in enumerate(below) if each != 0.0)
+    w: Coefficient = 1.0
     if order > first:
-        w = _folded("**", f"abs({ratio})", repr(1.0 / (order - first)))
-    above = above + ["0"] * (len(below) - len(above))
-    powers = [_folded("**", w, repr(float(k))) for k in range(order + 1)]
+        ratio = _folded("/", below[first], below[-1])
+        size = abs(ratio) if isinstance(ratio, float) else f"abs({ratio})"
+        w = _folded("**", size, 1.0 / (order - first))
+    above = above + [0.0] * (len(below) - len(above))
+    powers = [_folded("**", w, float(k)) for k in range(order + 1)]
     scaled = [_folded("*", each, power) for each, power in zip(below, powers, strict=True)]
     seen = [_folded("*", each, power) for each, power in zip(above, powers, strict=True)]
     source, states = f"{node}_u", [f"{node}_{k}" for k in range(order)]
     rate, through = _folded("*", FARADS, w), _folded("/", seen[-1], scaled[-1])
-    cards = [f"c{own}_{k} {state} 0 {FARADS}" for k, state in enumerate(states)]
+    cards = [f"c{own}_{k} {state} 0 {FARADS!r}" for k, state in enumerate(states)]
     currents = [("0", a, b, rate) for a, b in pairwise(states)]
     if order:
         last = _folded("/", rate, scaled[-1])
         currents.append(("0", states[-1], source, last))
-        back = [_folded("-", "0", _folded("*", last, each)) for each in scaled[:-1]]
+        back = [_folded("-", 0.0, _folded("*", last, each)) for each in scaled[:-1]]
         currents += [("0", states[-1], *each) for each in zip(states, back, strict=True)]
     a, b = ("0", f"{node}_y") if is_voltage else ends
     shown = [_folded("-", x, _folded("*", through, y)) for x, y in zip(seen, scaled, strict=True)]
     shown[-1] = through
     currents += [(a, b, *each) for each in zip([*states, source], shown, strict=True)]
     if is_voltage:
-        currents.append((b, "0", b, "1.0"))
+        currents.append((b, "0", b, 1.0))
         cards.append(f"e{own}_y {ends[0]} {ends[1]} {b} 0 1")
     cards += [
         f"g{own}_{k} {one} {other} {control} 0 {{{factor}}}"
         for k, (one, other, control, factor) in enumerate(currents)
-        if factor != "0"
+        if factor != 0.0
     ]
     return cards
 
 
-def _folded(sign: str, one: str, other: str) -> str:
+def _folded(sign: str, one: Coefficient, other: Coefficient) -> Coefficient:
     """Return an operation of two coefficients: a number where both are numbers."""
-    if ("0" in (one, other) and sign in "*+") or (one == "0" and sign == "/"):
-        return {"*": "0", "/": "0"}.get(sign, one if other == "0" else other)
-    if (sign == "-" and other == "0") or (sign in "*/**" and other == "1.0"):
+    if isinstance(one, float) and isinstance(other, float):
+        try:
+            return _SIGNS[sign](one, other)
+        except (OverflowError, ZeroDivisionError):
+            raise ValueError(f"a coefficient that is not finite; {RATIONAL}") from None
+    if (sign == "*" and 0.0 in (one, other)) or (sign == "/" and one == 0.0):
+        return 0.0
+    if (sign in "+-" and other == 0.0) or (sign in "*/**" and other == 1.0):
         return one
-    if (sign == "*" and one == "1.0") or (sign == "**" and other == "0.0"):
-        return other if sign == "*" else "1.0"
-    try:
-        value = _SIGNS[sign](_number(one), _number(other))
-        return repr(value) if value else "0"
-    except (ValueError, TypeError):
-        return f"({one}{sign}{other})"
-    except (OverflowError, ZeroDivisionError):
-        raise ValueError(f"a coefficient that is not finite; {RATIONAL}") from None
-
-
-def _number(text: str) -> float:
-    inner = re.fullmatch(r"abs\((.*)\)", text)
-    return abs(number(inner[1])) if inner else number(text)
+    if (sign == "+" and one == 0.0) or (sign == "*" and one == 1.0):
+        return other
+    return 1.0 if sign == "**" and other == 0.0 else f"({one}{sign}{other})"
 
 
 def _ratio(text: str) -> tuple[Polynomial, Polynomial]:
@@ -151,18 +148,18 @@ def _ratio(text: str) -> tuple[Polynomial, Polynomial]:
         above, below = _quotient(ast.parse(plain.strip(), mode="eval").body)
     except (SyntaxError, RecursionError, MemoryError):
         raise ValueError(f"{text[:40]!r} cannot be read; {RATIONAL}") from None
-    if below == ["0"]:
+    if below == [0.0]:
         raise ValueError(f"a denominator of 0; {RATIONAL}")
     return above, below
 
 
 def _quotient(node: ast.expr) -> tuple[Polynomial, Polynomial]:
-    one = ["1.0"]
+    one: Polynomial = [1.0]
     match node:
         case ast.Constant(value=float(value)):
-            return [repr(value) if value else "0"], one
+            return [value], one
         case ast.Name(id="s"):
-            return ["0", "1.0"], one
+            return [0.0, 1.0], one
         case ast.Name(id=name):
             return [f"({name})"], one
         case ast.Call(func=ast.Name(id=name), args=inner) if not any(
@@ -171,7 +168,7 @@ def _quotient(node: ast.expr) -> tuple[Polynomial, Polynomial]:
             return [f"{name}({','.join(ast.unparse(each) for each in inner)})"], one
         case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=inner):
             above, below = _quotient(inner)
-            return (_product(above, ["-1.0"]) if isinstance(sign, ast.USub) else above), below
+            return (_product(above, [-1.0]) if isinstance(sign, ast.USub) else above), below
         case ast.BinOp(left=left, op=ast.Pow(), right=ast.Constant(value=float(power))) if (
             power in range(HIGHEST + 1)
         ):
@@ -200,13 +197,13 @@ def _both(
 
 
 def _sum_of(one: Polynomial, sign: str, other: Polynomial) -> Polynomial:
-    return _trimmed([_folded(sign, a, b) for a, b in zip_longest(one, other, fillvalue="0")])
+    return _trimmed([_folded(sign, a, b) for a, b in zip_longest(one, other, fillvalue=0.0)])
 
 
 def _product(one: Polynomial, other: Polynomial) -> Polynomial:
     if len(one) + len(other) - 2 > 2 * HIGHEST:
         raise ValueError(f"an order above {2 * HIGHEST}; {RATIONAL}")
-    found = ["0"] * (len(one) + len(other) - 1)
+    found: Polynomial = [0.0] * (len(one) + len(other) - 1)
     for i, a in enumerate(one):
         for j, b in enumerate(other):
             found[i + j] = _folded("+", found[i + j], _folded("*", a, b))
@@ -214,13 +211,13 @@ def _product(one: Polynomial, other: Polynomial) -> Polynomial:
 
 
 def _power(base: Polynomial, power: int) -> Polynomial:
-    found = ["1.0"]
+    found: Polynomial = [1.0]
     for _ in range(power):
         found = _product(found, base)
     return found
 
 
 def _trimmed(found: Polynomial) -> Polynomial:
-    while len(found) > 1 and found[-1] == "0":
+    while len(found) > 1 and found[-1] == 0.0:
         found = found[:-1]
     return found

@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 
-from taction.netlist_gen.deck.foreign_deck import Card, ForeignDeck
-from taction.spice_models.foreign_lines import Line
+from taction.netlist_gen.deck.foreign_deck import ForeignDeck
+from taction.spice_models.foreign_lines import Card
 
 STEP = re.compile(r"^\.step (?:(?:lin|dec|oct) )?param (?:list )?([a-z_]\w*) (?:list )?(\S+)")
 NOTHING = "nothing of check answers it yet"
@@ -51,5 +51,5 @@ def with_first_steps(deck: ForeignDeck) -> ForeignDeck:
     for card in deck.left:
         match = STEP.match(card.text) if card.word == ".step" else None
         if match and match[1] not in (*deck.parameters, *(c.text.split()[1] for c in cards)):
-            cards.append(Card(card.file, Line(card.line.number, f".param {match[1]} = {match[2]}")))
+            cards.append(card.with_text(f".param {match[1]} = {match[2]}"))
     return replace(deck, cards=(*deck.cards, *cards)) if cards else deck

@@ -13,7 +13,7 @@ from taction.netlist_gen.deck.elements import spelt_card
 from taction.netlist_gen.deck.foreign_deck import LETTERS, forbidden, read_library
 from taction.netlist_gen.deck.macromodels import check_size, ready_lines
 from taction.spice_models.foreign_expressions import number
-from taction.spice_models.foreign_lines import Line, called, check_expanded, logical_lines
+from taction.spice_models.foreign_lines import called, check_expanded, logical_lines, subcircuits
 from taction.spice_models.imported import DEVICE, Subcircuit
 
 STORED = (".subckt", ".ends", ".model", ".param")
@@ -71,36 +71,25 @@ def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircui
 
     Raises
     ------
-    RefusedError
+    InputError
         A card is not accepted, or there is no such subcircuit; the text has the line.
     """
-    blocks, heads = dict[str, list[Line]](), dict[str, Line]()
-    inside = ""
-    for line in logical_lines("\n".join(lines)):
-        word = line.text.split()[0]
-        if word not in STORED and line.text[0] not in LETTERS:
-            raise line.refused(f"the card {word!r} is not accepted; expected {' '.join(STORED)}")
-        if (word == ".subckt") == bool(inside) or line.text == ".subckt":
-            raise line.refused("expected '.subckt NAME ports', its cards, and '.ends NAME'")
-        if reason := forbidden(line.text):
-            raise line.refused(reason)
-        if word == ".subckt":
-            inside = line.text.split()[1]
-            heads[inside], blocks[inside] = line, []
-        elif word == ".ends":
-            inside = ""
-        else:
-            blocks[inside].append(line)
-    if name not in blocks or inside:
-        raise Line(1, "").refused(f"expected a whole subcircuit {name!r}")
-    order = check_expanded(blocks, [Line(heads[name].number, f"x {name}")], (name,))
+    cards = logical_lines("\n".join(lines))
+    for card in cards:
+        if card.word not in STORED and card.text[0] not in LETTERS:
+            accepted = " ".join(STORED)
+            raise card.refused(f"the card {card.word!r} is not accepted; expected {accepted}")
+        if reason := forbidden(card.text):
+            raise card.refused(reason)
+    blocks, top = subcircuits(cards)
+    if top or name not in blocks:
+        raise (top or cards)[0].refused(f"expected a whole subcircuit {name!r}")
+    order = check_expanded(blocks, [blocks[name][0].with_text(f"x {name}")], (name,))
     new = {old: f"{prefix}_{old}" for old in order}
-    written = [
-        text
-        for old in order
-        for text in (heads[old].text, *(line.text for line in blocks[old]), f".ends {old}")
-    ]
-    ports = tuple(word for word in heads[name].text.split()[2:] if "=" not in word)
+    written = (
+        text for old in order for text in (*(card.text for card in blocks[old]), f".ends {old}")
+    )
+    ports = tuple(word for word in blocks[name][0].text.split()[2:] if "=" not in word)
     return Subcircuit(new[name], ports, tuple(_renamed(written, new)))
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from taction.netlist_gen.board.linear_models import check_parts
 from taction.netlist_gen.deck.vendor_subcircuit import stored_subcircuit
-from taction.spice_models.foreign_lines import RefusedError
 from taction.spice_models.imported import (
     Figures,
     ImportedOpAmp,
@@ -15,7 +14,7 @@ from taction.spice_models.imported import (
     check_pins,
 )
 from taction.system.documents import plain, read, taken
-from taction.system.errors import listed
+from taction.system.errors import InputError, listed
 
 FORMAT = 3
 READ = (1, 2, FORMAT)
@@ -79,8 +78,8 @@ def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
         _check_linear(stored.linear)
     try:
         subcircuit = stored_subcircuit(stored.netlist, stored.subcircuit, stored.name)
-    except RefusedError as error:
-        raise ValueError(f"netlist: {error}") from None
+    except InputError as error:
+        raise ValueError(str(error)) from None
     try:
         check_pins(stored.pins, subcircuit.ports)
     except ValueError as error:

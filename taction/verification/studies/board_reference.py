@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +12,21 @@ from taction.system.errors import Complaint, InputError
 from taction.system.quantities import parse
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
-from taction.verification.studies.wanted_checks import Expected, share_of
+from taction.verification.studies.questions import share_of
+from taction.verification.studies.wanted_checks import Expected
 
 
-@dataclass(frozen=True, slots=True)
-class BoardReference:
-    """The problem that a deck is to solve, as files and texts.
+def reference_values(
+    nodes: Sequence[str],
+    matrix: str | Path,
+    strain: str | Path,
+    lam: float = 0.0,
+    unit: str = "1V",
+    accept: str = "0.1%",
+) -> tuple[tuple[Expected, ...], tuple[str, ...]]:
+    """Return the expected voltages of nodes, one of every channel, and what is to be said.
 
-    Attributes
+    Parameters
     ----------
     matrix, strain : path
         T (M, N) and eps (M,): .csv or .npy.
@@ -30,46 +36,32 @@ class BoardReference:
         Voltage of ``u = 1``; negative for outputs that are inverted.
     accept : str
         Accepted deviation of an output, as a share of the largest one.
+
+    Raises
+    ------
+    InputError
+        A file or a value cannot be used, the numbers of channels and of nodes differ, or the
+        problem has no certain solution.
     """
-
-    matrix: str | Path
-    strain: str | Path
-    lam: float = 0.0
-    unit: str = "1V"
-    accept: str = "0.1%"
-
-    def expected(self, nodes: Sequence[str]) -> tuple[tuple[Expected, ...], tuple[str, ...]]:
-        """Return the expected voltages of nodes, one of every channel, and what is to be said.
-
-        Raises
-        ------
-        InputError
-            A file or a value cannot be used, the numbers of channels and of nodes differ, or the
-            problem has no certain solution.
-        """
-        T, eps = problem_tables(Path(self.matrix), Path(self.strain))
-        channels = T.values.shape[1]
-        if len(nodes) != channels:
-            listed = ", ".join(nodes[:20])
-            text = (
-                f"the matrix has {channels} columns, and {len(nodes)} outputs are looked at"
-                f" ({listed}); give one --output for each column, in their order"
-            )
-            raise InputError(self.matrix, Complaint("--matrix", "", text))
-        try:
-            volts = parse(self.unit, "V")
-        except ValueError as error:
-            raise InputError("--unit", Complaint("VOLTS", repr(self.unit), str(error))) from None
-        found = solve(Problem(T.values, eps.values, self.lam))
-        if not found.trusted:
-            text = f"the optimum is not certain: {found.reason}; give a larger --lambda"
-            raise InputError(self.matrix, Complaint("--lambda", f"{self.lam:g}", text))
-        wanted = volts * found.u
-        largest = float(np.abs(wanted).max(initial=0.0))
-        share = share_of(self.accept, "--accept")
-        tolerance = share * largest - abs(volts) * found.error_bound
-        notes = (f"{each.path.name}: {each.changed}" for each in (T, eps) if each.changed)
-        return (
-            tuple(Expected(n, v, tolerance) for n, v in zip(nodes, wanted.tolist(), strict=True)),
-            tuple(notes),
+    T, eps = problem_tables(Path(matrix), Path(strain))
+    channels = T.values.shape[1]
+    if len(nodes) != channels:
+        text = (
+            f"the matrix has {channels} columns, and {len(nodes)} outputs are looked at"
+            f" ({', '.join(nodes[:20])}); give one --output for each column, in their order"
         )
+        raise InputError(matrix, Complaint("--matrix", "", text))
+    try:
+        volts = parse(unit, "V")
+    except ValueError as error:
+        raise InputError("--unit", Complaint("VOLTS", repr(unit), str(error))) from None
+    found = solve(Problem(T.values, eps.values, lam))
+    if not found.trusted:
+        text = f"the optimum is not certain: {found.reason}; give a larger --lambda"
+        raise InputError(matrix, Complaint("--lambda", f"{lam:g}", text))
+    wanted = volts * found.u
+    largest = float(np.abs(wanted).max(initial=0.0))
+    tolerance = share_of(accept, "--accept") * largest - abs(volts) * found.error_bound
+    notes = tuple(f"{each.path.name}: {each.changed}" for each in (T, eps) if each.changed)
+    every = zip(nodes, wanted.tolist(), strict=True)
+    return tuple(Expected(node, value, tolerance) for node, value in every), notes

@@ -4,39 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.system.documents import Hertz, Number, Rate, Seconds, Steps
+from taction.system.documents import Hertz, Inline, Number, Rate
 from taction.system.errors import EngineError, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
-from taction.verification.readings.readings import Reading
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.families import Family
 from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_boards
+from taction.verification.studies.questions import QUESTIONS, units
 from taction.verification.studies.swept_values import SweptValue
 
 SAME = 1e-9  # relative distance of a point from an edge at which it counts as the edge
-COLUMNS = ("settling_time", "rise_time", "overshoot", "undershoot")
 Build = Callable[[Sequence[Mapping[str, float]]], Sequence[Circuit | InputError]]
 """Returns the circuit at some values of ``.param`` cards, or why there is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointRow:
-    """A value of a sweep: the rightmost pole, the bound on its real part, and readings."""
+    """A value of a sweep: the rightmost pole, its bound, and the answers of `QUESTIONS`."""
 
     value: Number
     real: Rate
     frequency: Hertz
     stable: bool | None
-    settling_time: Seconds = None
-    rise_time: Seconds = None
-    overshoot: Steps = None
-    undershoot: Steps = None
-    failure: str = ""
     bound: Rate = None
+    failure: str = ""
+    figures: Annotated[dict[str, float | None], Inline(units(over=True))] = field(
+        default_factory=dict
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,19 +140,17 @@ def _over(build: Build, name: str, values: Sequence[float]) -> Callable[[float],
 
 
 def _point(value: float, found: MeasuredBoard | Exception) -> PointRow:
-    """Return the poles and the readings at a value."""
+    """Return the poles and the answers at a value."""
     if isinstance(found, Exception):
         return PointRow(value, None, None, None, failure=str(found))
-    lead, readings = found.poles.rightmost, found.measurements.readings
-    settling, rise, over, under = (_number(readings[name]) for name in COLUMNS)
-    stable = found.poles.stable
-    real, frequency = (lead.real, lead.imag / math.tau) if len(found.poles.poles) else (None, None)
-    bound = found.poles.resolution if len(found.poles.poles) else None
-    return PointRow(value, real, frequency, stable, settling, rise, over, under, bound=bound)
-
-
-def _number(reading: Reading | None) -> float | None:
-    return None if reading is None else reading.value
+    lead = found.poles.rightmost
+    rates = (lead.real, lead.imag / math.tau, found.poles.resolution)
+    real, frequency, bound = rates if len(found.poles.poles) else (None, None, None)
+    figures = dict[str, float | None]()
+    for each in QUESTIONS.values():
+        if each.over:
+            figures |= each.figures(each.worst(found))
+    return PointRow(value, real, frequency, found.poles.stable, bound, figures=figures)
 
 
 def _board(family: Family, value: float) -> LinearBoard | Exception:

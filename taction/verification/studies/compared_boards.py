@@ -16,7 +16,7 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.parts import Capacitor, Resistor
+from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
 from taction.netlist_gen.deck.flat_cards import shown
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
@@ -29,6 +29,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import Measurements
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.lambda_rule import read_scene
+from taction.verification.studies.board_checks import record_of
 from taction.verification.studies.compared_files import RECORDS, ends_with, is_circuit
 from taction.verification.studies.difference import (
     CHANNEL_FIGURES,
@@ -40,19 +41,17 @@ from taction.verification.studies.difference import (
 )
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
 from taction.verification.studies.measured_board import (
-    MeasuredBoard,
     Start,
     measure_board,
     step_response,
 )
-from taction.verification.verdict.companion import Companion, state_space_companion
+from taction.verification.verdict.companion import state_space_companion
 from taction.verification.verdict.compare import Difference, compare, relative, within_uncertainties
 from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.transient_plan import state_space_tolerance
 from taction.verification.verdict.verify import Verdict
 
-GROUPS = ("states", "figures", "channels")
 UNITS_OF_SOURCES = {"V": "V", "I": "A"}
 Place = str | Path | Scene
 Given = Place | Verdict
@@ -77,14 +76,12 @@ def compare_circuits(first: Given, second: Given, agree: float) -> VerdictDiffer
     EngineError
         A board has no equilibrium, or no exact solution for the whole record.
     """
-    places = [_place(first), _place(second)]
-    names = (_name(first), _name(second))
-    recorded = [ends_with(each, RECORDS) for each in places]
-    if not any(recorded):
-        return compare_decks(places[0], places[1], names)
-    record, board = places if recorded[0] else reversed(places)
-    assert not isinstance(record, Scene)  # noqa: S101 - it has the ending of a file
-    return compare_with_record(record, board, names, agree, last=recorded[1])
+    places, names = (_place(first), _place(second)), (_name(first), _name(second))
+    if ends_with(places[0], RECORDS):
+        return _with_record(places[0], places[1], names, agree, last=False)
+    if ends_with(places[1], RECORDS):
+        return _with_record(places[1], places[0], names, agree, last=True)
+    return _decks(places, names)
 
 
 def _place(given: Given) -> Place:
@@ -94,47 +91,31 @@ def _place(given: Given) -> Place:
 
 
 def _name(given: Given) -> str:
-    return (
-        str(given)
-        if isinstance(given, str | Path)
-        else (given.scene.name if isinstance(given, Verdict) else given.name)
-    )
+    if isinstance(given, str | Path):
+        return str(given)
+    return given.scene.name if isinstance(given, Verdict) else given.name
 
 
-def compare_decks(first: Place, second: Place, names: tuple[str, str]) -> VerdictDifference:
-    """Compare two linear boards, at least one of which is a deck.
-
-    Parameters
-    ----------
-    first, second : path or Scene
-        A scene stands for the deck that it writes.
-    names : (str, str)
-        How both are called.
-
-    Raises
-    ------
-    InputError
-        A deck cannot be read, or the two have no output in common.
-    SimulationError
-        ngspice is missing, which expands the decks.
-    EngineError
-        A board has no equilibrium, or no state-space form.
-    """
-    boards = [_board(each) for each in (first, second)]
-    wanted = boards[0] if not isinstance(second, Scene) else boards[1]
-    shared = [out.node for out in wanted.circuit.outputs]
-    if not isinstance(first, Scene) and not isinstance(second, Scene):
+def _decks(places: tuple[Place, Place], names: tuple[str, str]) -> VerdictDifference:
+    """Compare two linear boards, of which a scene stands for the deck that it writes."""
+    boards = [_board(each) for each in places]
+    scenes = [isinstance(each, Scene) for each in places]
+    shared = [out.node for out in boards[scenes[1]].circuit.outputs]
+    if not any(scenes):
         others = boards[1].flat.nodes
         shared = [node for node in shared if node in others] or shared
-    sides = [_measured(_with_outputs(each, shared)) for each in boards]
+    sides = [
+        measure_board(LinearBoard(each.circuit), each.initial, SETTLING_BAND)
+        for each in (_with_outputs(board, shared) for board in boards)
+    ]
     return VerdictDifference(
         *names,
         tuple(key_differences(_parts(boards[0]), _parts(boards[1]))),
         compare(
-            sides[0].record(),
-            sides[1].record(),
+            record_of(sides[0]),
+            record_of(sides[1]),
             within_uncertainties(),
-            groups=GROUPS,
+            groups=("states", "figures", "channels"),
             figures=FIGURES,
             channel_figures=CHANNEL_FIGURES,
         ),
@@ -144,33 +125,16 @@ def compare_decks(first: Place, second: Place, names: tuple[str, str]) -> Verdic
     )
 
 
-def compare_with_record(
-    record: str | Path, board: Place, names: tuple[str, str], agree: float, *, last: bool
+def _with_record(
+    record: Place, board: Place, names: tuple[str, str], agree: float, *, last: bool
 ) -> VerdictDifference:
-    """Compare a stored record with the state-space solution of a board.
+    """Compare a stored record, the `last` of both, with the state-space solution of a board.
 
-    Parameters
-    ----------
-    record : path
-        A raw file; a node of every output of the board that it has is compared.
-    board : path or Scene
-        A scene, or a deck.
-    names : (str, str)
-        How the first and the second are called.
-    agree : float
-        Accepted difference of a waveform, as a share of the largest step.
-    last : bool
-        Whether the record is the second of the two.
-
-    Raises
-    ------
-    InputError
-        A file cannot be read, or the record has no output of the board.
-    EngineError
-        The state-space engine has no solution for the whole record, or none with a known error.
+    A node of every output of the board that the record has is compared.
     """
+    assert not isinstance(record, Scene)  # noqa: S101 - it has the ending of a file
     wave = read_transient(record)
-    circuit, start, delay, notes = _expected(board, wave)
+    circuit, start, delay, notes = _stepped(board, wave)
     known = tuple(out for out in circuit.outputs if out.node in wave.nodes)
     if not known:
         nodes = ", ".join(out.node for out in circuit.outputs)
@@ -180,20 +144,16 @@ def compare_with_record(
     linear = LinearBoard(replace(circuit, outputs=known))
     stop = float(wave.time[-1])
     transient = Transient(stop, 1e-3 * stop, initial=start)
-    tolerance = state_space_tolerance(agree)
-    beside = state_space_companion(linear, transient, wave, tolerance)
-    response, _ = step_response(linear, start, SETTLING_BAND)
-    volts = agree * response.step.amplitude
-    measured = [
-        measure_record(beside.instants, u, response.target, response.start, error=error)
-        for u, error in ((beside.other, beside.doubt), (beside.u, volts + beside.doubt))
-    ]
-    errors = beside.doubt, volts + beside.doubt
-    records = [_of_record(m, error) for m, error in zip(measured, errors, strict=True)]
-    curves = [_curves(beside.instants, u) for u in (beside.other, beside.u)]
-    if not last:
-        records.reverse()
-        curves.reverse()
+    beside = state_space_companion(linear, transient, wave, state_space_tolerance(agree))
+    response = step_response(linear, start, SETTLING_BAND)
+    allowed = agree * response.step.amplitude + beside.doubt
+    sides = [(beside.other, beside.doubt), (beside.u, allowed)]
+    sides = sides if last else sides[::-1]
+    records = [
+        _of_record(measure_record(beside.instants, u, response.target, response.start, error=error),
+                   error)
+        for u, error in sides
+    ]  # fmt: skip
     shared = tuple(out.node for out in known)
     readings = compare(
         records[0],
@@ -202,10 +162,16 @@ def compare_with_record(
         groups=("states", "channels"),
         channel_figures=("final", *READINGS),
     )
-    apart = _apart(beside, shared, volts + beside.doubt, last=last)
+    waves = sides[0][0], sides[1][0]
+    apart = _apart(beside.instants, waves, shared, allowed)
+    curves = _curves(beside.instants, waves[0]), _curves(beside.instants, waves[1])
     return VerdictDifference(
-        *names, None, (*apart, *readings), shared, notes, (curves[0], curves[1]), has_record=True
+        *names, None, (*apart, *readings), shared, notes, curves, has_record=True
     )
+
+
+def _curves(time: Floats, u: Floats) -> Curves:
+    return lambda: (time, u)
 
 
 def _board(given: Place) -> ForeignBoard:
@@ -235,39 +201,23 @@ def _with_outputs(board: ForeignBoard, nodes: Sequence[str]) -> ForeignBoard:
     return replace(board, circuit=replace(board.circuit, outputs=made))
 
 
-def _measured(board: ForeignBoard) -> MeasuredBoard:
-    return measure_board(LinearBoard(board.circuit), board.initial, SETTLING_BAND)
-
-
-def _curves(time: Floats, u: Floats) -> Curves:
-    return lambda: (time, u)
-
-
 def _parts(board: ForeignBoard) -> dict[str, StoredKey]:
     """Return values and nodes of the parts, by the names of their cards."""
-    circuit, found = board.circuit, dict[str, StoredKey]()
+    circuit, flat, found = board.circuit, board.flat, dict[str, StoredKey]()
     for knob in circuit.knobs:
         found[knob.name] = StoredKey(circuit.value(knob.name), circuit.facts[knob.name].unit)
-    for card, source in board.flat.stimuli.items():
-        found[shown(card.lower())] = StoredKey(source.after, UNITS_OF_SOURCES[card[0]])
-        found[f"{shown(card.lower())} before the step"] = StoredKey(
-            source.before, UNITS_OF_SOURCES[card[0]]
-        )
-    for name, nodes in _nodes(board):
-        found[f"{name} nodes"] = StoredKey(" ".join(nodes))
+    for card, source in flat.stimuli.items():
+        name, unit = shown(card.lower()), UNITS_OF_SOURCES[card[0]]
+        found[name] = StoredKey(source.after, unit)
+        found[f"{name} before the step"] = StoredKey(source.before, unit)
+    every: list[Resistor | Capacitor | Branch] = [*flat.resistors, *flat.capacitors, *flat.branches]
+    for part in every:
+        nodes = (part.a, part.b) if isinstance(part, Resistor | Capacitor) else part.nodes
+        found[f"{shown(part.card.lower())} nodes"] = StoredKey(" ".join(nodes))
     return found
 
 
-def _nodes(board: ForeignBoard) -> Iterator[tuple[str, tuple[str, ...]]]:
-    flat = board.flat
-    plain: list[Resistor | Capacitor] = [*flat.resistors, *flat.capacitors]
-    for part in plain:
-        yield shown(part.card.lower()), (part.a, part.b)
-    for branch in flat.branches:
-        yield shown(branch.card.lower()), branch.nodes
-
-
-def _expected(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tuple[str, ...]]:
+def _stepped(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tuple[str, ...]]:
     """Return the circuit, how it starts, when it is stepped, s, and what to say of it."""
     if isinstance(board, Scene):
         circuit, deck = deck_of(board)
@@ -296,24 +246,19 @@ def _from(wave: Waveforms, delay: float, file: str | Path) -> Waveforms:
 def _of_record(measured: Measurements, error: float) -> Record:
     """Return the record of measurements; the bound of a waveform's error is `error`, V."""
     channels = [Channel.of(each) for each in measured.channels]
-    return Record(
-        "",
-        "",
-        channels=tuple(
-            replace(each, uncertainties=each.uncertainties | {"final": error}) for each in channels
-        ),
-    )
+    bounds = [each.uncertainties | {"final": error} for each in channels]
+    known = (replace(c, uncertainties=b) for c, b in zip(channels, bounds, strict=True))
+    return Record("", "", channels=tuple(known))
 
 
 def _apart(
-    beside: Companion, nodes: Sequence[str], allowed: float, *, last: bool
+    instants: Floats, waves: tuple[Floats, Floats], nodes: Sequence[str], allowed: float
 ) -> Iterator[Difference]:
     """Yield the largest difference of each waveform, at its instant."""
     for n, node in enumerate(nodes):
-        pair = beside.other[:, n], beside.u[:, n]
-        one, two = pair if last else pair[::-1]
+        one, two = (u[:, n] for u in waves)
         place = int(np.abs(two - one).argmax())
         a, b = float(one[place]), float(two[place])
-        note = f"at {quantity(float(beside.instants[place]), 's')}"
+        note = f"at {quantity(float(instants[place]), 's')}"
         off = relative(abs(b - a), allowed)
         yield Difference("waveforms", node, None, a, b, "V", b - a, allowed, off, note)

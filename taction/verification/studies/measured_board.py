@@ -7,18 +7,17 @@ check, a sweep, a comparison and the samples of a yield all measure their boards
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Output
+from taction.netlist_gen.board.circuit import Circuit, Output
 from taction.netlist_gen.scene.checks import LOWEST
-from taction.system.array_types import EPS, Floats
+from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError
-from taction.system.quantities import show_rate
 from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.engines.statespace.linearised.output_noise import output_noise
@@ -28,35 +27,12 @@ from taction.verification.readings.course import Course
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.exact_signal import ExactSignal
 from taction.verification.readings.measurements import Measurements, channel_measure, summary
-from taction.verification.readings.readings import Reading, unread
+from taction.verification.readings.readings import unread
 from taction.verification.readings.settling import ChannelState, Settlement
 from taction.verification.stability.instant_feedback import latching
-from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.shown_poles import PolesApart, told_apart
-from taction.verification.studies.wanted_checks import Wanted
-from taction.verification.verdict.cause import cause
-from taction.verification.verdict.checks import (
-    Check,
-    Evidence,
-    Outcome,
-    at_most,
-    doubtful,
-    overall,
-)
-from taction.verification.verdict.companion import Agreement, step_error
 from taction.verification.verdict.output_noise import OutputNoise
-from taction.verification.verdict.planned_board import SteadyState
-from taction.verification.verdict.record import (
-    STATES,
-    Channel,
-    Figure,
-    FigureRule,
-    Record,
-    finite,
-    three,
-)
-from taction.verification.verdict.run_checks import run_checks
 
 WANTED = 1e-4  # error of ngspice's transient, in step amplitudes
 DETAIL = 1e-3  # of the largest mode: one that the first grid resolves
@@ -84,6 +60,8 @@ class MeasuredBoard:
         Bound on the error of `rest`, V.
     apart : PolesApart
         Poles that do not decide: no output shows them, or they are those of a model.
+    lowest : float or None
+        Lowest frequency of the noise, Hz; None: that of the op-amps.
     """
 
     board: LinearBoard
@@ -94,21 +72,33 @@ class MeasuredBoard:
     rest: Floats
     rest_error: float
     apart: PolesApart = field(default_factory=PolesApart)
+    lowest: float | None = None
+
+    @property
+    def circuit(self) -> Circuit:
+        """The board."""
+        return self.board.circuit
+
+    @property
+    def amplitude(self) -> float:
+        """Largest step of an output, V."""
+        return self.measurements.amplitude
 
     @cached_property
     def scales(self) -> TimeScales:
         """The time scales of its modes."""
         return time_scales(self.board, initial=self.initial)
 
-    def noise(self, lowest: float | None) -> OutputNoise:
-        """Return the noise of its outputs above a frequency, Hz; or why it is not known.
+    @cached_property
+    def noise(self) -> OutputNoise:
+        """The noise of its outputs; or why it is not known.
 
         Where one output has none, the others are known by themselves, and this one is NaN.
         """
         if not self.poles.known_stable or self.apart.beyond:
             return OutputNoise(unknown="only a board that is known to be stable has noise at rest")
         models = self.board.circuit.models.values()
-        low = lowest or (LOWEST if any(model.flicker_noise > 0.0 for model in models) else 0.0)
+        low = self.lowest or (LOWEST if any(model.flicker_noise > 0.0 for model in models) else 0.0)
         try:
             rms, error = output_noise(self.board, low)
             return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), lowest=low)
@@ -135,98 +125,11 @@ class MeasuredBoard:
             return math.nan, math.nan, str(problem)
         return float(rms[0]), float(error[0]), ""
 
-    def checks(
-        self,
-        asked: Wanted,
-        noise: OutputNoise | None,
-        margin: Margin | None = None,
-        agreement: Agreement | None = None,
-    ) -> Iterator[Check]:
-        """Yield the expected values, then the limits that were asked for."""
-        yield from (self._expected(*each) for each in asked.expected)
-        evidence = Evidence(
-            checks=asked.limits,
-            measurements=self.measurements,
-            error=step_error(self.measurements, 0.0),
-            steady=SteadyState.of(self.board, self.scales),
-            end=math.inf,
-            forever=True,
-            wanted=WANTED,
-            agreement=agreement,
-            poles=self.poles,
-            margin=margin if asked.limits.stability.margin > 1.0 else None,
-            reference_error=0.0,
-            reference_problem="",
-            noise=noise,
-        )
-        named = {*asked.names, *(["engines_agree"] if agreement is not None else [])}
-        for check in run_checks(evidence):
-            if check.name == "stability" and evidence.growth:
-                check = replace(check, reason=f"{check.reason}; {self.remedy}")
-            if check.name in named:
-                yield check
-        if asked.oscillates:
-            yield _oscillates(self.poles)
-
     @property
     def remedy(self) -> str:
         """What to look at where the board is not stable."""
         hint = OSCILLATOR if self.poles.rightmost.imag else LATCH
         return f"no node that you look at shows it; {hint}" if self.apart.unseen else hint
-
-    def _expected(self, node: str, volts: float, tolerance: float) -> Check:
-        """Compare the equilibrium of a node with an expected value."""
-        name, place = f"v({node})", self.board.descriptor.place(node)
-        value, error = (
-            float(self.board.equilibrium.values[place]),
-            float(self.board.rounding[place]),
-        )
-        error = max(error, EPS * abs(value))
-        if not self.poles.known_stable:
-            reason = "the board is not stable: it does not come to rest there"
-            outcome = Outcome.FAIL if self.poles.known_unstable else Outcome.INCONCLUSIVE
-            return Check(name, outcome, value, error, volts, tolerance, "V", reason)
-        outcome = at_most(abs(value - volts), error, tolerance)
-        return Check(name, outcome, value, error, volts, tolerance, "V", "equilibrium")
-
-    def record(
-        self,
-        checks: Iterable[Check] = (),
-        noise: OutputNoise | None = None,
-        margin: Margin | None = None,
-    ) -> Record:
-        """Return what is known as a record; its outcome is that of the checks."""
-        found, judged = self.measurements, tuple(checks)
-        lead = self.poles.rightmost if len(self.poles.poles) else None
-        bound = finite(self.poles.resolution)
-        figures = {
-            **{name: _figure(name, each) for name, each in found.readings.items()},
-            "growth_rate": Figure(None if lead is None else lead.real, "1/s", bound),
-            "frequency": Figure(
-                None if lead is None else abs(lead.imag) / math.tau,
-                "Hz",
-                None if bound is None else bound / math.tau,
-            ),
-            "step_amplitude": Figure(found.amplitude, "V", 2.0 * self.rest_error),
-            "margin": Figure(None if margin is None else margin.factor),
-            "noise": Figure(None if noise is None else noise.known, "V"),
-        }
-        decisive = cause(judged)
-        return Record(
-            overall(judged).value if judged else Outcome.PASS.value,
-            "statespace",
-            "statespace",
-            None,
-            "" if decisive is None else decisive.text,
-            max((each.state for each in found.channels), key=STATES.index).value,
-            self.poles.stable,
-            *three(figures),
-            judged,
-            tuple(
-                Channel.of(channel, {"equilibrium": Figure(value, "V", self.rest_error)})
-                for channel, value in zip(found.channels, self.rest.tolist(), strict=True)
-            ),
-        )
 
     def curve(self, until: float = math.inf) -> tuple[Floats, Floats] | None:
         """Return instants and outputs of the step, (K,) and (K, N), to be drawn; None without.
@@ -245,37 +148,9 @@ class MeasuredBoard:
         return time, solution.at(time) * _signs(self.board)
 
 
-def _oscillates(found: Poles) -> Check:
-    """Pass a board in which a complex pair grows, and no real pole.
-
-    The value is the frequency of the fastest growing pair; how far the board swings, and how much
-    this moves the frequency, its linear model does not say.
-    """
-
-    def check(outcome: Outcome, reason: str, pole: complex = 0.0, error: float = 0.0) -> Check:
-        value, bound = (abs(pole.imag) / math.tau, error / math.tau) if pole else (None, None)
-        return Check("oscillates", outcome, value, bound, None, None, "Hz", reason)
-
-    p, errors = found.poles, found.errors
-    growing, may_grow = p.real > errors, p.real >= -errors
-    pairs, real = np.abs(p.imag) > errors, p.imag == 0.0
-    if np.any(growing & real):
-        return check(Outcome.FAIL, f"runs away, a real pole grows: {LATCH}")
-    if np.any(may_grow & ~pairs) or (np.any(may_grow) and not np.any(growing)):
-        return check(Outcome.INCONCLUSIVE, doubtful(found))
-    if not np.any(growing):
-        return check(Outcome.FAIL, "every mode decays")
-    first = int(np.argmax(growing))
-    reason = f"grows with {show_rate(p.real[first])}; of its start, before anything limits it"
-    return check(Outcome.PASS, reason, complex(p[first]), float(errors[first]))
-
-
-def _figure(name: str, reading: Reading | None) -> Figure:
-    rule: FigureRule[Reading | None] = FigureRule(READINGS[name].unit, lambda each: each)
-    return rule.figure(reading)
-
-
-def measure_board(board: LinearBoard, initial: Start, band: float) -> MeasuredBoard:
+def measure_board(
+    board: LinearBoard, initial: Start, band: float, lowest: float | None = None
+) -> MeasuredBoard:
     """Return one measured board; `band` is that of the settling time.
 
     Raises
@@ -283,12 +158,17 @@ def measure_board(board: LinearBoard, initial: Start, band: float) -> MeasuredBo
     EngineError
         No equilibrium, no state-space form, or no exact solution.
     """
-    found, response = _begun(board, initial, band)
-    return _measured([found], [response])[0]
+    (found,) = measure_boards([board], initial, band, lowest)
+    if isinstance(found, Exception):
+        raise found
+    return found
 
 
 def measure_boards(
-    boards: Iterable[LinearBoard | Exception], initial: Start, band: float
+    boards: Iterable[LinearBoard | Exception],
+    initial: Start,
+    band: float,
+    lowest: float | None = None,
 ) -> list[MeasuredBoard | Exception]:
     """Return measured boards, with the error of each one that cannot be measured in its place.
 
@@ -297,51 +177,45 @@ def measure_boards(
     """
     boards = list(boards)
     solve_together([board for board in boards if isinstance(board, LinearBoard)])
-    results: list[MeasuredBoard | Exception] = []
-    begun, places = list[tuple[MeasuredBoard, _Response]](), list[int]()
-    for k, board in enumerate(boards):
-        try:
-            if isinstance(board, Exception):
-                raise board
-            begun.append(_begun(board, initial, band))
-            places.append(k)
-            results.append(begun[-1][0])
-        except (EngineError, InputError) as error:
-            results.append(error)
+    begun = [_begun(board, initial, band, lowest) for board in boards]
     try:
-        found: Sequence[MeasuredBoard | Exception] = _measured(
-            [board for board, _ in begun], [response for _, response in begun]
-        )
-    except EngineError:  # one of them: each by itself
-        found = [_alone(*each) for each in begun]
-    for k, each in zip(places, found, strict=True):
-        results[k] = each
-    return results
+        read = iter(measure_responses([step for _, step in begun if step is not None]))
+    except EngineError as error:  # of one of them
+        if len(boards) == 1:
+            return [error]
+        return [measure_boards([board], initial, band, lowest)[0] for board in boards]
+    return [
+        found if step is None or isinstance(found, Exception) else _with(found, step, next(read))
+        for found, step in begun
+    ]
 
 
-_Response = tuple[ExactResponse, bool] | None  # a step, and whether the outputs return
+def _with(found: MeasuredBoard, step: ExactResponse, measured: Measurements) -> MeasuredBoard:
+    """Return a board with its readings; outputs that return to their start only settle."""
+    if step.start is not found.before:
+        channels = [replace(channel, rise_reason=NO_RISE) for channel in measured.channels]
+        names = ("rise_time", "overshoot", "undershoot")
+        measured = _without(replace(measured, channels=tuple(channels)), names)
+    return replace(found, measurements=measured)
 
 
-def _alone(board: MeasuredBoard, response: _Response) -> MeasuredBoard | Exception:
+def _begun(
+    board: LinearBoard | Exception, initial: Start, band: float, lowest: float | None
+) -> tuple[MeasuredBoard | Exception, ExactResponse | None]:
+    """Return a board without readings, and its step; None of one that does not come to rest."""
+    if isinstance(board, Exception):
+        return board, None
     try:
-        return _measured([board], [response])[0]
-    except EngineError as error:
-        return error
-
-
-def _begun(board: LinearBoard, initial: Start, band: float) -> tuple[MeasuredBoard, _Response]:
-    """Return a board without readings, and the step that has to be read; None if not stable."""
-    (found, apart), places = told_apart(board, poles(board)), ends(board, initial)
-    if found.known_stable and (doubt := latching(board.circuit)):
-        found = replace(found, doubt=doubt)
-    before, rest, error = places
-    response, returns = step_response(board, initial, band, places)
-    if not found.known_stable or apart.beyond:
-        still = _without_rest(response, found)
-        return MeasuredBoard(board, initial, found, still, before, rest, error, apart), None
-    unread_yet = Measurements(response.step.amplitude, band, (), {}, "", ())
-    measured = MeasuredBoard(board, initial, found, unread_yet, before, rest, error, apart)
-    return measured, (response, returns)
+        (found, apart), places = told_apart(board, poles(board)), ends(board, initial)
+        if found.known_stable and (doubt := latching(board.circuit)):
+            found = replace(found, doubt=doubt)
+        step = step_response(board, initial, band, places)
+        still = _without_rest(step, found)
+    except (EngineError, InputError) as error:
+        return error, None
+    rests = found.known_stable and not apart.beyond
+    measured = MeasuredBoard(board, initial, found, still, *places, apart, lowest)
+    return measured, step if rests else None
 
 
 def step_response(
@@ -349,28 +223,14 @@ def step_response(
     initial: Start,
     band: float,
     places: tuple[Floats, Floats, float] | None = None,
-) -> tuple[ExactResponse, bool]:
-    """Return the step of the outputs, to be measured, and whether they return to their start.
+) -> ExactResponse:
+    """Return the step of the outputs, to be measured.
 
     `places` are the `ends` of the board, where they are known.
     """
     before, rest, error = places or ends(board, initial)
     start = _pulses(board, before, rest, error, initial)
-    return ExactResponse(board, rest, start, initial, band, error), start is not before
-
-
-def _measured(
-    boards: Sequence[MeasuredBoard], responses: Sequence[_Response]
-) -> list[MeasuredBoard]:
-    wanted = [each for each in responses if each is not None]
-    read = iter(measure_responses([response for response, _ in wanted]))
-    found = []
-    for board, each in zip(boards, responses, strict=True):
-        if each is not None:
-            measured = next(read)
-            board = replace(board, measurements=_settling_alone(measured) if each[1] else measured)
-        found.append(board)
-    return found
+    return ExactResponse(board, rest, start, initial, band, error)
 
 
 def _without_rest(response: ExactResponse, found: Poles) -> Measurements:
@@ -406,13 +266,6 @@ def _pulses(
         high, low = moved.max(axis=0), -moved.min(axis=0)
     peaks = np.where(high >= low, high, -low)
     return rest + peaks if float(np.abs(peaks).max(initial=0.0)) > error else before
-
-
-def _settling_alone(measured: Measurements) -> Measurements:
-    """Return the measurements of outputs without a step, which only settle."""
-    channels = [replace(channel, rise_reason=NO_RISE) for channel in measured.channels]
-    names = ("rise_time", "overshoot", "undershoot")
-    return _without(replace(measured, channels=tuple(channels)), names)
 
 
 def _without(measured: Measurements, names: Sequence[str]) -> Measurements:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -19,11 +18,12 @@ from taction.netlist_gen.deck.part_tolerances import DeckTolerances
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
-from taction.system.reading_definitions import READINGS
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.studies.board_sweep import Build
+from taction.verification.studies.board_checks import judge, record_of
+from taction.verification.studies.foreign_board import ForeignBoard
 from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_boards
 from taction.verification.studies.part_influence import influences
+from taction.verification.studies.questions import QUESTIONS, Question
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.executors import in_this_process
 from taction.verification.studies.running.versions import own_version
@@ -36,36 +36,6 @@ from taction.verification.studies.wanted_checks import Wanted
 PARAM = "param"  # kind of a parameter
 
 
-class Parametric(Protocol):
-    """A deck whose ``.param`` cards can be moved."""
-
-    def at(self, changes: Sequence[Mapping[str, float]], /) -> Sequence[Circuit | InputError]:
-        """Return the circuit at some values, or why there is none."""
-
-    def value_of(self, parameter: str, /) -> float | None:
-        """Return the value of one, None if it is no number."""
-
-
-def _none(changes: Sequence[Mapping[str, float]]) -> Sequence[Circuit | InputError]:
-    raise ValueError(f"a board without parameters has no {changes[0]}")
-
-
-def _nominal(deck: Parametric | None, name: str) -> float:
-    value = None if deck is None else deck.value_of(name)
-    if not value:
-        text = "a tolerance needs a .param whose value is a number other than 0"
-        raise InputError("--tolerances", Complaint(f"params.{name}", f"{value}", text))
-    return value
-
-
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """How many boards of a yield are drawn, and from which seed."""
-
-    count: int = 300
-    seed: int = 1
-
-
 @dataclass(frozen=True, eq=False)
 class VariedDeck(Varied):
     """The nominal board of a deck, its varied parts, and what is asked of its samples."""
@@ -73,7 +43,7 @@ class VariedDeck(Varied):
     nominal: Circuit
     spread: Tolerances
     params: Mapping[str, float]  # nominal values of the .param that vary; last in `varied`
-    build: Build
+    deck: ForeignBoard
     varied: tuple[Parameter, ...]
     asked: Wanted
     initial: Start
@@ -83,7 +53,7 @@ class VariedDeck(Varied):
 
     @classmethod
     def of(
-        cls, found: MeasuredBoard, spread: DeckTolerances, asked: Wanted, deck: Parametric | None
+        cls, found: MeasuredBoard, deck: ForeignBoard, spread: DeckTolerances, asked: Wanted
     ) -> VariedDeck:
         """Return the boards around a measured one.
 
@@ -92,24 +62,28 @@ class VariedDeck(Varied):
         InputError
             A ``.param`` that varies is no number other than 0.
         """
-        nominal = found.board.circuit
         largest = float(np.abs(found.rest).max(initial=0.0))
-        scale = found.measurements.amplitude or largest or 1.0
-        params = {name: _nominal(deck, name) for name in spread.params}
+        params = dict[str, float]()
+        for name in spread.params:
+            value = deck.value_of(name)
+            if not value:
+                text = "a tolerance needs a .param whose value is a number other than 0"
+                raise InputError("--tolerances", Complaint(f"params.{name}", f"{value}", text))
+            params[name] = value
         varied = (
-            *parameters(nominal, spread.parts),
+            *parameters(found.circuit, spread.parts),
             *(Parameter(name, PARAM, share) for name, share in spread.params.items()),
         )
         return cls(
-            nominal,
+            found.circuit,
             spread.parts,
             params,
-            _none if deck is None else deck.at,
+            deck,
             varied,
             asked,
             found.initial,
             found.rest,
-            scale,
+            found.amplitude or largest or 1.0,
             own_version(False),
         )
 
@@ -142,15 +116,8 @@ class VariedDeck(Varied):
     def quantities(self) -> tuple[Quantity, ...]:
         """Its readings, how far it rests from the nominal board, its growth rate and margin."""
         limits = self.asked.limits
-        found = [
-            Quantity(
-                name,
-                kind.unit,
-                at_most=self._limit(name),
-                band=limits.settling_time.band if name == "settling_time" else None,
-            )
-            for name, kind in READINGS.items()
-        ]
+        found = [self._quantity(each) for each in QUESTIONS.values()
+                 if each.over or each.name in self.asked.names]  # fmt: skip
         found.append(Quantity("steady_state", "step"))
         if self.asked.oscillates:
             found.append(Quantity("growth_rate", "1/s", -1.0, at_least=0.0))
@@ -158,14 +125,16 @@ class VariedDeck(Varied):
             found.append(Quantity("growth_rate", "1/s", at_most=0.0))
         if limits.stability.margin > 1.0:
             found.append(Quantity("margin", "ratio", -1.0, at_least=limits.stability.margin))
-        if limits.noise is not None:
-            found.append(Quantity("noise", "V", at_most=self._limit("noise")))
         return tuple(found)
 
-    def _limit(self, name: str) -> float | None:
-        if name not in self.asked.names:
-            return None
-        return getattr(getattr(self.asked.limits, name), "max", None)
+    def _quantity(self, asked: Question) -> Quantity:
+        """Return a question as a quantity with its limit."""
+        limits = getattr(self.asked.limits, asked.name, None)
+        limit = getattr(limits, "max", None) if asked.name in self.asked.names else None
+        limit = self.asked.own.get(asked.name, limit)
+        least, most = (limit, None) if asked.large else (None, limit)
+        band = self.asked.limits.settling_time.band if asked.second == "band" else None
+        return Quantity(asked.name, asked.unit, -1.0 if asked.large else 1.0, least, most, band)
 
     def by_statespace(self) -> VariedDeck:
         """Return itself."""
@@ -183,7 +152,7 @@ class VariedDeck(Varied):
         count = len(self.varied) - len(self.params)
         nominal: Sequence[Circuit | InputError] = [self.nominal] * len(each)
         if self.params:
-            nominal = self.build([self._values(z[count:]) for z in each])
+            nominal = self.deck.at([self._values(z[count:]) for z in each])
         for board, z in zip(nominal, each, strict=True):
             try:
                 if isinstance(board, InputError):
@@ -224,18 +193,16 @@ class VariedDeck(Varied):
         boards = (c if isinstance(c, InputError) else LinearBoard(c) for c in circuits)
         band = self.asked.limits.settling_time.band
         for (number, _), found in zip(
-            requests, measure_boards(boards, self.initial, band), strict=True
+            requests, measure_boards(boards, self.initial, band, self.asked.lowest), strict=True
         ):
             yield self._sample(number, found) if isinstance(found, MeasuredBoard) else found
 
     def _sample(self, number: int, found: MeasuredBoard) -> BoardSample:
         """Return the sample of a measured board."""
-        limits, margin, noise = self.asked.limits, None, None
-        if limits.stability.margin > 1.0:
+        margin = None
+        if self.asked.limits.stability.margin > 1.0:
             margin, _ = influences(found.board, found.poles, every=True)
-        if limits.noise is not None:
-            noise = found.noise(self.asked.lowest)
-        record = found.record(found.checks(self.asked, noise, margin), noise, margin)
+        record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
         errors = (found.rest - self.target) / self.scale
         figures: dict[str, float | None] = dict(record.figures)
         figures["steady_state_error"] = float(np.abs(errors).max(initial=0.0))
@@ -245,18 +212,18 @@ class VariedDeck(Varied):
 
 def varied_outcomes(
     found: MeasuredBoard,
+    deck: ForeignBoard,
     spread: DeckTolerances,
     asked: Wanted,
-    samples: Samples,
-    deck: Parametric | None = None,
+    samples: tuple[int, int],
     progress: Callable[[str], None] = lambda stage: None,
 ) -> tuple[CornerStudy, YieldReport]:
     """Return the worst corners of a board within its tolerances, and the yield of its samples.
 
     Parameters
     ----------
-    deck : Parametric, optional
-        Builds the board at other values of its ``.param`` cards.
+    samples : (int, int)
+        How many boards are drawn, and from which seed.
 
     Raises
     ------
@@ -265,11 +232,11 @@ def varied_outcomes(
     EngineError
         The nominal board, or one at a corner, has no equilibrium.
     """
-    board, tally = VariedDeck.of(found, spread, asked, deck), SampleCollection(samples.count)
-    pace = Pace()
+    count, seed = samples
+    board, tally, pace = VariedDeck.of(found, deck, spread, asked), SampleCollection(count), Pace()
     with in_this_process() as workers:
         corners = worst_of(board, workers, progress)
-        for _ in run_samples(board, range(samples.count), samples.seed, workers, tally):
-            left = pace.ended(samples.count - len(tally.samples))
-            progress(f"yield: {len(tally.samples)} of {samples.count} samples{left}")
-    return corners, summarise_samples(board, tally.samples, samples.seed)
+        for _ in run_samples(board, range(count), seed, workers, tally):
+            left = pace.ended(count - len(tally.samples))
+            progress(f"yield: {len(tally.samples)} of {count} samples{left}")
+    return corners, summarise_samples(board, tally.samples, seed)

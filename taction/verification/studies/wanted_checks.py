@@ -1,7 +1,4 @@
-"""What a user asks of a board without a scene: limits of readings, and expected values.
-
-The table of limits, which loads pydantic, is made where there are limits, or where it is needed.
-"""
+"""What a user asks of a deck: limits of `QUESTIONS`, of stability, and expected values."""
 
 from __future__ import annotations
 
@@ -9,24 +6,23 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.mistakes import validated
 from taction.system.errors import Complaint, InputError
-from taction.system.quantities import fraction, parse
-
-if TYPE_CHECKING:
-    from taction.netlist_gen.scene.checks import Checks
+from taction.system.quantities import parse
+from taction.verification.studies.questions import QUESTIONS, share_of
 
 SHARE = 1e-3  # default tolerance of an expected value
 LISTED = 20  # nodes in a message
 LARGEST = 100.0  # factor of a value up to which `stability.margin` searches
 OSCILLATES = "oscillates"
-NAMES = {
-    "settling": "settling_time", "rise": "rise_time", "margin": "stability",
-    "stable": "stability", "agree": "engines_agree",
+OTHERS = {
+    "stable": "stability", "stability": "stability", "margin": "stability",
+    "agree": "engines_agree", "engines_agree": "engines_agree", OSCILLATES: OSCILLATES,
 }  # fmt: skip
-"""Short names of checks."""
-LIMITED = ("settling_time", "rise_time", "overshoot", "undershoot", "noise", "stability")
+"""Words of checks that are no questions."""
 
 
 class Expected(NamedTuple):
@@ -44,7 +40,9 @@ class Wanted:
     Attributes
     ----------
     tables : mapping of str to mapping
-        What is asked of each reading, by the name of its check.
+        Keys of the checks that scenes have, too, by their names.
+    own : mapping of str to float
+        Limits of the other questions, by their names.
     expected : tuple of Expected
         Voltages at rest.
     oscillates : bool
@@ -53,20 +51,18 @@ class Wanted:
 
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     expected: tuple[Expected, ...] = ()
+    own: Mapping[str, float] = field(default_factory=dict)
     oscillates: bool = False
 
     @cached_property
     def limits(self) -> Checks:
         """All limits, those of a scene without checks where nothing is asked."""
-        from taction.netlist_gen.scene.checks import Checks
-        from taction.netlist_gen.scene.mistakes import validated
-
         return validated(Checks, self.tables, "--check")
 
     @property
     def names(self) -> tuple[str, ...]:
         """The checks that are asked for."""
-        return (*self.tables, *(() if self.oscillates else ("stability",)))
+        return (*self.tables, *self.own, *(() if self.oscillates else ("stability",)))
 
     def refuse_unknown(self, nodes: Collection[str]) -> None:
         """Refuse an expected value of a node that is not one of `nodes`."""
@@ -103,41 +99,32 @@ def wanted(checks: Iterable[str] = (), expect: Iterable[str] = ()) -> Wanted:
             raise InputError("--check", Complaint(name, repr(text), "two limits of one reading"))
         known.update(keys)
     oscillates = tables.pop(OSCILLATES, None) is not None
-    found = Wanted(tables, tuple(map(_expected, expect)), oscillates)
-    if tables:
-        _ = found.limits  # a wrong one is refused here
+    own = {name: tables.pop(name)["limit"] for name in [*tables] if name in QUESTIONS
+           and not QUESTIONS[name].is_of_scenes}  # fmt: skip
+    found = Wanted(tables, tuple(map(_expected, expect)), own, oscillates)
+    _ = found.limits  # a wrong one is refused here
     return found
 
 
 def _check_of(text: str) -> tuple[str, dict[str, Any]]:
+    """Return the name of a check and the keys of its table."""
     word, _, value = (part.strip() for part in text.partition("="))
     value, _, extra = (part.strip() for part in value.partition("@"))
-    name = NAMES.get(word, word)
-    if name not in (*LIMITED, "engines_agree", OSCILLATES):
-        known = "settling=1ms@1%, rise=10us, overshoot=5%, undershoot=5%, noise=1mV, margin=2"
-        text = f"expected a check such as {known}, stable, oscillates, agree=1e-3"
-        raise InputError("--check", Complaint("check", repr(word), text))
+    for question in QUESTIONS.values():
+        if word in (question.asked, question.name):
+            return question.name, question.keys(value, extra)
+    name = OTHERS.get(word)
     if name in (OSCILLATES, "stability") and not value and word != "margin":
         return name, {}
-    if name == OSCILLATES:
-        raise InputError("--check", Complaint(word, repr(value), "expected no value"))
     if name == "stability":
         return name, {"margin": _factor(word, value)}
     if name == "engines_agree":
         return name, {"tolerance": share_of(value)}
-    if not value:
-        raise InputError("--check", Complaint(word, "", f"expected a limit, such as {word}=1"))
-    keys: dict[str, Any] = {
-        "max": share_of(value) if name in ("overshoot", "undershoot") else value
-    }
-    if extra and name == "settling_time":
-        keys["band"] = share_of(extra)
-    elif extra and name == "noise":
-        keys["lowest"] = extra
-    elif extra:
-        text = "only settling=LIMIT@BAND and noise=LIMIT@LOWEST have a second value"
-        raise InputError("--check", Complaint(word, repr(extra), text))
-    return name, keys
+    if name == OSCILLATES:
+        raise InputError("--check", Complaint(word, repr(value), "expected no value"))
+    known = ", ".join(f"{each.asked}={each.example}" for each in QUESTIONS.values())
+    text = f"expected a check such as {known}, margin=2, stable, oscillates, agree=1e-3"
+    raise InputError("--check", Complaint("check", repr(word), text))
 
 
 def _factor(word: str, text: str) -> float:
@@ -149,24 +136,6 @@ def _factor(word: str, text: str) -> float:
     except ValueError:
         accepted = f"expected a factor from 1 to {LARGEST:g}, such as {word}=2"
         raise InputError("--check", Complaint(word, repr(text), accepted)) from None
-
-
-def share_of(text: str, option: str = "--check") -> float:
-    """Return a fraction from ``5%`` or ``0.05``.
-
-    Raises
-    ------
-    InputError
-        It is neither, negative or without a limit.
-    """
-    try:
-        share = fraction(text)
-        if not 0.0 <= share < math.inf:
-            raise ValueError("a share is finite and not negative")
-        return share
-    except ValueError:
-        accepted = "expected a share such as 5% or 0.05"
-        raise InputError(option, Complaint("share", repr(text), accepted)) from None
 
 
 def _expected(text: str) -> Expected:

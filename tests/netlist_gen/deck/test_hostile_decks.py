@@ -14,11 +14,11 @@ from taction.spice_models.foreign_lines import (
     MOST_CARDS,
     MOST_LEVELS,
     MOST_PARTS,
-    Line,
-    RefusedError,
+    Card,
     check_expanded,
     logical_lines,
 )
+from taction.system.errors import InputError
 from tests.support.paths import ROOT
 from tests.support.running import taction
 
@@ -207,33 +207,33 @@ def test_a_section_that_calls_a_section_of_its_file(ngspice: str) -> None:
     ],
 )
 def test_what_is_counted_before_anything_is_expanded(cards: list[str], reason: str) -> None:
-    def lines(texts: list[str]) -> list[Line]:
-        return [Line(k, text) for k, text in enumerate(texts, 1)]
+    def lines(texts: list[str]) -> list[Card]:
+        return [Card(k, text) for k, text in enumerate(texts, 1)]
 
     blocks = {f"s{k}": lines([f"x1 a s{k + 1}"]) for k in range(MOST_LEVELS)}
     blocks["s"] = lines(["x1 a s0"])
     blocks[f"s{MOST_LEVELS}"] = lines(["r1 a 0 1"])
     blocks |= {"t": lines([f"x{k} a t1" for k in range(MOST_CARDS // 10 + 1)])}
     blocks |= {"t1": lines([f"r{k} a 0 1" for k in range(10)]), "u": lines(["x1 a u"])}
-    with pytest.raises(RefusedError, match=reason):
+    with pytest.raises(InputError, match=reason):
         check_expanded(blocks, lines(cards))
     assert check_expanded(blocks, lines(["x1 a s1"]))[0] == f"s{MOST_LEVELS}"
-    with pytest.raises(RefusedError, match="20,010 devices"):
+    with pytest.raises(InputError, match="20,010 devices"):
         check_expanded(blocks, lines(["x1 a t"]), list(blocks))
 
 
 def test_an_op_amp_counts_as_one_part() -> None:
-    inner = [Line(k, f"r{k} a 0 1") for k in range(40)]
-    calls_of_it = [Line(k, f"x{k} a opamp") for k in range(100)]
+    inner = [Card(k, f"r{k} a 0 1") for k in range(40)]
+    calls_of_it = [Card(k, f"x{k} a opamp") for k in range(100)]
     assert check_expanded({"opamp": inner}, calls_of_it, ["opamp"]) == ["opamp"]
-    with pytest.raises(RefusedError, match=r"line 75 .*3,040 parts"):
+    with pytest.raises(InputError, match=r"line 75 .*3,040 parts"):
         check_expanded({"opamp": inner}, calls_of_it)
 
 
 def test_lengths_at_the_limit_are_read() -> None:
     card = f"r1 a b {'1' * (LONGEST - 7)}"
-    assert logical_lines(card) == [Line(1, card)]
-    with pytest.raises(RefusedError, match=r"line 1: 20,001 characters"):
+    assert logical_lines(card) == [Card(1, card)]
+    with pytest.raises(InputError, match=r"line 1: 20,001 characters"):
         logical_lines(f"{card}1")
 
 
@@ -241,4 +241,4 @@ def test_calls_of_functions_are_written_with_their_arguments() -> None:
     text = "b1 a 0 v={f(1,g(2,3),(4))+v(a,b)*h()}"
     functions = {"f": (["x", "y"], "x+2*y"), "h": ([""], "7")}
     assert written(text, functions, 100) == "b1 a 0 v={[1+2*g[2;3]]+v[a;b]*[7]}"
-    check_functions([Line(1, ".func f(x) {2*x}"), Line(2, "r1 a b {f(f(f(1)))}")])
+    check_functions([Card(1, ".func f(x) {2*x}"), Card(2, "r1 a b {f(f(f(1)))}")])

@@ -46,7 +46,7 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> Read:
 
 def checked(board: ForeignBoard, *over: str, checks: tuple[str, ...] = ()) -> BoardCheck:
     swept = [SweptValue.of(each, board.circuit, board.parameters) for each in over]
-    return check_board(board.circuit, wanted(checks), initial=board.initial, over=swept, deck=board)
+    return check_board(board, wanted(checks), ngspice=False, over=swept)
 
 
 @pytest.mark.parametrize("name", DECKS)
@@ -70,7 +70,7 @@ AGREEING = [name for name in DECKS if name not in ("gyrator",)]
 @pytest.mark.parametrize("name", AGREEING)
 def test_ngspice_has_the_same_transient(name: str, read: Read) -> None:
     board = read(DECKS[name])
-    found = check_board(board.circuit, wanted(), initial=board.initial, witness=board.witness)
+    found = check_board(board, wanted(), transient=True)
     (check,) = (each for each in found.checks if each.name == "engines_agree")
     assert check.outcome.value == "pass", check.reason
     assert check.value is not None

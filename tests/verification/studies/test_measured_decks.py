@@ -63,7 +63,7 @@ def test_the_rightmost_pole_is_that_of_the_cards(
 def test_the_pole_of_a_supply_stands_apart() -> None:
     """The ferrite and the capacitor of the supply: no output shows them."""
     found = taction.check(CASES / "refused-supply-bead.cir")
-    (upper,) = [p for p in found.measured.apart.hidden.tolist() if p.imag > 0.0]
+    (upper,) = [p for p in found.apart.hidden.tolist() if p.imag > 0.0]
     assert upper.real == pytest.approx(-1.0 / (2.0 * 1e3 * 10e-6), rel=2e-3)
     assert upper.imag == pytest.approx(1e5, rel=2e-3)
     assert any("no output shows these poles" in note for note in found.notes)
@@ -416,7 +416,7 @@ def test_a_polynomial_of_the_third_degree_of_two_inputs(tmp_path: Path) -> None:
     found = checked(tmp_path, "\n".join([*cards, "R1 u out 1k", "C1 out 0 1n", ".print v(out)"]))
     assert agrees(found)
     gain = 3.0 * 2.0**2 + 10.0 * 2.0 * 2.0 * 3.0 + 100.0 * 3.0**2
-    (before,), (rest,) = found.measured.before, found.measured.rest
+    (before,), (rest,) = found.before, found.rest
     assert before == pytest.approx(8.0 + 10.0 * 12.0 + 100.0 * 18.0 + 1000.0 * 27.0)
     assert rest - before == pytest.approx(gain * 1e-3, rel=1e-9)
 

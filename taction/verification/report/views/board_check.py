@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
 from taction.verification.engines.statespace.linearised.time_scales import Ringing
 from taction.verification.report.blocks import (
@@ -42,10 +44,11 @@ from taction.verification.report.views.corners import directions, ranges
 from taction.verification.report.views.corners import tables as corner_tables
 from taction.verification.report.views.montecarlo import causes, failures, histograms, spreads
 from taction.verification.report.views.stability import pole_map, ranges_words
-from taction.verification.studies.board_check import BoardCheck
-from taction.verification.studies.board_sweep import Sweep
+from taction.verification.studies.board_check import BoardCheck, OutputRow
+from taction.verification.studies.board_sweep import PointRow, Sweep
 from taction.verification.studies.measured_board import MeasuredBoard
 from taction.verification.studies.part_influence import PartRow
+from taction.verification.studies.questions import QUESTIONS, Question
 from taction.verification.verdict.checks import Check, overall
 
 POLES, PARTS, POINTS = 12, 12, 31  # rows in a terminal
@@ -120,7 +123,7 @@ def _stability(found: BoardCheck) -> str:
     if found.poles.stable is None:
         return f"Not decided: a pole is on the imaginary axis to within rounding{at}."
     if not len(found.poles.poles):
-        if len(found.measured.apart.hidden):
+        if len(found.apart.hidden):
             return "Stable: no output shows a pole, the outputs follow the sources at once."
         return "The board has no poles: it follows its sources at once."
     if found.poles.stable is False:
@@ -129,9 +132,9 @@ def _stability(found: BoardCheck) -> str:
         ):
             return f"Oscillates{at}, growing with {rate}."
         how = f"oscillates{at}, growing with {rate}" if lead.imag else f"runs away with {rate}"
-        return f"Not stable: {how}; {found.measured.remedy}. {_nearest_stable(found)}".rstrip()
+        return f"Not stable: {how}; {found.remedy}. {_nearest_stable(found)}".rstrip()
     slowest = f"the slowest mode decays with {rate}{at}"
-    ringing = min(found.measured.scales.ringing, key=damping_ratio, default=None)
+    ringing = min(found.scales.ringing, key=damping_ratio, default=None)
     if ringing is None or damping_ratio(ringing) >= RINGS:
         return f"Stable: {slowest}."
     ratio = f"damping ratio {damping_ratio(ringing):.2g} at {quantity(ringing.frequency, 'Hz')}"
@@ -173,19 +176,27 @@ def _outputs(found: BoardCheck) -> Iterator[Block]:
         "output": lambda each: each.name,
         "before": lambda each: number_cell(each.before, "V", 6),
         "at rest": lambda each: _with(each.rest, each.rest_bound, "V", 5, found.amplitude),
-        banded("settles", found.measurements.band): lambda each: _with(
-            each.settling_time, each.settling_bound, "s"
-        ),
-        "rises": lambda each: _with(each.rise_time, each.rise_bound, "s"),
-        "overshoot": lambda each: number_cell(each.overshoot, "step"),
-        "undershoot": lambda each: number_cell(each.undershoot, "step"),
-        "output noise": lambda each: _with(each.noise, each.noise_bound, "V"),
+        **_answers(found.measurements.band, over=False),
     }
     step = quantity(found.amplitude, "V")
     note = f"Shares of the largest step, {step}. {KNOWN}"
     yield Table.of("", found.outputs, columns, note)
-    if found.noise_unknown:
-        yield Notes("", (f"output noise: {found.noise_unknown}",))
+    if found.noise.unknown:
+        yield Notes("", (f"output noise: {found.noise.unknown}",))
+
+
+def _answers(band: float, *, over: bool) -> dict[str, Callable[[Any], Cell]]:
+    """Return a column for each question, or for each one that a sweep shows."""
+    return {
+        banded(each.title, band) if each.second == "band" else each.title: partial(_answer, each)
+        for each in QUESTIONS.values()
+        if each.over or not over
+    }
+
+
+def _answer(question: Question, row: OutputRow | PointRow) -> Cell:
+    value, bound = (row.figures.get(key) for key in (question.name, question.bound))
+    return _with(value, bound, question.unit)
 
 
 def _with(
@@ -271,10 +282,7 @@ def _sweep(found: Sweep, band: float) -> Iterator[Block]:
         found.name: lambda each: number_cell(each.value, unit, 6),
         "rightmost pole": lambda each: _with(each.real, each.bound, "1/s"),
         "at": lambda each: number_cell(each.frequency, "Hz"),
-        banded("settles", band): lambda each: number_cell(each.settling_time, "s"),
-        "rises": lambda each: number_cell(each.rise_time, "s"),
-        "overshoot": lambda each: number_cell(each.overshoot, "step"),
-        "undershoot": lambda each: number_cell(each.undershoot, "step"),
+        **_answers(band, over=True),
     }
     beside = found.beside_crossings(BESIDE)
     if len(found.points) > POINTS and beside:
@@ -337,7 +345,7 @@ def _varied(found: BoardCheck) -> Iterator[Section]:
 
 def _response(found: BoardCheck) -> Chart | None:
     """Return the step response of the outputs, from the exact solution."""
-    drawn = found.measured.curve() if found.amplitude else None
+    drawn = found.curve() if found.amplitude else None
     if drawn is None:
         return None
     time, values = drawn
@@ -351,7 +359,7 @@ def _response(found: BoardCheck) -> Chart | None:
         if row.rest is not None and found.poles.stable
     )
     summary = "Outputs over time after the step at t = 0; dotted: where they come to rest."
-    settled = [row.settling_time for row in found.outputs if row.settling_time is not None]
+    settled = [each for row in found.outputs if (each := row.figures["settling_time"]) is not None]
     late = quantity(max(settled, default=0.0), "s")
     late = f"{banded('settled', found.measurements.band)} at {late}"
     title = f"Step response: {late}" if settled else "Step response"

@@ -10,6 +10,7 @@ from typing import Any
 from taction.system.quantities import readable
 from taction.verification.report.blocks import Bar
 from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, spaced, with_error
+from taction.verification.studies.questions import QUESTIONS
 from taction.verification.verdict.cause import FIRST, band_text, cause, causes, listed, named
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict
@@ -77,7 +78,8 @@ def check_bar(check: Check, smallest: float | None = None) -> Bar:
     """
     value, unit = check.value, check.unit
     limit = check.tolerance if check.tolerance is not None else check.expected
-    least = check.name == "stability" and unit == "ratio"
+    question = QUESTIONS.get(check.name)
+    least = question.large if question else check.name == "stability" and unit == "ratio"
     if smallest is not None and value is not None and value < smallest:
         limit, least = smallest, True
     centre = (check.expected or 0.0) if check.tolerance is not None else 0.0
