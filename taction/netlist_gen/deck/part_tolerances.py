@@ -22,19 +22,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import BeforeValidator, Field
 
 from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.variation import varying_parts
+from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.scene.fields import Model
 from taction.netlist_gen.scene.loading import read_toml
+from taction.netlist_gen.scene.mistakes import validated
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction
 
-if TYPE_CHECKING:
-    from taction.netlist_gen.scene.checks import Tolerances
-
-KINDS = ("resistor", "capacitor", "coil", "coupling", "gain")
-DISTRIBUTIONS = ("normal", "uniform")
-KEYS = (*KINDS, "distribution", "parts", "params")
 LARGEST = 10.0  # of a tolerance: the value is up to 11 times as large
 ACCEPTED = (
     'a file of tolerances in TOML: resistor = "1%", capacitor = "5%", coil, coupling, gain,'
@@ -47,6 +47,38 @@ class DeckTolerances(NamedTuple):
 
     parts: Tolerances
     params: Mapping[str, float] = MappingProxyType({})
+
+
+def _share(value: object) -> float:
+    """Return a fraction from ``"5%"`` or 0.05."""
+    try:
+        share = fraction(value)
+    except ValueError:
+        share = math.nan
+    if not 0.0 <= share <= LARGEST:
+        raise ValueError(f'expected a share from 0 to {LARGEST:g}, such as "5%" or 0.05')
+    return share
+
+
+Share = Annotated[float, BeforeValidator(_share)]
+
+
+class _Kinds(Model):
+    """Tolerances of all parts of a kind."""
+
+    resistor: Share | None = None
+    capacitor: Share | None = None
+    coil: Share | None = None
+    coupling: Share | None = None
+    gain: Share | None = None
+
+
+class _File(_Kinds):
+    """The keys of a file."""
+
+    distribution: Literal["normal", "uniform"] = "normal"
+    parts: dict[str, Share] = Field(default_factory=dict)
+    params: dict[str, Share] = Field(default_factory=dict)
 
 
 def read_tolerances(
@@ -80,71 +112,44 @@ def read_tolerances(
     """
     path = Path(file)
     data, _ = read_toml(path, ACCEPTED)
-    from taction.netlist_gen.scene.checks import Tolerances  # after the refusal of a file
-
-    table, wrong = data.get("tolerances", data), list[Complaint]()
+    table, found, wrong = data.get("tolerances", data), _File(), list[Complaint]()
     if not isinstance(table, dict):
         raise InputError(path, Complaint("tolerances", repr(table)[:80], f"expected {ACCEPTED}"))
-    for key in table.keys() - set(KEYS):
-        near = difflib.get_close_matches(key, KEYS, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        wrong.append(Complaint(key, "", f"{hint}expected one of {', '.join(KEYS)}"))
-    distribution = table.get("distribution", "normal")
-    if distribution not in DISTRIBUTIONS:
-        wrong.append(Complaint("distribution", repr(distribution), "expected normal or uniform"))
-    kinds = {kind: _share(table[kind], kind, wrong) for kind in KINDS if kind in table}
-    parts = _parts(circuit, kinds, table.get("parts", {}), wrong)
-    params = _params(parameters, table.get("params", {}), wrong)
+    try:
+        found = validated(_File, table, path)
+    except InputError as error:
+        wrong += error.complaints
+    kinds = {key: kind for key, kind in varying_parts(circuit) if kind in _Kinds.model_fields}
+    wrong += _unknown(table.get("parts"), "parts", {name.lower(): name for name in kinds})
+    wrong += _unknown(table.get("params"), "params", {name: name for name in parameters})
+    parts = {
+        name: share
+        for name, kind in kinds.items()
+        if "." not in name and (share := getattr(found, kind)) is not None
+    }
+    for key, share in found.parts.items():
+        hits = [name for name in kinds if fnmatchcase(name.lower(), key.lower())]
+        parts |= dict.fromkeys(hits, share)
+    parts = {name: share for name, share in parts.items() if share > 0.0}
+    params = {key.lower(): share for key, share in found.params.items() if share > 0.0}
     wrong += _tight_couplings(circuit, parts)
     if wrong:
         raise InputError(path, *wrong)
     if not (parts or params):
         raise InputError(path, Complaint("tolerances", "", "nothing varies; expected " + ACCEPTED))
     exact = dict.fromkeys(("resistor", "capacitor", "stray", "opamp_gbw", "opamp_gain"), 0.0)
-    return DeckTolerances(Tolerances(distribution=distribution, parts=parts, **exact), params)
+    spread = Tolerances(distribution=found.distribution, parts=parts, **exact)
+    return DeckTolerances(spread, params)
 
 
-def _parts(
-    circuit: Circuit, kinds: Mapping[str, float], named: Any, wrong: list[Complaint]
-) -> dict[str, float]:
-    """Return the tolerances above zero by the names of parts; mistakes are added to `wrong`."""
-    from taction.netlist_gen.board.variation import varying_parts
-
-    known = {name: kind for name, kind in varying_parts(circuit) if kind in KINDS}
-    found = {name: kinds[kind] for name, kind in known.items() if kind in kinds and "." not in name}
-    if not isinstance(named, dict):
-        wrong.append(Complaint("parts", repr(named)[:80], 'expected a table: [parts], R1 = "1%"'))
-        named = {}
-    folded = {name.lower(): name for name in known}
-    for key, value in named.items():
-        share = _share(value, f"parts.{key}", wrong)
-        hits = [folded[name] for name in folded if fnmatchcase(name, key.lower())]
-        found |= dict.fromkeys(hits, share)
-        if not hits:
-            near = difflib.get_close_matches(key.lower(), folded, n=1, cutoff=0.0)
-            text = "no part of the deck has this name"
-            more = f"; the nearest is {folded[near[0]]!r}" if near else ""
-            wrong.append(Complaint(f"parts.{key}", "", text + more))
-    return {name: share for name, share in found.items() if share > 0.0}
-
-
-def _params(parameters: Sequence[str], named: Any, wrong: list[Complaint]) -> dict[str, float]:
-    """Return the tolerances above zero of ``.param`` cards; mistakes are added to `wrong`."""
-    if not isinstance(named, dict):
-        wrong.append(
-            Complaint("params", repr(named)[:80], 'expected a table: [params], gain = "1%"')
-        )
-        return {}
-    found = dict[str, float]()
-    for key, value in named.items():
-        share = _share(value, f"params.{key}", wrong)
-        if key.lower() not in parameters:
-            listed = f"it has {', '.join(parameters)}" if parameters else "it has none"
-            text = f"the deck has no .param of this name; {listed}"
-            wrong.append(Complaint(f"params.{key}", "", text))
-        elif share > 0.0:
-            found[key.lower()] = share
-    return found
+def _unknown(named: Any, table: str, known: Mapping[str, str]) -> Iterator[Complaint]:
+    """Yield the names of a table that the deck does not have; `known` are those in lower case."""
+    what = {"parts": "part", "params": ".param"}[table]
+    for key in named if isinstance(named, dict) else ():
+        if not any(fnmatchcase(name, key.lower()) for name in known):
+            near = difflib.get_close_matches(key.lower(), known, n=1, cutoff=0.0)
+            more = f"; the nearest is {known[near[0]]!r}" if near else "; it has none"
+            yield Complaint(f"{table}.{key}", "", f"no {what} of the deck has this name{more}")
 
 
 def _tight_couplings(circuit: Circuit, parts: Mapping[str, float]) -> Iterator[Complaint]:
@@ -155,16 +160,3 @@ def _tight_couplings(circuit: Circuit, parts: Mapping[str, float]) -> Iterator[C
             most = 100.0 * (1.0 / abs(branch.value) - 1.0)
             text = f"reaches 1 within its tolerance; expected less than {most:.2g} %"
             yield Complaint(branch.label, f"{branch.value:g} ± {100.0 * share:g} %", text)
-
-
-def _share(value: object, key: str, wrong: list[Complaint]) -> float:
-    """Return a fraction from ``"5%"`` or 0.05; 0 for a mistake, which is added to `wrong`."""
-    try:
-        share = fraction(value)
-    except ValueError:
-        share = math.nan
-    if not 0.0 <= share <= LARGEST:
-        text = f'expected a share from 0 to {LARGEST:g}, such as "5%" or 0.05'
-        wrong.append(Complaint(key, repr(value)[:80], text))
-        return 0.0
-    return share

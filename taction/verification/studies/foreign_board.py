@@ -8,16 +8,14 @@ ngspice finds for the deck as it is (`operating_point`); each such element is me
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Literal
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.branches import Source
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.parts import Branch
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.deck.elements import ACCEPTED
 from taction.netlist_gen.deck.flat_cards import (
@@ -54,6 +52,7 @@ from taction.verification.characterise.operating_point import DeckPoint, find_po
 from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.ac_witness import AcWitness, stepping
+from taction.verification.studies.measured_board import Start
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
 RELATIVE = 1e-6  # reltol of the witness
@@ -64,7 +63,6 @@ NAMED = 12  # elements in a note
 _TEMPERATURE = re.compile(r"^\.(?:temp|opt\w* (?:.* )?(?:temp|tnom) ?=) ?(\S+)")
 _OPTION = re.compile(r"\b(gmin|scale) ?= ?([-+\w.]+)")  # that change a circuit
 _CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
-Start = Literal["zero", "rest"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,22 +110,23 @@ class ForeignBoard:
     def witness(self, transient: Transient, solver: str) -> Deck:
         """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
         cards = [_CHARGE.sub("", line) for line in self.lines if line[0] not in "vi"]
-        cards += [_stepping(part, transient) for part in self.flat.branches if self._steps(part)]
+        for part in self.flat.branches:  # but the constant of a B card
+            if isinstance(part, Source) and self.flat.stimuli[part.card].kind != FIXED:
+                cards.append(_stepping(part, transient))
         nodes = tuple(out.node for out in self.circuit.outputs)
-        amps = max(1e-12, transient.current)
-        charge = transient.charge or 1e-18
+        amps, charge = max(1e-12, transient.current), transient.charge or 1e-18
+        uncharged = " uic" if self.initial == "zero" else ""
         closing = [
             f".options {solver} reltol={RELATIVE!r} abstol={amps!r} vntol={1e-3 * RELATIVE!r}",
             f".options chgtol={charge!r} gmin=1e-15 pivtol=1e-18",
             f".options method=trap trtol={transient.truncation / RELATIVE!r}",
             ".save " + " ".join(f"v({node})" for node in nodes),
             f".tran {10.0 * transient.begin!r} {transient.stop!r} 0.0 {transient.max_step!r}"
-            + (" uic" if self.initial == "zero" else ""),
+            f"{uncharged}",
             ".end",
             "",
         ]
-        text = "\n".join(["* flat cards of a deck", *cards, *closing])
-        return Deck(text, nodes, transient)
+        return Deck("\n".join(["* flat cards of a deck", *cards, *closing]), nodes, transient)
 
     @property
     def flat_text(self) -> str:
@@ -138,17 +137,13 @@ class ForeignBoard:
         plan = Transient(stop, 1e-3 * stop, initial=self.initial)
         return self.witness(plan, "noopiter").text
 
-    def _steps(self, part: Branch) -> bool:
-        """Whether a part is a source of its own, not the constant of a B card."""
-        return isinstance(part, Source) and self.flat.stimuli[part.card].kind != FIXED
-
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Names of the ``.param`` cards that can be moved."""
         return self.deck.parameters
 
     def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
-        """Return the circuit at some values of its ``.param`` cards, one ngspice run for all.
+        """Return the circuit at some values of its ``.param`` cards; of a linear deck by one run.
 
         Where a value gives no circuit, its error is in the place.
 
@@ -159,23 +154,26 @@ class ForeignBoard:
         """
         if self.point is not None:
             with more_time(VALUE_SECONDS * len(changes)):
-                return [self._measured_at(changed) for changed in changes]
+                return [self._with(partial(self._measured_at, each)) for each in changes]
         try:
-            return [
-                self._circuit(cards) for cards in expand(self._ready, find_simulator(), changes)
-            ]
+            every = expand(self._ready, find_simulator(), changes)
         except DidNotLoad as error:
             text = f"with other values of its .param: {one_line(error)}"
             raise InputError(self.deck.file, Complaint("deck", "", text)) from None
+        return [self._with(partial(read_cards, cards)) for cards in every]
 
-    def _measured_at(self, changed: Mapping[str, float]) -> Circuit | InputError:
-        """Return the circuit at other values of its ``.param`` cards, at its own point."""
-        lines = [_with_values(line, changed) for line in self._ready]
+    def _with(self, read: Callable[[], Flat]) -> Circuit | InputError:
+        """Return the circuit of other flat cards, or why there is none."""
         try:
-            flat, _ = _measured_flat(find_point(lines, _options(self.deck), find_simulator()))
+            flat, _ = stepped(read(), small=self.point is not None)
         except CardError as error:
             return InputError(self.deck.file, Complaint("deck", "", str(error)))
-        return self._of(flat)
+        return circuit_of(flat, self.circuit.name, [out.node for out in self.circuit.outputs])
+
+    def _measured_at(self, changed: Mapping[str, float]) -> Flat:
+        """Return the parts at other values of the ``.param`` cards, at an own point."""
+        lines = [_with_values(line, changed) for line in self._ready]
+        return _measured_flat(find_point(lines, _options(self.deck), find_simulator()))[0]
 
     def value_of(self, parameter: str) -> float | None:
         """Return the value of a ``.param``, as ngspice computes it; None if it is no number."""
@@ -190,16 +188,6 @@ class ForeignBoard:
     @cached_property
     def _ready(self) -> tuple[str, ...]:
         return tuple(ready_lines(self.deck))
-
-    def _circuit(self, cards: Iterable[str]) -> Circuit | InputError:
-        try:
-            return self._of(read_cards(cards))
-        except CardError as error:
-            return InputError(self.deck.file, Complaint("deck", "", str(error)))
-
-    def _of(self, flat: Flat) -> Circuit:
-        flat, _ = stepped(flat, small=self.point is not None)
-        return circuit_of(flat, self.circuit.name, [out.node for out in self.circuit.outputs])
 
 
 def read_board(file: str | Path, outputs: Sequence[str] = ()) -> ForeignBoard:
@@ -331,12 +319,10 @@ def _sweep_of(text: str) -> str:
     return f"--over {name[0]}={':'.join(values[:2])}" if len(values) > 1 else "--over"
 
 
-def _stepping(part: object, transient: Transient) -> str:
+def _stepping(part: Source, transient: Transient) -> str:
     """Return a source that steps at t = 0."""
-    assert isinstance(part, Source)  # noqa: S101 - see `_steps`
     before, after = part.before, part.value
-    if before == after or transient.initial == "zero":
-        wave = f"dc {after!r}"
-    else:
+    wave = f"dc {after!r}"
+    if before != after and transient.initial == "rest":
         wave = f"dc {before!r} PWL(0 {before!r} {EDGE * transient.begin!r} {after!r})"
     return f"{part.card} {part.a} {part.b} {wave}"

@@ -152,7 +152,7 @@ def test_a_coupling_moves_the_leakage_of_a_transformer(tmp_path: Path) -> None:
     ("spread", "reason"),
     [
         ("coupling = 0.2\n", "K1 = 0.9 ± 20 %: reaches 1 within its tolerance"),
-        ('[params]\nnone = "1%"\n', "no .param of this name; it has k"),
+        ('[params]\nnone = "1%"\n', "no .param of the deck has this name; the nearest is 'k'"),
         ('params = "1%"\n', "expected a table"),
         ('[params]\nk = "1%"\n', "a number other than 0"),
     ],
