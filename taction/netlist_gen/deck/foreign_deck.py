@@ -13,10 +13,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from taction.netlist_gen.deck.ltspice import DROPPED, LIBRARY, plain_cards, spelt
-from taction.netlist_gen.deck.transfer_functions import OWN, source_cards
-from taction.spice_models.foreign_functions import check_functions
-from taction.spice_models.foreign_lines import (
+from taction.netlist_gen.deck.foreign_functions import check_functions
+from taction.netlist_gen.deck.foreign_lines import (
     DEEPEST_FILES,
     LARGEST,
     MOST_CARDS,
@@ -29,6 +27,8 @@ from taction.spice_models.foreign_lines import (
     physical_lines,
     subcircuits,
 )
+from taction.netlist_gen.deck.ltspice import DROPPED, LIBRARY, plain_cards, spelt
+from taction.netlist_gen.deck.transfer_functions import OWN, source_cards
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import UnusableFileError, read_bounded
 

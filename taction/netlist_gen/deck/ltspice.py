@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 
-from taction.spice_models.foreign_lines import MOST_COUPLINGS
+from taction.netlist_gen.deck.foreign_lines import MOST_COUPLINGS
 
 SPELT = {
     "\N{MICRO SIGN}": "u",

@@ -6,10 +6,10 @@ import re
 from collections.abc import Iterator, Mapping
 
 from taction.netlist_gen.deck.foreign_deck import ForeignDeck
+from taction.netlist_gen.deck.foreign_lines import Card, called, check_expanded, subcircuits
 from taction.netlist_gen.deck.linear_expressions import without_calls, without_poly, without_table
 from taction.netlist_gen.deck.ltspice import OPAMPS, missing_cards, opamp_cards, plain_name
 from taction.spice_models.foreign_expressions import number
-from taction.spice_models.foreign_lines import Card, called, check_expanded, subcircuits
 
 NOT_LINEAR = re.compile(
     r"^(?:[dqjmswb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from taction.netlist_gen.deck.foreign_deck import ForeignDeck
-from taction.spice_models.foreign_lines import Card
+from taction.netlist_gen.deck.foreign_lines import Card
 
 STEP = re.compile(r"^\.step (?:(?:lin|dec|oct) )?param (?:list )?([a-z_]\w*) (?:list )?(\S+)")
 NOTHING = "nothing of check answers it yet"

@@ -11,9 +11,14 @@ from pathlib import Path
 
 from taction.netlist_gen.deck.elements import spelt_card
 from taction.netlist_gen.deck.foreign_deck import LETTERS, forbidden, read_library
+from taction.netlist_gen.deck.foreign_lines import (
+    called,
+    check_expanded,
+    logical_lines,
+    subcircuits,
+)
 from taction.netlist_gen.deck.macromodels import check_size, ready_lines
 from taction.spice_models.foreign_expressions import number
-from taction.spice_models.foreign_lines import called, check_expanded, logical_lines, subcircuits
 from taction.spice_models.imported import DEVICE, Subcircuit
 
 STORED = (".subckt", ".ends", ".model", ".param")

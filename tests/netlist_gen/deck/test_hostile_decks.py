@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from taction.spice_models.foreign_functions import check_functions, written
-from taction.spice_models.foreign_lines import (
+from taction.netlist_gen.deck.foreign_functions import check_functions, written
+from taction.netlist_gen.deck.foreign_lines import (
     LONGEST,
     MOST_CARDS,
     MOST_LEVELS,

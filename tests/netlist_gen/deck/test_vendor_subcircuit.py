@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from taction.netlist_gen.deck.foreign_lines import logical_lines
 from taction.netlist_gen.deck.linear_expressions import polynomial
 from taction.netlist_gen.deck.vendor_subcircuit import (
     flat_subcircuit,
@@ -15,7 +16,6 @@ from taction.netlist_gen.deck.vendor_subcircuit import (
     vendor_subcircuit,
 )
 from taction.spice_models.foreign_expressions import number
-from taction.spice_models.foreign_lines import logical_lines
 from taction.system.errors import InputError
 from taction.verification.characterise.operating_point import find_point
 from taction.verification.engines.ngspice.executable import find_simulator

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from taction.spice_models.foreign_lines import MOST_WRITTEN, Card, beyond
+from taction.netlist_gen.deck.foreign_lines import MOST_WRITTEN, Card, beyond
 
 DEEPEST = 200  # calls and parentheses within one another
 _FUNC = re.compile(r"\.func ([a-z_]\w*) ?\(([^()]*)\) ?=? ?(.*)")
