@@ -24,13 +24,25 @@ if TYPE_CHECKING:
     from taction.netlist_gen.deck.deck import write_deck
     from taction.netlist_gen.scene.loading import load_scene
     from taction.netlist_gen.scene.scene import Scene
-    from taction.searches import choose, new, scale, tune
-    from taction.studies import accuracy, onset, regress, reproduce, stress, sweep
+    from taction.new_scene import new
     from taction.system.errors import InputError, Interrupted, NoVerdictError, TactionError
     from taction.system.waveforms import Waveforms
-    from taction.tolerances import corners, montecarlo, verify_sample
-    from taction.tools import doctor, import_model, mcp, models, opamp, scene_schema
+    from taction.tools import import_model, mcp, models, opamp, scene_schema
     from taction.transients import diff, explore, simulate, verify, verify_files, what_to_change
+    from taction.verification.design.choose import choose
+    from taction.verification.design.scaling import scale
+    from taction.verification.design.tune import tune
+    from taction.verification.evidence.demonstration import demo
+    from taction.verification.evidence.paper.reproduce import reproduce
+    from taction.verification.evidence.stress.run import stress
+    from taction.verification.studies.onset.onset import onset
+    from taction.verification.studies.regression.run import regress
+    from taction.verification.studies.running.installation import doctor
+    from taction.verification.studies.sweep.result import sweep
+    from taction.verification.studies.tolerance.corners import corners
+    from taction.verification.studies.tolerance.drawing import montecarlo
+    from taction.verification.studies.tolerance.varied_board import verify_sample
+    from taction.verification.studies.work_precision.study import accuracy
     from taction.verification.verdict.verify import Verdict
 
 __all__ = [
@@ -79,25 +91,44 @@ __all__ = [
     "write_deck",
 ]
 
-# The quickest to load first.
-_MODULES = (
-    "designs",
-    "transients",
-    "decks",
-    "studies",
-    "tolerances",
-    "searches",
-    "tools",
-    "values",
-)
+_NAMES = {
+    "decks": "check",
+    "designs": "bom build kicad netlist solve",
+    "netlist_gen.board.circuit": "Circuit",
+    "netlist_gen.board.synthesis": "synthesise",
+    "netlist_gen.deck.deck": "write_deck",
+    "netlist_gen.scene.loading": "load_scene",
+    "netlist_gen.scene.scene": "Scene",
+    "new_scene": "new",
+    "system.errors": "InputError Interrupted NoVerdictError TactionError",
+    "system.waveforms": "Waveforms",
+    "tools": "import_model mcp models opamp scene_schema",
+    "transients": "diff explore simulate verify verify_files what_to_change",
+    "verification.design.choose": "choose",
+    "verification.design.scaling": "scale",
+    "verification.design.tune": "tune",
+    "verification.evidence.demonstration": "demo",
+    "verification.evidence.paper.reproduce": "reproduce",
+    "verification.evidence.stress.run": "stress",
+    "verification.studies.onset.onset": "onset",
+    "verification.studies.regression.run": "regress",
+    "verification.studies.running.installation": "doctor",
+    "verification.studies.sweep.result": "sweep",
+    "verification.studies.tolerance.corners": "corners",
+    "verification.studies.tolerance.drawing": "montecarlo",
+    "verification.studies.tolerance.varied_board": "verify_sample",
+    "verification.studies.work_precision.study": "accuracy",
+    "verification.verdict.verify": "Verdict",
+}
+"""The public names by the module that has them, below `taction`."""
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name at its first use (PEP 562)."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    modules = (import_module(f"{__name__}.{module}") for module in _MODULES)
-    globals()[name] = next(getattr(module, name) for module in modules if hasattr(module, name))
+    place = next(place for place, names in _NAMES.items() if name in names.split())
+    globals()[name] = getattr(import_module(f"{__name__}.{place}"), name)
     return globals()[name]
 
 

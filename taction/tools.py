@@ -1,4 +1,4 @@
-"""Jobs without a board: the op-amps, a vendor's model, and what is installed."""
+"""Jobs without a board: the op-amps, a vendor's model, the schema of scenes, and MCP."""
 
 from __future__ import annotations
 
@@ -8,67 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from taction.spice_models.opamp import OpAmp
-    from taction.system.progress import Progress
     from taction.verification.characterise.characterise import OpAmpFigures
-    from taction.verification.evidence.demonstration import Demonstration
-    from taction.verification.studies.running.installation import Installation
     from taction.verification.studies.vendor_model import ImportedModel
-
-
-def demo(
-    output: str | Path | None = "taction-demo.html", *, progress: Progress = lambda stage: None
-) -> Demonstration:
-    """Tell the paper's story on three boards, and write it as a report.
-
-    No scene is needed: the board of the paper works, oscillates with a smaller capacitor, and
-    settles sooner with another gain.
-
-    Parameters
-    ----------
-    output : path or None
-        The report; an existing one is replaced.
-
-        None writes none. Without ``taction[report]`` there is none, and `progress` says so.
-    progress : callable, optional
-        Receives the name of each stage.
-
-    Returns
-    -------
-    Demonstration
-        The three boards with their verdicts; its outcome is ``pass`` if they are as told.
-
-    Raises
-    ------
-    InputError
-        The report cannot be written.
-
-    Examples
-    --------
-    >>> import taction
-    >>> told = taction.demo(None)
-    >>> [step.verdict.outcome.value for step in told.steps]
-    ['pass', 'fail', 'pass']
-    """
-    from dataclasses import replace
-
-    from taction.system.errors import InputError
-    from taction.system.output_files import check_file
-    from taction.system.progress import Notice
-
-    if output is not None:
-        check_file(str(output), "-o", (".html",), {})
-    from taction.verification.evidence.demonstration import demonstrate
-
-    found = demonstrate(progress)
-    if output is None:
-        return found
-    told = replace(found, file=str(output))
-    try:
-        told.report(output)
-    except InputError as error:  # the story has been told
-        progress(Notice(f"no report: {error}"))
-        return found
-    return told
 
 
 def models() -> dict[str, OpAmp]:
@@ -259,22 +200,3 @@ def scene_schema() -> dict[str, Any]:
     from taction.netlist_gen.scene.scene import scene_type
 
     return scene_type().model_json_schema(by_alias=True)
-
-
-def doctor() -> Installation:
-    """List what is installed and what each part is needed for.
-
-    Returns
-    -------
-    Installation
-        `findings`: Python, ngspice, the BLAS libraries and the optional packages.
-
-    Examples
-    --------
-    >>> import taction
-    >>> [finding.what for finding in taction.doctor().findings][:2]
-    ['Python', 'ngspice']
-    """
-    from taction.verification.studies.running.installation import installation
-
-    return installation()

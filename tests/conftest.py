@@ -101,7 +101,7 @@ def quick_stories(monkeypatch: pytest.MonkeyPatch) -> None:
 
     few = tuple(replace(method, ladder=method.ladder[:2]) for method in study.METHODS[::2])
     monkeypatch.setattr(study, "REPEATS", 1)
-    monkeypatch.setitem(study.run_study.__kwdefaults__, "methods", few)
+    monkeypatch.setattr(study, "METHODS", few)
     quick = {name: reproduce.CHAPTERS[name] for name in ("kernels", "equations")}
     monkeypatch.setattr(reproduce, "CHAPTERS", quick)
     monkeypatch.setattr(

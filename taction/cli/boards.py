@@ -293,7 +293,7 @@ def _new_files(found: NewScene, call: Call) -> list[str]:
 def _rescaled(call: Call) -> None:
     """Take the file as for a new scene, and the op-amp of the scene where none is asked for."""
     from taction.netlist_gen.scene.open_tables import refuse_unknown
-    from taction.searches import refuse_existing
+    from taction.new_scene import refuse_existing
 
     _new_file(call)
     file = call.arguments.pop("file", "scene.toml")

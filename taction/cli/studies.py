@@ -35,7 +35,6 @@ from taction.cli.terminal import say
 
 if TYPE_CHECKING:
     from taction.verification.studies.regression.run import RegressionReport
-    from taction.verification.studies.sweep.result import SweepResult
     from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
 JUNIT = "verification.report.junit"
@@ -103,43 +102,16 @@ TUNE = Command(
 )
 
 
-def _ask_limits(call: Call) -> None:
-    """Ask on stderr what may be a slip in the limits of the options; name the database."""
-    from taction.netlist_gen.scene.axes import LIMITS
-    from taction.netlist_gen.scene.checks import unitless_times
-    from taction.netlist_gen.scene.questions import value_questions
-    from taction.verification.design.choice_plan import base_of, request_of
-
+def _choice_database(call: Call) -> None:
+    """Name the database after the scene."""
     given = call.arguments
-    request = request_of(
-        given["opamps"], given["c_range"], given["gain_range"], given["points"],
-        **{name: given[name] for name in LIMITS},
-    )  # fmt: skip
-    scene, base = base_of(given["scene"], request)
-    given["scene"] = scene
-    times = {"settling_time": given["settling"], "rise_time": given["rise"]}
-    bare = {name: {"max": float(text)} for name, text in times.items() if _is_plain(text)}
-    known = set(value_questions(scene))
-    for question in (*unitless_times({"checks": bare}), *value_questions(base)):
-        if question not in known:
-            say(f"question: {question}")
-    given["store"] = given["store"] or f"{base.name}-choose.sqlite"
-
-
-def _is_plain(text: str | None) -> bool:
-    """Whether a text is a number without a unit."""
-    import math
-
-    try:
-        return text is not None and math.isfinite(float(text))
-    except ValueError:
-        return False
+    given["store"] = given["store"] or f"{given['scene'].name}-choose.sqlite"
 
 
 CHOOSE = Command(
     function="choose",
     outputs=(picture("maps of C and gain for every op-amp"), REPORT),
-    before=_ask_limits,
+    before=_choice_database,
     files=lambda found, call: found.written.values(),
     parameters=(
         SCENE,
@@ -175,20 +147,9 @@ SCALE = Command(
 )
 
 
-def _ask_axis(call: Call) -> None:
-    from taction.netlist_gen.scene.questions import axis_questions
-    from taction.verification.studies.onset.onset import planned
-
-    given = call.arguments
-    given["scene"], axis = planned(given["scene"], given["over"])
-    for question in axis_questions(given["scene"], [[axis]]):
-        say(f"question: {question}")
-
-
 ONSET = Command(
     function="onset",
     outputs=(picture("the pole map and the root locus"), REPORT),
-    before=_ask_axis,
     parameters=(
         SCENE,
         option("over", metavar="KEY[=LOW:HIGH:N]"),
@@ -226,25 +187,13 @@ CHECK = Command(
 
 
 def _check_sweep(call: Call) -> None:
-    """Ask what may be a slip in the axes, refuse what cannot be drawn, and name the database."""
-    from taction.netlist_gen.scene.questions import axis_questions
-    from taction.verification.studies.sweep.plan import plan_sweep
-
+    """Refuse axes that cannot be drawn, and name the database after the scene's file."""
     given = call.arguments
-    plan = plan_sweep(given["scene"], given["over"], given["engine"], fix=given["fix"])
-    for question in axis_questions(plan.scene, plan.groups):
-        say(f"question: {question}")
     if call.options["plot"] is not None:
-        from taction.verification.report.views.sweep import check_sweep_plot
+        from taction.verification.report.views.sweep import check_axes
 
-        check_sweep_plot(plan, call.options["plot"])
-    given["output"] = given["output"] or f"{plan.scene.file.stem}.sqlite"
-
-
-def _sweep_table(found: SweepResult, path: str) -> None:
-    from taction.verification.studies.sweep.result import export_sweep
-
-    export_sweep(found, path)
+        check_axes(len(given["over"]), call.options["plot"])
+    given["output"] = given["output"] or f"{given['scene'].file.stem}.sqlite"
 
 
 SWEEP = Command(
@@ -254,7 +203,7 @@ SWEEP = Command(
         OutputOption(
             "export",
             "Write a table (.csv, .parquet) or grid (.nc).",
-            _sweep_table,
+            "verification.studies.sweep.result:export_sweep",
             "verification.studies.sweep.result:check_sweep_export",
         ),
         picture("maps over two axes, or curves over one axis,"),

@@ -7,7 +7,7 @@ A simulation does not know who waits for it. It calls `reached` with the share t
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
@@ -95,6 +95,12 @@ class Notice(str):
     """A line of progress that is shown even where stages are not, such as how long a run takes."""
 
     __slots__ = ()
+
+
+def ask(questions: Iterable[str], progress: Progress) -> None:
+    """Ask what may be a slip in the input; nobody waits for an answer."""
+    for question in questions:
+        progress(Notice(f"question: {question}"))
 
 
 class Clock:

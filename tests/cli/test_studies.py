@@ -92,11 +92,11 @@ def test_without_ngspice_the_status_is_3(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_wrong_outcome_has_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from taction.verification.evidence.stress import catalogue
+    from taction.verification.evidence.stress import catalogue, run
 
     cases = catalogue.select(catalogue.load_catalogue(), ("wrong-shape",))
     planted = tuple(replace(case, outcome={"statespace": ("pass",)}) for case in cases)
-    monkeypatch.setattr(catalogue, "load_catalogue", lambda: planted)
+    monkeypatch.setattr(run, "load_catalogue", lambda: planted)
     done = taction(*ONE, "wrong-shape")
     assert done.exit_code == 1
     assert "InputError" in done.stdout

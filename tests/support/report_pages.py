@@ -54,7 +54,7 @@ from taction.verification.studies.sweep.plan import Requests
 from taction.verification.studies.sweep.point import failure
 from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.sweep.run import SweepCounts
-from taction.verification.studies.tolerance.corners import worst_corners
+from taction.verification.studies.tolerance.corners import worst_of
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
@@ -126,7 +126,7 @@ def _yield() -> Page:
 def _corners() -> Page:
     scene = small_scene(tolerances=WORN | {"distribution": "uniform"})
     with one_thread() as workers:
-        return corners.view(worst_corners(scene, workers))
+        return corners.view(worst_of(prepare(scene, full_margin=True), workers))
 
 
 def _onset() -> Page:

@@ -18,7 +18,7 @@ from tests.support.running import taction as command
 from tests.support.studying import scene_file
 
 HEAVY = ("numpy", "scipy", "pydantic", "click", "rich", "PySpice")
-JOBS = ("taction.designs", "taction.transients", "taction.studies", "taction.tolerances")
+JOBS = ("taction.designs", "taction.transients", "taction.decks", "taction.new_scene")
 
 
 def loaded_by(script: str) -> set[str]:
@@ -36,7 +36,7 @@ def command_line(*words: str) -> str:
     return f"{run}except SystemExit as end:\n    assert not end.code\n"
 
 
-@pytest.mark.parametrize("use", ["dir(taction)", "taction.sweep, taction.verify"])
+@pytest.mark.parametrize("use", ["dir(taction)", "taction.netlist, taction.verify"])
 def test_import_taction_and_its_jobs_load_nothing_heavy(use: str) -> None:
     assert not loaded_by(f"import taction; {use}") & set(HEAVY)
 
@@ -62,7 +62,7 @@ def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
         getattr(taction, "verfy")  # noqa: B009 - mypy knows that there is none
 
 
-@pytest.mark.parametrize("module", ["taction", "taction.values", *JOBS])
+@pytest.mark.parametrize("module", ["taction", *JOBS])
 def test_nothing_behind_the_public_names_imports_the_command_line(module: str) -> None:
     assert not [name for name in reached(short(module)) if below(name, ("cli",))]
 

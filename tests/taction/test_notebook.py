@@ -22,7 +22,8 @@ from taction.verification.report.blocks import NOTEBOOK, Cell, Notes, Page, Sect
 from taction.verification.report.charts import OUTCOMES
 from taction.verification.report.renderers.notebook import MOST_NOTES, MOST_ROWS
 from taction.verification.report.renderers.notebook import card as card_of
-from taction.verification.studies.tolerance.corners import worst_corners
+from taction.verification.studies.tolerance.corners import worst_of
+from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.verdict.checks import Outcome
 from tests.support.making import make_scene
 from tests.support.report_pages import HOSTILE, STATESPACE, swept, verdicts
@@ -126,7 +127,7 @@ def test_scene_and_circuit_have_their_size_and_values(kind: str) -> None:
 def test_every_result_has_a_short_repr(results: dict[str, Any]) -> None:
     scene = small_scene(tolerances={"resistor": 0.05, "distribution": "uniform"})
     with one_thread() as workers:
-        corners = worst_corners(scene, workers)
+        corners = worst_of(prepare(scene, full_margin=True), workers)
     made = (*results.values(), corners, taction.solve(scene), taction.simulate(scene))
     assert all(is_short(repr(each)) for each in made)
     assert repr(corners).startswith(f"CornerStudy({len(corners.corners)} corners, ")

@@ -12,6 +12,7 @@ from typing import Any
 
 from taction.netlist_gen.scene.keys import all_keys
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.atomic_files import write_atomically
 from taction.system.quantities import written
 
 FILES = ("matrix", "strain", "stress", "file")  # keys that are files
@@ -94,3 +95,14 @@ def _value(value: Any, path: str, units: Mapping[str, str]) -> str:
 def _quoted(text: str) -> str:
     """Return a basic string of TOML."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def write_scene(scene: Scene, output: str | Path) -> None:
+    """Write a scene file; names of files in it are relative to its folder.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    write_atomically(Path(output), scene_text(scene, Path(output).parent))

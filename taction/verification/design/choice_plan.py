@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from operator import attrgetter
-from pathlib import Path
 
 import numpy as np
 
@@ -31,7 +30,6 @@ from taction.verification.design.scaling import SHARE, SMALLER, rescaled
 from taction.verification.design.trials import at_small_signal
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
-from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.verdict.input_spread import InputSpread
 
@@ -227,12 +225,6 @@ def choice_base(scene: Scene, request: ChoiceRequest) -> Scene:
         else:
             return base
     raise refused[0]
-
-
-def base_of(scene: str | Path | Scene, request: ChoiceRequest) -> tuple[Scene, Scene]:
-    """Return a scene with lambda as a number, and its `choice_base`; errors as its readers'."""
-    read = read_scene(scene)
-    return read, choice_base(read, request)
 
 
 def _values(scene: Scene, path: str, option: str, text: str, points: int) -> tuple[float, ...]:

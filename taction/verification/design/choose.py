@@ -9,24 +9,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from taction.netlist_gen.board.part_warnings import AcceptedParts
+from taction.netlist_gen.board.part_warnings import ANY_PART, AcceptedParts
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
-from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.checks import Checks, unitless_times
 from taction.netlist_gen.scene.design import OpAmpChoice
 from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.questions import value_questions
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.writing import write_scene
 from taction.system.errors import (
     NoVerdictError,
     SimulatorNotFound,
     SimulatorTooOld,
 )
+from taction.system.output_files import check_empty_folder, make_folder
+from taction.system.progress import Progress, ask
 from taction.system.reading_definitions import READINGS
 from taction.system.results import RENDERERS, Result, load
-from taction.verification.design.choice_plan import CAPACITANCE, GAIN, OPAMP, base_keys
+from taction.verification.design.choice_plan import (
+    CAPACITANCE,
+    GAIN,
+    OPAMP,
+    base_keys,
+    choice_plan,
+    request_of,
+)
 from taction.verification.design.trials import (
     KEPT,
     Trial,
@@ -34,8 +46,10 @@ from taction.verification.design.trials import (
     broken_at_rest,
 )
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.run import computed
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL
 from taction.verification.verdict.record import ERROR, Record, decisive_reason
@@ -254,3 +268,130 @@ def confirmed(scene: Scene) -> Confirmation:
     reading = verdict.measurements.settling_time
     settling = None if reading is None else reading.value
     return Confirmation(verdict.outcome, settling, decisive_reason(verdict), verdict)
+
+
+def choose(
+    scene: str | Path | Scene,
+    *,
+    settling: str | float | None = None,
+    rise: str | float | None = None,
+    overshoot: str | float | None = None,
+    noise: str | float | None = None,
+    margin: str | float | None = None,
+    supply: str | float | None = None,
+    opamps: str | Sequence[str] = (),
+    c_range: str = "",
+    gain_range: str = "",
+    points: int = 9,
+    any_part: bool = False,
+    output: str | Path | None = None,
+    store: str | Path | None = None,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    progress: Progress = lambda stage: None,
+) -> Choice:
+    """Choose op-amp, C and gain of SCENE: all designs of a grid, ranked by checks and headroom.
+
+    Lambda, and with it the solution, stays; C and gain take values that can be bought. The
+    state-space engine verifies every design, and ngspice the best three. The same command continues
+    an interrupted one.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board to begin with.
+    settling : str or float, optional
+        Largest settling time: 10us.
+    rise : str or float, optional
+        Largest rise time of any channel.
+    overshoot : str or float, optional
+        Largest overshoot: 5% or 0.05.
+    noise : str or float, optional
+        Largest output noise of a channel: 1mV.
+    margin : str or float, optional
+        Factor by which C must be able to shrink.
+    supply : str or float, optional
+        Supply of the op-amps: 15V.
+    opamps : str or sequence of str
+        Presets; by default all of them.
+    c_range : str
+        By default the scene's C from a tenth to ten times its value.
+    gain_range : str
+        By default the scene's gain from a tenth to ten times its value.
+    points : int
+        Values of C and of gain.
+    any_part : bool
+        Accept parts beyond the limits of real ones.
+    output : path, optional
+        Write the best three designs as scene files into FOLDER.
+    store : path, optional
+        Database of the results; by default the scene's name with -choose.sqlite.
+
+        In Python the results stay in memory by default.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    cluster : str, optional
+        Address of a Dask scheduler that runs the points.
+
+        ``"tcp://host:port"``.
+    progress : callable, optional
+        Receives the number of finished designs.
+
+    Returns
+    -------
+    Choice
+        All designs, the best of them, and what ngspice says about these.
+
+    Raises
+    ------
+    InputError
+        The scene, a limit, an op-amp or a range cannot be used, or the folder is not empty.
+    NoVerdictError
+        The cluster is gone.
+    Interrupted
+        Ctrl-C; the text says what is stored.
+
+    Examples
+    --------
+    >>> import taction
+    >>> found = taction.choose(
+    ...     "scenes/tuned-breadboard.toml", settling="1ms", opamps=["tl084"], points=2, jobs=1
+    ... )
+    >>> len(found.designs)
+    4
+    """
+    if output is not None:
+        check_empty_folder(output)
+    original = read_scene(scene)
+    request = request_of(
+        opamps, c_range, gain_range, points,
+        settling=settling, rise=rise, overshoot=overshoot, noise=noise, margin=margin,
+        supply=supply,
+    )  # fmt: skip
+    plan = choice_plan(original, request)
+    times = {"settling_time": settling, "rise_time": rise}
+    ask(_limit_questions(original, plan.scene, times), progress)
+    with Store(":memory:" if store is None else str(store)) as results:
+        computed(plan, results, jobs=jobs, cluster=cluster, progress=progress)
+        ranked = designs(plan, results, ANY_PART if any_part else None)
+    best = best_designs(ranked)
+    scenes = [design_scene(plan, original, design, k) for k, design in enumerate(best, 1)]
+    said = [confirmed(one) for one in scenes]
+    files = {}
+    if output is not None:
+        make_folder(output)
+        for design, one in zip(best, scenes, strict=True):
+            files[design.place] = str(Path(output) / f"{one.name}.toml")
+            write_scene(one, files[design.place])
+    return Choice(original, ranked, best, said, scenes, files)
+
+
+def _limit_questions(
+    scene: Scene, limited: Scene, times: Mapping[str, str | float | None]
+) -> Iterator[str]:
+    """Yield what may be a slip in the limits: a time without a unit, a limit that is none."""
+    for name, given in times.items():
+        with suppress(TypeError, ValueError):  # None, or a text with a unit
+            yield from unitless_times({"checks": {name: {"max": float(given or "")}}})
+    known = set(value_questions(scene))
+    yield from (question for question in value_questions(limited) if question not in known)

@@ -32,7 +32,7 @@ from taction.system.array_types import EPS, Floats
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction
 from taction.system.results import Result
-from taction.verification.design.scaling import Scaled, Scaling, scale
+from taction.verification.design.scaling import Scaled, Scaling, find_scaling
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.lambda_choice import RuleInputs, choose
 from taction.verification.reference.problem import Problem, solution_difference
@@ -296,7 +296,7 @@ def fresh_scene(
         "checks": LOOSE,
     }
     accepted = ANY_PART if any_part else AcceptedParts({})
-    scaling = scale(parse_scene(data, output), accepted=accepted)
+    scaling = find_scaling(parse_scene(data, output), accepted=accepted)
     names, files = _placed({"matrix": matrix, "strain": strain}, output)
     limited, limits = with_limits(scaling.scene)
     notes = [f"{t.path.name}: {t.changed}" for t in (matrix, strain) if t.changed]

@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.part_warnings import (
+    ANY_PART,
     LEAST_OHMS,
     MOST_OHMS,
     ROUNDING,
@@ -29,8 +31,10 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.writing import write_scene
 from taction.netlist_gen.topologies.frame.table import topology_of
 from taction.system.errors import Complaint, EngineError, InputError
+from taction.system.progress import Progress
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.design.search import search_range
@@ -45,11 +49,12 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.dynamics import lambda_times_resistance
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.stability.poles import Poles, poles_behind
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL, Load, PartLoads, describe
 from taction.verification.verdict.transient_plan import plan_transient
-from taction.verification.verdict.verify import Verdict
+from taction.verification.verdict.verify import Verdict, verify
 
 NO_C = (
     "no C that was tried makes the board pass",
@@ -203,34 +208,73 @@ class Scaled(Result):
         return str(self.verdict.outcome.value)
 
 
-def scale(scene: Scene, share: float = SHARE, *, accepted: AcceptedParts | None = None) -> Scaling:
-    """Return scalings with which the board uses its op-amps well; the solution does not change.
+def scale(
+    scene: str | Path | Scene,
+    *,
+    share: float = 0.5,
+    opamp: str | None = None,
+    supply: str | float | None = None,
+    any_part: bool = False,
+    output: str | Path | None = None,
+    progress: Progress = lambda stage: None,
+) -> Scaled:
+    """Propose G0, U0, s and R: outputs that use the swing, resistors that can be bought.
+
+    Lambda, and with it the solution, stays. C changes only where the board would be unstable or
+    fail its checks. The state-space engine verifies the result, which decides the exit status.
 
     Parameters
     ----------
-    scene : Scene
-        Lambda is a number.
+    scene : path or Scene
+        The board to begin with.
     share : float
-        Of the swing, for the highest output voltage of any op-amp at any time; slopes and currents
-        stay below 90 % of their limits.
-    accepted : AcceptedParts, optional
-        Parts beyond the limits of real ones that may be proposed, by default those of the scene.
+        Highest output voltage of any op-amp, as a share of its swing.
+    opamp : str, optional
+        Preset in the place of the scene's op-amp.
+    supply : str or float, optional
+        Supply in the place of the scene's, as ±12V.
+    any_part : bool
+        Accept parts beyond the limits of real ones.
+    output : path, optional
+        Write the scene with the proposed scalings.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    Scaled
+        `scaling` with its scene, and the `verdict` on it.
 
     Raises
     ------
     InputError
-        The problem or the design cannot be used, the topology has no gain, T has a ratio of entries
-        that no range of resistors has, or the scalings need parts that are not accepted.
-    EngineError
-        The board has no equilibrium.
+        The scene, the op-amp or the supply cannot be used, or the file cannot be written.
+    NoVerdictError
+        No scalings are found, or the board has no verdict.
 
     Examples
     --------
     >>> import taction
-    >>> found = scale(taction.load_scene("scenes/tuned-breadboard.toml"))
-    >>> gain, R, lam = map(found.circuit.value, ("gain", "R", "lambda"))
-    >>> print(f"{gain:g} ohm, {R:g} ohm, lambda {lam:.3g}")
-    16000 ohm, 510000 ohm, lambda 0.0224
+    >>> taction.scale("scenes/tuned-breadboard.toml").outcome
+    'pass'
+    """
+    changes = {"design.opamp": opamp, "design.supply": supply}
+    asked = with_values(read_scene(scene), {k: v for k, v in changes.items() if v is not None})
+    progress("scalings")
+    scaling = find_scaling(asked, share, accepted=ANY_PART if any_part else None)
+    verdict = verify(scaling.scene.with_engine("statespace"), progress)
+    if output is not None:
+        write_scene(scaling.scene, output)
+    return Scaled.of(scaling, verdict)
+
+
+def find_scaling(
+    scene: Scene, share: float = SHARE, *, accepted: AcceptedParts | None = None
+) -> Scaling:
+    """Return scalings with which the board uses its op-amps well; the solution does not change.
+
+    Lambda is a number. Slopes and currents stay below 90 % of their limits. `accepted` are parts
+    beyond the limits of real ones, by default those of the scene; the errors are those of `scale`.
     """
     topology = topology_of(scene)
     if "gain" in topology.unused:

@@ -10,9 +10,10 @@ points.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,19 +21,21 @@ import numpy as np
 from taction.netlist_gen.board.part_warnings import ANY_PART
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
+from taction.netlist_gen.scene.writing import write_scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, EngineError, InputError
+from taction.system.progress import Progress
 from taction.system.quantities import percent, show
 from taction.system.results import Result
 from taction.verification.design.ranges import SearchRange, parse_ranges
 from taction.verification.design.search import search_range
 from taction.verification.design.trials import Trial, Trials
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.verdict.record import ERROR
-from taction.verification.verdict.verify import Verdict
+from taction.verification.verdict.verify import Verdict, verify
 
 GRID = {1: 25, 2: 9, 3: 5}  # points of each parameter, by the number of parameters
-REACH = 20.0  # the range is the scene's value divided and multiplied by this factor
 OVERSHOOT = 0.05  # default limit
 STARTS = 3  # points of the grid from which a simplex starts
 EVALUATIONS = 40  # of one simplex
@@ -96,44 +99,67 @@ class Tuned(Result):
 
 
 def tune(
-    scene: Scene,
-    keys: Iterable[str] = ("gain",),
+    scene: str | Path | Scene,
     *,
+    over: str | Sequence[str] = "gain",
+    reach: float = 20.0,
     overshoot: float | None = None,
     margin: float | None = None,
-    reach: float | None = None,
     any_part: bool = False,
-    progress: Callable[[str], None] = lambda stage: None,
-) -> Tuning:
-    """Search for the least settling time over `keys`.
+    output: str | Path | None = None,
+    progress: Progress = lambda stage: None,
+) -> Tuned:
+    """Find the values with the least settling time, at the scene's lambda, and verify the design.
+
+    The search uses the state-space engine, all checks of the scene, and values that can be bought:
+    in the scene's series, else of three digits. The verification decides the exit status; its
+    checks include the limits of the search.
 
     Parameters
     ----------
-    keys : iterable of str
-        One to three numeric keys of the scene's design, each with an optional range:
-        ``"gain=1M:10M"``.
+    scene : path or Scene
+        The board to begin with.
+    over : str or sequence of str
+        Keys to change, each with an optional range: gain,capacitance or gain=1M:10M.
+    reach : float
+        A key without a range goes from its value divided by this factor to its value times it.
     overshoot : float, optional
-        Limit, fraction of the step amplitude; by default the scene's check, else `OVERSHOOT`.
+        Largest overshoot, fraction of the step; by default the scene's limit, or 0.05.
     margin : float, optional
-        Factor by which C may shrink; by default the scene's check.
-    reach : float, optional
-        A key without a range goes from the scene's value divided by it to the value times it, by
-        default `REACH`.
+        Factor by which C must be able to shrink; by default the scene's margin.
     any_part : bool
-        Whether a design may have parts beyond the limits of real ones.
+        Accept parts beyond the limits of real ones.
+    output : path, optional
+        Write the scene with the best design.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    Tuned
+        `tuning` with the design before and after, and the `verdict` of the best design.
 
     Raises
     ------
     InputError
-        A key is unknown or not of the design, a range is none, there are no keys or too many, or
-        the design of the scene cannot be built.
-    EngineError
+        The scene, a key or a range cannot be used.
+    NoVerdictError
         No design passes the checks; the message has the one that came closest.
+
+    Examples
+    --------
+    >>> import taction
+    >>> scene = taction.load_scene("scenes/tuned-breadboard.toml").with_engine("statespace")
+    >>> tuned = taction.tune(scene, over="gain", reach=4.0)
+    >>> tuned.tuning.after.settling_time <= tuned.tuning.before.settling_time
+    True
     """
-    reach = REACH if reach is None else reach
+    scene = read_scene(scene)
+    named = over.split(",") if isinstance(over, str) else over
     if not 1.0 < reach < math.inf:
         accepted = "expected a factor above 1, such as 10"
         raise InputError("--reach", Complaint("FACTOR", repr(reach), accepted))
+    keys = [key.strip() for key in named if key.strip()]
     ranges = parse_ranges(scene, keys, reach, max(GRID))
     check = scene.checks.overshoot
     limit = (OVERSHOOT if check is None else check.max) if overshoot is None else overshoot
@@ -155,7 +181,7 @@ def tune(
     after = search.best(1)[0]
     if not search.feasible(after):
         raise search.no_design(after)
-    return Tuning(
+    tuning = Tuning(
         before=before,
         after=after,
         scene=search.tuned_scene(after),
@@ -165,6 +191,10 @@ def tune(
         margin=search.margin,
         ranges=ranges,
     )
+    tuned = Tuned(tuning, verify(tuning.scene, progress), reach)
+    if output is not None:
+        write_scene(tuning.scene, output)
+    return tuned
 
 
 def frontier(trials: Iterable[Trial]) -> tuple[Trial, ...]:
@@ -190,7 +220,7 @@ class _TuneSearch:
     overshoot: float
     margin: float
     any_part: bool
-    progress: Callable[[str], None]
+    progress: Progress
     tried: list[Trial] = field(default_factory=list)
     trials: Trials = field(init=False)
     pace: Pace = field(default_factory=Pace)

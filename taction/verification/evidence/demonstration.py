@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.errors import NoVerdictError
+from taction.system.errors import InputError, NoVerdictError
+from taction.system.output_files import check_file
+from taction.system.progress import Notice, Progress
 from taction.system.quantities import banded, percent, readable, show
 from taction.system.results import Result
 from taction.verification.evidence.paper.findings import paper_scene
@@ -66,14 +68,42 @@ class Demonstration(Result):
         return "pass" if told else "fail"
 
 
-def demonstrate(progress: Callable[[str], None] = lambda stage: None) -> Demonstration:
-    """Verify the three boards of the story.
+def demo(
+    output: str | Path | None = "taction-demo.html", *, progress: Progress = lambda stage: None
+) -> Demonstration:
+    """Tell the paper's story on three boards, and write it as a report.
+
+    No scene is needed: the board of the paper works, oscillates with a smaller capacitor, and
+    settles sooner with another gain.
+
+    Parameters
+    ----------
+    output : path or None
+        The report; an existing one is replaced.
+
+        None writes none. Without ``taction[report]`` there is none, and `progress` says so.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    Demonstration
+        The three boards with their verdicts; its outcome is ``pass`` if they are as told.
 
     Raises
     ------
-    NoVerdictError
-        A board settles, or does not, against the story.
+    InputError
+        The report cannot be written.
+
+    Examples
+    --------
+    >>> import taction
+    >>> told = taction.demo(None)
+    >>> [step.verdict.outcome.value for step in told.steps]
+    ['pass', 'fail', 'pass']
     """
+    if output is not None:
+        check_file(str(output), "-o", (".html",), {})
     start = time.perf_counter()
     scene = paper_scene("paper-breadboard")
     # The limits of the rise time are what the paper measured on the first board alone.
@@ -95,12 +125,19 @@ def demonstrate(progress: Callable[[str], None] = lambda stage: None) -> Demonst
             f"A gain of {_text(QUIET, 'ohm')}", Outcome.PASS, third, _settles(third, first)
         ),
     )
-    return Demonstration(steps, time.perf_counter() - start)
+    found = Demonstration(steps, time.perf_counter() - start)
+    if output is None:
+        return found
+    told = replace(found, file=str(output))
+    try:
+        told.report(output)
+    except InputError as error:  # the story has been told
+        progress(Notice(f"no report: {error}"))
+        return found
+    return told
 
 
-def _verified(
-    scene: Scene, changes: dict[str, Value], stage: str, progress: Callable[[str], None]
-) -> Verdict:
+def _verified(scene: Scene, changes: dict[str, Value], stage: str, progress: Progress) -> Verdict:
     progress(stage)
     return verify(with_values(scene, changes), lambda part: progress(f"{stage}, {part}"))
 

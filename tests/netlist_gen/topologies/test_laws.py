@@ -52,7 +52,7 @@ def test_a_key_without_effect_is_a_question() -> None:
 
 
 def test_scalings_of_a_board_without_a_gain_are_refused() -> None:
-    from taction.verification.design.scaling import scale
+    from taction.verification.design.scaling import find_scaling
 
     with pytest.raises(InputError, match="tune --over feedback_conductance"):
-        scale(scene("pinv"))
+        find_scaling(scene("pinv"))

@@ -25,7 +25,7 @@ from taction.verification.report.views.remedies import (
     remedies_text,
 )
 from taction.verification.stability.poles import count_unstable
-from taction.verification.studies.onset.onset import onset, parse_onset_axis
+from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.verify import verify
 from tests.support.paths import ROOT
 from tests.support.running import taction as command
@@ -182,7 +182,7 @@ def test_a_pass_needs_no_change() -> None:
 
 def scan_stable(scene: Scene, over: str) -> float:
     """The upper end of the stable range by the scan of `onset`."""
-    found = onset(scene, parse_onset_axis(scene, over), transients=False)
+    found = onset(scene, over=over, transients=False)
     return found.scan.stable_ranges[0][1]
 
 

@@ -18,7 +18,7 @@ from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError
 from taction.system.quantities import parse
-from taction.verification.design.scaling import NO_C, Scaled, scale
+from taction.verification.design.scaling import NO_C, Scaled, find_scaling
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene, write_matrix_scene
 from tests.support.paths import ROOT
@@ -33,7 +33,7 @@ def shipped(name: str, opamp: str) -> Scene:
 @pytest.mark.parametrize("name", ["tuned-breadboard", "eleven-channel", "custom-matrix"])
 def test_lambda_stays_and_the_parts_can_be_bought(name: str) -> None:
     scene = shipped(name, "tl084")
-    found = scale(scene)
+    found = find_scaling(scene)
     before, after = synthesise(scene), synthesise(found.scene)
     assert after.value("lambda") == pytest.approx(before.value("lambda"), rel=1e-12)
     # eq (21) of the paper, corrected: lam = 1 / (R s G0²)
@@ -48,7 +48,7 @@ def test_lambda_stays_and_the_parts_can_be_bought(name: str) -> None:
 def test_ngspice_measures_the_loads_that_were_promised(ngspice: str) -> None:
     """The peak of the outputs by ngspice is that share of the swing, or below the slope's limit."""
     slow = with_values(shipped("custom-matrix", "tl084"), {"design.opamp.slew_rate": 1e9})
-    found = scale(slow, 0.4)
+    found = find_scaling(slow, 0.4)
     assert found.loads[0].quantity == "voltage"
     record = verify(found.scene.with_engine("ngspice"))
     assert record.parts.loads[0].share == pytest.approx(0.4, rel=0.06)  # U0 has two digits
@@ -59,12 +59,12 @@ def test_ngspice_measures_the_loads_that_were_promised(ngspice: str) -> None:
 def test_an_unstable_board_becomes_stable() -> None:
     scene = with_values(shipped("tuned-breadboard", "tl084"), {"design.capacitance": 1e-12})
     assert not verify(scene).poles.stable
-    assert verify(scale(scene).scene).outcome.value == "pass"
+    assert verify(find_scaling(scene).scene).outcome.value == "pass"
 
 
 def test_a_larger_capacitance_is_named() -> None:
     scene = with_values(shipped("tuned-breadboard", "ideal"), {"design.opamp.gbw": 3e6})
-    found = scale(scene)
+    found = find_scaling(scene)
     assert found.circuit.value("C") > scene.design.capacitance
     assert any("C is another than the scene's" in note for note in found.notes)
 
@@ -72,7 +72,9 @@ def test_a_larger_capacitance_is_named() -> None:
 def test_no_note_contradicts_a_pass() -> None:
     """The limits of a new scene are set after C was searched: what failed then may pass."""
     scene = shipped("tuned-breadboard", "ideal")
-    scaling = replace(scale(scene), notes=(f"{NO_C[0]}: it settles late", "s is not balanced"))
+    scaling = replace(
+        find_scaling(scene), notes=(f"{NO_C[0]}: it settles late", "s is not balanced")
+    )
     passing = verify(scene.with_engine("statespace"))
     late = with_values(scene, {"checks.settling_time.max": 1e-9}).with_engine("statespace")
     assert Scaled.of(scaling, passing).scaling.notes == ("s is not balanced",)
@@ -81,15 +83,15 @@ def test_no_note_contradicts_a_pass() -> None:
 
 def test_a_smaller_gain_lets_the_outputs_use_the_swing() -> None:
     """With the balanced s the slew rate keeps the outputs of this board at 16 % of the swing."""
-    found = scale(shipped("tuned-breadboard", "tl084"))
+    found = find_scaling(shipped("tuned-breadboard", "tl084"))
     assert max(load.share for load in found.loads if load.quantity == "voltage") > 0.45
     assert not any("it sets U0" in note for note in found.notes)
-    slow = scale(shipped("tuned-breadboard", "ua741"))
+    slow = find_scaling(shipped("tuned-breadboard", "ua741"))
     assert any("it sets U0" in note for note in slow.notes)
 
 
 def test_parts_without_limits_keep_the_voltage() -> None:
-    found = scale(make_scene({"channels": 2, "span": 1.2}, design={"opamp": "ideal"}))
+    found = find_scaling(make_scene({"channels": 2, "span": 1.2}, design={"opamp": "ideal"}))
     assert found.circuit.value("U0") == 1.0
     assert "the op-amps have no limits: U0 is that of the scene" in found.notes
 
@@ -97,16 +99,16 @@ def test_parts_without_limits_keep_the_voltage() -> None:
 def test_a_matrix_that_no_resistors_have(tmp_path: Path) -> None:
     path = write_matrix_scene(tmp_path, [[1.0, 1e-7], [1e-7, 1.0]], [1.0, 0.5])
     with pytest.raises(InputError, match=r"small entries with design\.prune = 1e-06"):
-        scale(load_scene(path))
-    assert scale(load_scene(path), accepted=ANY_PART).matrix_ohms[1] > 10e6
+        find_scaling(load_scene(path))
+    assert find_scaling(load_scene(path), accepted=ANY_PART).matrix_ohms[1] > 10e6
     other = load_scene(write_matrix_scene(tmp_path, [[1.0, 1e-3]], [1.0]))
-    assert scale(other).matrix_ohms[1] < 10e6
+    assert find_scaling(other).matrix_ohms[1] < 10e6
 
 
 def test_a_lambda_that_no_resistors_have(tmp_path: Path) -> None:
     path = write_matrix_scene(tmp_path, [[1.0]], [1.0], "[design]\nlambda = 1e12")
     with pytest.raises(InputError, match="no s and R between 10 and 1e"):
-        scale(load_scene(path))
+        find_scaling(load_scene(path))
 
 
 def test_the_command_writes_a_scene_that_passes(tmp_path: Path) -> None:

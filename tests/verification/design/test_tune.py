@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 from click.testing import Result
 
+import taction
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
@@ -19,7 +21,7 @@ from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import EngineError, InputError
 from taction.verification.design import tune as tune_module
 from taction.verification.design.trials import Trial
-from taction.verification.design.tune import Tuning, frontier, tune
+from taction.verification.design.tune import Tuning, frontier
 from taction.verification.report.renderers.picture import draw_sheet
 from taction.verification.report.views.tune import sheet
 from taction.verification.verdict.verify import verify
@@ -55,12 +57,16 @@ def scene(**tables: Any) -> Scene:
     return make_scene({"channels": 2, "span": 1.2}, design=DESIGN, **tables)
 
 
+def tune(scene: Scene, over: str | Sequence[str] = "gain", **limits: Any) -> Tuning:
+    return taction.tune(scene.with_engine("statespace"), over=over, **limits).tuning
+
+
 @functools.cache
 def tuned() -> Tuning:
     return tune(scene(), overshoot=0.02, margin=1.3)
 
 
-def taction(*arguments: str) -> Result:
+def run(*arguments: str) -> Result:
     return command("tune", *arguments)
 
 
@@ -77,7 +83,7 @@ def test_the_board_becomes_faster_within_the_limits() -> None:
 
 def test_ngspice_verifies_what_was_found(ngspice: str) -> None:
     found = tuned()
-    verdict = verify(found.scene)
+    verdict = verify(found.scene.with_engine("ngspice"))
     assert verdict.waveforms.engine.startswith("ngspice")
     checks = {check.name: check for check in verdict.checks}
     assert {name: check.outcome.value for name, check in checks.items()} == dict.fromkeys(
@@ -211,7 +217,7 @@ def test_the_command_shows_what_to_write_into_the_scene(tmp_path: Path) -> None:
     file = tmp_path / "slow.toml"
     file.write_text(TEXT, encoding="utf-8")
     written = tmp_path / "tuned.toml"
-    found = taction(str(file), "--overshoot", "0.02", "-o", str(written))
+    found = run(str(file), "--overshoot", "0.02", "-o", str(written))
     assert found.exit_code == 0, found.stderr
     assert "before" in found.stdout
     assert "\nresistance = " in found.stdout
@@ -226,7 +232,7 @@ def test_the_command_shows_what_to_write_into_the_scene(tmp_path: Path) -> None:
 def test_options_that_cannot_be(tmp_path: Path, option: list[str]) -> None:
     file = tmp_path / "slow.toml"
     file.write_text(TEXT, encoding="utf-8")
-    assert taction(str(file), *option).exit_code == 2
+    assert run(str(file), *option).exit_code == 2
 
 
 def test_a_picture_of_a_board_that_never_settled(tmp_path: Path) -> None:

@@ -50,8 +50,8 @@ def test_the_numbers_of_the_story_are_those_of_the_boards(told: Demonstration) -
 def test_the_report_is_written_where_it_is_asked_for(
     told: Demonstration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = "taction.verification.evidence.demonstration.demonstrate"
-    monkeypatch.setattr(module, lambda progress: told)
+    verdicts = (step.verdict for step in told.steps)
+    monkeypatch.setattr(demonstration, "verify", lambda *_: next(verdicts))
     file = tmp_path / "story.html"
     assert taction.demo(file).file == str(file)
     page = file.read_text("utf-8")
@@ -63,11 +63,11 @@ def test_the_report_is_written_where_it_is_asked_for(
 def test_without_the_packages_of_reports_the_story_is_told_all_the_same(
     told: Demonstration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = "taction.verification.evidence.demonstration.demonstrate"
-    monkeypatch.setattr(module, lambda progress: told)
+    verdicts = (step.verdict for step in told.steps)
+    monkeypatch.setattr(demonstration, "verify", lambda *_: next(verdicts))
     page = "taction.verification.report.output_checks.PACKAGES"
     monkeypatch.setattr(page, ("no_such_package",))
     said: list[str] = []
     assert taction.demo(tmp_path / "story.html", progress=said.append).file is None
-    assert [line.startswith("no report: ") for line in said] == [True]
-    assert "taction[report]" in said[0]
+    assert [line.startswith("no report: ") for line in said] == [False, False, False, True]
+    assert "taction[report]" in said[-1]

@@ -27,7 +27,7 @@ from taction.verification.stability.margin import (
 )
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.port_response import PortResponse
-from taction.verification.studies.onset.onset import onset, parse_onset_axis
+from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.run_checks import run_checks
 from tests.support.boards import lag_board, window
@@ -64,8 +64,8 @@ def test_the_gain_may_grow_to_its_crossing() -> None:
 def test_with_behavioural_amplifiers_the_gain_moves_the_equilibrium() -> None:
     scene = load_scene(SCENES / "paper-exponential.toml")
     margin = find_margin(synthesise(scene, make_problem(scene)), "gain")
-    axis = parse_onset_axis(scene, "gain=6.5M:7M:3")  # the scene gives R, as the margin keeps it
-    (crossing,) = onset(scene, axis, transients=False).scan.edges
+    over = "gain=6.5M:7M:3"  # the scene gives R, as the margin keeps it
+    (crossing,) = onset(scene, over=over, transients=False).scan.edges
     assert margin.factor * scene.design.gain == pytest.approx(crossing.value, rel=1e-6)
     assert margin.doubt == ""
 
@@ -77,8 +77,7 @@ def test_a_window_between_two_samples_of_the_old_scan_sets_the_margin() -> None:
     margin = find_margin(circuit)
     assert 1.53e-9 / margin.factor == pytest.approx(1.2547e-9, rel=1e-4)
     assert margin.doubt == ""
-    axis = parse_onset_axis(scene, "C=15.3pF:1.53nF:3")
-    found = onset(scene, axis, transients=False)
+    found = onset(scene, over="C=15.3pF:1.53nF:3", transients=False)
     low, high = (crossing.value for crossing in found.scan.edges)
     assert low == pytest.approx(1.1153e-9, rel=1e-4)
     assert high == pytest.approx(1.53e-9 / margin.factor, rel=1e-6)

@@ -22,7 +22,7 @@ from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.system.errors import InputError
 from taction.verification.engines.ngspice.process import find_simulator, start
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.studies.onset.onset import onset, parse_onset_axis
+from taction.verification.studies.onset.onset import onset
 from taction.verification.studies.vendor_model import import_opamp
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.verify import verify
@@ -113,7 +113,7 @@ def test_without_ngspice_nothing_is_decided(write: Callable[..., Scene]) -> None
 
 def test_the_onset_is_confirmed_by_the_netlist(write: Callable[..., Scene]) -> None:
     scene = write(problem={"channels": 2, "span": 1.0})
-    (finding,) = onset(scene, parse_onset_axis(scene, "C=0.3pF:4pF:3")).findings
+    (finding,) = onset(scene, over="C=0.3pF:4pF:3").findings
     assert finding.crossing.value == pytest.approx(1.2733e-12, rel=1e-3)
     assert finding.confirmation.confirmed
 

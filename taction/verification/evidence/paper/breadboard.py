@@ -28,7 +28,7 @@ from taction.verification.evidence.paper.findings import (
 )
 from taction.verification.evidence.paper.pictures import Panel, Picture, curve
 from taction.verification.stability.margin import find_margin
-from taction.verification.studies.onset.onset import onset, parse_onset_axis
+from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.verify import Effort, Verdict, verify
 
 CENTRE = 3  # channel 4 of 7
@@ -79,7 +79,7 @@ def _rise(verdict: Verdict) -> Finding:
 
 
 def _oscillation(scene: Scene, unstable: Waveforms) -> Finding:
-    crossings = onset(scene, parse_onset_axis(scene, ONSET_RANGE)).findings
+    crossings = onset(scene, over=ONSET_RANGE).findings
     highest = max((each.crossing.value for each in crossings), default=math.nan)
     confirmed = all(each.confirmation.confirmed for each in crossings)
     u, time = unstable[f"v_{CENTRE + 1}"], unstable.time

@@ -27,7 +27,7 @@ from taction.verification.evidence.paper.findings import (
     weigh,
 )
 from taction.verification.stability.poles import poles
-from taction.verification.studies.onset.onset import onset, parse_onset_axis
+from taction.verification.studies.onset.onset import onset
 
 UNIT, GBW, GAIN, LAG = 1e-4, 1e7, 1e5, 8e-9  # S, Hz, 1, s
 ONE_POLE = {"base": "ideal", "dc_gain": GAIN, "gbw": GBW, "output_resistance": 0.0}
@@ -112,7 +112,7 @@ def _onset() -> Finding:
     """Judge the least gf with a second pole, by `onset`, the state matrix, and ngspice beside."""
     opamp = ONE_POLE | {"second_pole": 1.0 / (math.tau * LAG)}
     scene = _scene("least-squares", ROWS, opamp, **{KNOB: UNIT})
-    found = onset(scene, parse_onset_axis(scene, f"{KNOB}=1uS:10mS"))
+    found = onset(scene, over=f"{KNOB}=1uS:10mS")
     edge = found.findings[-1]
     value, exact = edge.crossing.value, _edge(LAG)
     difference, test = abs(value / exact - 1.0), edge.confirmation

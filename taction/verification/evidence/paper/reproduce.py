@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from taction.system.errors import NoVerdictError
+from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.evidence.paper.breadboard import breadboard
 from taction.verification.evidence.paper.closed_loops import closed_loops
@@ -118,23 +119,38 @@ class Reproduction(Result):
         return "pass" if len(ran) == len(self.judged) else "inconclusive"
 
 
-def reproduce(
-    *, quick: bool = False, progress: Callable[[str], None] = lambda stage: None
-) -> Reproduction:
-    """Run every claim; `progress` receives a line before the run and before each chapter.
+def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -> Reproduction:
+    """Test every claim of the paper, and four about boards of one loop.
 
-    The first line says how long the run takes, the others which chapter runs. A quick run uses
-    fewer seeds and sizes, and leaves out the claims that are not `quick`.
+    Parameters
+    ----------
+    quick : bool
+        Run fewer seeds and sizes, for CI.
+    progress : callable, optional
+        Receives how long the run takes, then each chapter.
+
+    Returns
+    -------
+    Reproduction
+        The verdict on every claim, with what was found.
+
+    Examples
+    --------
+    The quick run takes some minutes.
+
+    >>> import taction
+    >>> taction.reproduce(quick=True).outcome  # doctest: +SKIP
+    'pass'
     """
     began = time.perf_counter()
     claims = load_claims()
     selected = [claim for claim in claims if claim.quick or not quick]
     about = SHORT if quick else WHOLE
-    progress(f"{len(selected)} claims in {len(CHAPTERS)} chapters: about {about} s")
+    progress(Notice(f"{len(selected)} claims in {len(CHAPTERS)} chapters: about {about} s"))
     sections: list[PaperSection] = []
     for name, (title, function) in CHAPTERS.items():
         start = time.perf_counter()
-        progress(f"{title} ({len(sections) + 1} of {len(CHAPTERS)})")
+        progress(Notice(f"{title} ({len(sections) + 1} of {len(CHAPTERS)})"))
         of_chapter = [claim for claim in selected if claim.chapter == name]
         chapter = _run(function, of_chapter, quick=quick)
         findings = {finding.id: finding for finding in chapter.findings}

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import enum
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from taction.system.errors import INTERRUPTED
+from taction.system.errors import INTERRUPTED, Interrupted
+from taction.system.progress import Notice, Progress
 from taction.system.results import Result
-from taction.verification.evidence.stress.catalogue import Case
+from taction.verification.evidence.stress.catalogue import Case, load_catalogue, select
 from taction.verification.evidence.stress.compare import (
     TruthComparison,
     compare,
@@ -23,7 +24,6 @@ from taction.verification.studies.running.versions import describe_machine
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.verify import Verdict, verify
 
-Progress = Callable[[str], None]
 VERSIONS = ("taction", "numpy", "scipy", "ngspice")
 STOPPED = "interrupted"
 NO_NGSPICE = "ngspice was not found, or it is too old; `taction self doctor` says more"
@@ -143,14 +143,49 @@ class StressReport(Result):
         return {kind.value: found.count(kind) for kind in CaseJudgement if kind in found}
 
 
-def run_catalogue(
-    cases: Sequence[Case], progress: Progress = lambda stage: None, jobs: int | None = None
+def stress(
+    *,
+    only: Sequence[str] = (),
+    jobs: int | None = None,
+    progress: Progress = lambda stage: None,
 ) -> StressReport:
-    """Verify every case on every one of its engines.
+    """Verify the catalogue of stiff and extreme scenes, whose right results are known.
 
-    Without ngspice its runs are `CaseJudgement.NOT_RUN`, and after Ctrl-C all remaining runs are.
-    `jobs` runs are computed at a time, by default one per core.
+    Every outcome is compared with the right outcome, and every number with its true value, if it is
+    at hand: a checkout has the true values, an installed taction only the outcomes. So a run
+    shows whether ngspice and the numerical libraries of this machine give right answers. Numbers
+    outside their stated uncertainty are counted; a number is wrong that misses its true value by
+    more than the uncertainty and the accuracy that the scene asks for.
+
+    Parameters
+    ----------
+    only : sequence of str
+        Run one case, or one family; repeatable.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    progress : callable, optional
+        Receives the number of cases, then each run.
+
+    Returns
+    -------
+    StressReport
+        Every run with its judgement; `wrong` are those with a wrong outcome or number.
+
+    Raises
+    ------
+    InputError
+        There is no such case or family.
+    Interrupted
+        Ctrl-C; its `result` has the finished cases.
+
+    Examples
+    --------
+    >>> import taction
+    >>> len(taction.stress(only=["nothing-moves"], jobs=1).wrong)
+    0
     """
+    cases = select(load_catalogue(), tuple(only))
+    progress(Notice(f"cases: {len(cases)}"))
     machine = describe_machine()
     versions = tuple((name, str(machine[name])) for name in VERSIONS)
     todo = [(case, engine) for case in cases for engine in case.engines]
@@ -163,7 +198,10 @@ def run_catalogue(
         for number, ((case, engine), run) in enumerate(collected(workers, run_case, calls)):
             runs[case.name, engine] = run if isinstance(run, CaseRun) else _killed(case, engine)
             progress(f"{number + 1} of {len(todo)}: {case.name}, {engine}")
-    return StressReport(tuple(runs.values()), versions)
+    report = StressReport(tuple(runs.values()), versions)
+    if report.interrupted:
+        raise Interrupted("the finished cases are in the report", report)
+    return report
 
 
 def _not_run(case: Case, engine: str, reason: str) -> CaseRun:

@@ -15,7 +15,6 @@ from taction.netlist_gen.scene import axes
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import Complaint, InputError
-from taction.system.picture import check_plot_file
 from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.blocks import (
@@ -103,18 +102,10 @@ def view(result: SweepResult) -> Page:
     )
 
 
-def check_sweep_plot(plan: Plan, path: str | Path | None) -> None:
-    """Refuse a picture that could not be drawn, before any work is done.
-
-    Raises
-    ------
-    InputError
-        More than three axes, or see `taction.system.picture.check_plot_file`.
-    """
-    if path is not None:
-        check_plot_file(path)
-    if len(plan.groups) > MOST_AXES:
-        text = f"{len(plan.groups)} axes; a picture has at most three, --export writes all of them"
+def check_axes(count: int, path: str | Path | None) -> None:
+    """Refuse a picture of more than three axes, before any work is done, with `InputError`."""
+    if count > MOST_AXES:
+        text = f"{count} axes; a picture has at most three, --export writes all of them"
         raise InputError("--plot", Complaint("FILE", repr(path and str(path)), text))
 
 
@@ -220,7 +211,7 @@ def chosen_places(count: int) -> list[int]:
 def _sheet(result: SweepResult) -> Sheet:
     """Return the picture: all quantities and the outcome, or small maps over three axes."""
     plan = result.plan
-    check_sweep_plot(plan, None)
+    check_axes(len(plan.groups), None)
     data, names = _data(result)
     passing = int((names == "pass").sum())
     title = f"{plan.scene.name}: {passing} of {plan.points} points pass, {ENGINES[plan.engine]}"

@@ -19,6 +19,7 @@ from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.axes import Over, SweepAxis, parse_axes, with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import own_value
+from taction.netlist_gen.scene.questions import axis_questions
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.documents import DocumentKey, Number
 from taction.system.errors import (
@@ -28,7 +29,7 @@ from taction.system.errors import (
     SimulatorNotFound,
     SimulatorTooOld,
 )
-from taction.system.progress import StageShares, shares_to
+from taction.system.progress import Progress, StageShares, ask, shares_to
 from taction.system.quantities import quantity
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -44,8 +45,6 @@ AROUND = 30.0  # the default range is from the scene's value / 30 to its value *
 POINTS = 61  # of the first grid of a scan: 20 per decade in the default range
 TIMEOUT = 600.0  # of one transient, s
 MOST = 4  # crossings and ranges in a `repr`
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,12 +196,6 @@ def parse_onset_axis(scene: Scene, over: Over) -> SweepAxis:
     return axis
 
 
-def planned(scene: str | Path | Scene, over: Over) -> tuple[Scene, SweepAxis]:
-    """Return a scene with lambda as a number, and the axis of its onset; errors as its readers'."""
-    read = read_scene(scene)
-    return read, parse_onset_axis(read, over)
-
-
 def board_over(scene: Scene, axis: SweepAxis) -> Callable[[float], Circuit]:
     """Return the board of `scene` as a function of the value on `axis`.
 
@@ -221,30 +214,54 @@ def board_over(scene: Scene, axis: SweepAxis) -> Callable[[float], Circuit]:
 
 
 def onset(
-    scene: Scene,
-    axis: SweepAxis,
+    scene: str | Path | Scene,
     *,
+    over: Over,
     transients: bool = True,
     progress: Progress = lambda stage: None,
 ) -> Onset:
-    """Find every crossing of `scene` over `axis` and check each crossing by transients.
+    """Find every value of a key at which the board of SCENE begins or ceases to oscillate.
 
     Parameters
     ----------
-    scene : Scene
-        The board and its load; exponential boards are linearised at the equilibrium of each value.
-    axis : SweepAxis
-        From `parse_onset_axis`.
+    scene : path or Scene
+        The board.
+    over : mapping, str or iterable of str
+        Key to change: C, gain, stray_capacitance or any other number of the scene. Without a range:
+        from 1/30 to 30 times the scene's own value.
+
+        ``{"C": ("2pF", "20pF", 13)}`` (lowest, highest, number of points), as on the command line
+        (``"C=2pF:20pF:13"``), or a key alone.
     transients : bool
-        Whether to confirm crossings with ngspice.
+        Run ngspice on both sides of each crossing.
     progress : callable, optional
-        Receives a line of text at every stage.
+        Receives the name of each stage.
+
+    Returns
+    -------
+    Onset
+        `findings` holds the crossings of the poles, each with its frequency and its confirmation;
+        `plot` draws the poles.
 
     Raises
     ------
-    InputError, EngineError
-        No value on the axis gives a board with poles.
+    InputError
+        The scene or the axis cannot be used.
+    NoVerdictError
+        No value on the axis gives a board whose poles can be computed.
+
+    Examples
+    --------
+    >>> import taction
+    >>> onset = taction.onset(
+    ...     "scenes/paper-breadboard.toml", over={"C": ("5pF", "20pF", 13)}, transients=False
+    ... )
+    >>> print(f"stable from {onset.findings[-1].crossing.value:.3g} F")
+    stable from 9.02e-12 F
     """
+    scene = read_scene(scene)
+    axis = parse_onset_axis(scene, over)
+    ask(axis_questions(scene, [[axis]]), progress)
     values = [float(value) for value in axis.values]
     logarithmic = axis.scale != "lin" and min(values) > 0.0
     middle = math.sqrt(min(values) * max(values)) if logarithmic else None

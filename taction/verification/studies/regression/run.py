@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,8 +14,10 @@ import numpy as np
 from taction.netlist_gen.scene.checks import Regression, WaveformTolerance
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.array_types import Floats
-from taction.system.errors import INTERRUPTED, InputError, NoVerdictError
-from taction.system.output_files import printable
+from taction.system.atomic_files import write_atomically
+from taction.system.errors import INTERRUPTED, InputError, Interrupted, NoVerdictError
+from taction.system.output_files import check_folder, printable
+from taction.system.progress import Progress
 from taction.system.quantities import NONE
 from taction.system.results import Result
 from taction.verification.readings.signals import lagrange
@@ -29,7 +31,10 @@ from taction.verification.studies.regression.baseline import (
     Commit,
     Entry,
     Observation,
+    baseline_text,
+    commit_of,
     git_commit,
+    load_baseline,
     observe,
 )
 from taction.verification.studies.running.collecting import for_each_file
@@ -295,39 +300,73 @@ class RegressionReport(Result):
 
 def regress(
     folder: str | Path,
-    baseline_file: str | Path,
-    baseline: Baseline,
     *,
-    written: Commit = NO_COMMIT,
-    updated: bool = False,
-    jobs: int | None = 1,
-    progress: Callable[[str], None] = lambda stage: None,
+    baseline: str | Path,
+    update: bool = False,
+    jobs: int | None = None,
+    progress: Progress = lambda stage: None,
 ) -> RegressionReport:
-    """Verify every scene of `folder` and compare it with its entry of `baseline`.
+    """Verify every scene (``*.toml``) in DIR and compare the results with the baseline.
 
-    `jobs` is the number of processes, None for one a core; the results do not depend on it. After
-    Ctrl-C the report has the remaining scenes as `NOT_RUN`.
+    Parameters
+    ----------
+    folder : path
+        Folder of the scenes.
+    baseline : path
+        Stored results (JSON).
+    update : bool
+        Write changed results into the baseline; scenes that fail stay as they were.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    progress : callable, optional
+        Receives the number of finished scenes.
+
+    Returns
+    -------
+    RegressionReport
+        The status of every scene, and what differs.
 
     Raises
     ------
     InputError
-        See `taction.verification.studies.scene_files.find_scenes`.
-    NoVerdictError
-        The processes do not start.
+        The folder holds no scene, or the baseline cannot be used.
+    Interrupted
+        Ctrl-C; its `result` has the finished scenes.
+
+    Examples
+    --------
+    >>> import taction, tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     text = Path("scenes/tuned-breadboard.toml").read_text()
+    ...     made = Path(folder, "a.toml").write_text(text)
+    ...     file = Path(folder, "baseline.json")
+    ...     first = taction.regress(folder, baseline=file, update=True, jobs=1)
+    ...     taction.regress(folder, baseline=file, jobs=1).count()
+    {'same': 1}
     """
+    check_folder(str(baseline), "--baseline")
+    fresh = update and not Path(baseline).exists()
+    entries = {} if fresh else load_baseline(baseline)
+    written = NO_COMMIT if fresh else commit_of(baseline)
     files, commit = find_scenes(folder), git_commit(Path(folder))
     names = [printable(path.name) for path in files]
-    arguments = [(baseline.get(name), commit.revision) for name in names]
+    arguments = [(entries.get(name), commit.revision) for name in names]
     found = for_each_file(compare_scene, files, arguments, jobs=jobs, progress=progress)
     results = [_result(name, result) for name, result in zip(names, found, strict=True)]
     reason = "in the baseline, but not in the folder"
     results += [
-        SceneResult(name, Status.MISSING, reason=reason, baseline=baseline[name])
-        for name in sorted(set(baseline) - set(names))
+        SceneResult(name, Status.MISSING, reason=reason, baseline=entries[name])
+        for name in sorted(set(entries) - set(names))
     ]
-    return RegressionReport(
-        str(folder), str(baseline_file), commit, tuple(results), updated, written
-    )
+    report = RegressionReport(str(folder), str(baseline), commit, tuple(results), update, written)
+    if update:
+        kept = updated_baseline(report, entries)
+        same = written.text and kept == entries
+        write_atomically(baseline, baseline_text(kept, written if same else commit))
+    if report.interrupted:
+        raise Interrupted("the finished scenes are in the report", report)
+    return report
 
 
 def _result(name: str, found: SceneResult | BaseException | None) -> SceneResult:

@@ -62,13 +62,19 @@ class Installation(Result):
         return "pass" if simulator.ok else "inconclusive"
 
 
-def installation() -> Installation:
-    """Return what is installed here.
+def doctor() -> Installation:
+    """List what is installed and what each part is needed for.
+
+    Returns
+    -------
+    Installation
+        `findings`: Python, ngspice, the BLAS libraries and the optional packages.
 
     Examples
     --------
-    >>> installation().findings[0].what
-    'Python'
+    >>> import taction
+    >>> [finding.what for finding in taction.doctor().findings][:2]
+    ['Python', 'ngspice']
     """
     return Installation((_python(), _simulator(), *_blas(), *_extras()))
 

@@ -6,6 +6,7 @@ import csv
 import importlib.util
 import itertools
 import math
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,17 +14,19 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from taction.netlist_gen.scene.axes import SweepAxis
+from taction.netlist_gen.scene.axes import Fixed, Over, SweepAxis
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.questions import axis_questions
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.atomic_files import replacing
 from taction.system.documents import INLINE
 from taction.system.errors import Complaint, InputError
 from taction.system.output_files import check_file
+from taction.system.progress import Progress, ask
 from taction.system.results import Result
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan, Requests
-from taction.verification.studies.sweep.run import SweepCounts
+from taction.verification.studies.sweep.plan import Plan, Requests, plan_sweep
+from taction.verification.studies.sweep.run import SweepCounts, computed
 from taction.verification.verdict.record import FIGURES, Record
 
 TEXT_COLUMNS = ("outcome", "failure", "state", "simulator", "reason")
@@ -181,6 +184,91 @@ class SweepResult(Result):
         """
         _need("xarray")
         return dataset(self)
+
+
+def sweep(
+    scene: str | Path | Scene,
+    *,
+    over: Over,
+    engine: str | None = None,
+    fix: Fixed = (),
+    strict: bool = False,
+    output: str | Path | None = None,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    progress: Progress = lambda stage: None,
+) -> SweepResult:
+    """Verify SCENE at every point of a grid and store the results.
+
+    A point without a verdict has its reason. The same command continues an interrupted sweep, and
+    computes points without a verdict again.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The scene whose values change.
+    over : mapping, str or iterable of str
+        Axis of the grid: C=1pF:1nF:31 (31 points, logarithmic), C=1pF:1nF:31:lin (linear) or
+        C=1p,2p (values). Two axes in one option, with a blank between them, change together. Repeat
+        the option for a grid.
+
+        In Python the axes by key: a tuple ``("1pF", "1nF", 31)`` is a range of 31 points with
+        logarithmic spacing (``("1pF", "1nF", 31, "lin")``: linear), a list holds the values.
+        Strings are read as on the command line (``"C=1pF:1nF:31"``).
+    engine : str, optional
+        Engine in the place of the scene's own.
+    fix : mapping, str or iterable of str
+        Hold a key at every point, by default at the scene's own value: --fix lambda holds lambda
+        where the scene gives a resistance. Repeat the option for several keys.
+
+        In Python ``"lambda"``, or ``{"lambda": 0.5}`` or ``"lambda=0.5"`` for another value.
+    strict : bool
+        A point that fails makes the outcome of the sweep fail.
+    output : path, optional
+        Database of the results; by default the name of the scene's file with the ending .sqlite.
+
+        Points that it holds are not computed again. In Python the points stay in memory by
+        default.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    cluster : str, optional
+        Address of a Dask scheduler that runs the points.
+
+        ``"tcp://host:port"``.
+    progress : callable, optional
+        Receives the number of finished points with the remaining time.
+
+    Returns
+    -------
+    SweepResult
+        `to_pandas`, `to_xarray`, `plot` and `records` give the points.
+
+    Raises
+    ------
+    InputError
+        The scene, an axis or the database cannot be used.
+    NoVerdictError
+        A point needs ngspice and ngspice is missing, or the cluster is gone.
+
+    Examples
+    --------
+    >>> import taction
+    >>> result = taction.sweep(
+    ...     "scenes/paper-breadboard.toml",
+    ...     over={"C": ("8pF", "20pF", 2), "opamp.base": ["ideal", "ua741"]},
+    ...     engine="statespace",
+    ...     jobs=1,
+    ... )
+    >>> result
+    SweepResult('paper-breadboard', C x opamp.base: 4 points, 4 fail)
+    >>> result.to_pandas()["stable"].tolist()
+    [False, True, True, True]
+    """
+    plan = plan_sweep(scene, over, engine, fix=fix)
+    ask(axis_questions(plan.scene, plan.groups), progress)
+    store, start = Store(":memory:" if output is None else str(output)), time.perf_counter()
+    count = computed(plan, store, jobs=jobs, cluster=cluster, progress=progress)
+    return SweepResult(plan, store, count, time.perf_counter() - start, strict)
 
 
 def _need(package: str) -> None:

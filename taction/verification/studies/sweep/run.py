@@ -18,6 +18,7 @@ from taction.system.array_types import Ints
 from taction.system.errors import MACHINE_FAILURES, Interrupted, TactionError
 from taction.system.progress import Notice, Progress
 from taction.verification.studies.running.collecting import Pace, collected_together, together
+from taction.verification.studies.running.executors import workers_at
 from taction.verification.studies.running.versions import digest, own_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
@@ -48,30 +49,17 @@ class SweepCounts:
         self.outcomes[outcome] += 1
 
 
-def sweep(
-    plan: Plan,
-    store: Store,
-    workers: Workers,
-    *,
-    progress: Progress = lambda line: None,
+def sweep_points(
+    plan: Plan, store: Store, workers: Workers, *, progress: Progress = lambda line: None
 ) -> SweepCounts:
     """Compute every point of `plan` that `store` does not have, or has without a verdict.
 
-    Parameters
-    ----------
-    progress : callable, optional
-        Receives the counts after every point, and the time that is left.
-
     Raises
     ------
-    SimulatorNotFound, SimulatorTooOld
-        The plan needs ngspice, and no ngspice was found or the ngspice is too old.
-    InputError
-        The store cannot be used.
-    NoVerdictError
-        The cluster does not answer any more, or has other versions of taction or ngspice.
+    InputError, NoVerdictError
+        As `taction.sweep`; the points stored before are intact.
     OutOfDisk
-        The store cannot grow. After any of these errors the points stored before are intact.
+        The store cannot grow.
     """
     count, pace = SweepCounts(plan.points), Pace()
     missing = []
@@ -121,18 +109,16 @@ def computed(
     cluster: str | None = None,
     progress: Progress = lambda stage: None,
 ) -> SweepCounts:
-    """Compute what `store` lacks; after Ctrl-C the stored results stay.
+    """Compute what `store` lacks, by processes here or a cluster.
 
     Raises
     ------
     Interrupted
         Ctrl-C; the text says what is stored.
     """
-    from taction.verification.studies.running.executors import workers_at
-
     try:
         with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
-            return sweep(plan, store, workers, progress=progress)
+            return sweep_points(plan, store, workers, progress=progress)
     except KeyboardInterrupt:
         stored = f"{store.count()} results are in {store.path}; the same command continues"
         raise Interrupted(stored) from None

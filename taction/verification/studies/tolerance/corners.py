@@ -12,8 +12,9 @@ quantity than that quantity's own corner, it is reported for both.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -21,8 +22,11 @@ from taction.netlist_gen.board.variation import Parameter
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
+from taction.system.progress import Notice, Progress
 from taction.system.results import Result
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.collecting import Pace
+from taction.verification.studies.running.executors import workers_at
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.tolerance.samples import (
     BoardSample,
@@ -84,16 +88,70 @@ class CornerStudy(Result):
         )
 
 
-def worst_corners(
-    scene: Scene, workers: Workers, progress: Callable[[str], None] = lambda stage: None
+def corners(
+    scene: str | Path | Scene,
+    *,
+    corner: Sequence[str | Mapping[str, float]] = (),
+    engine: str | None = None,
+    jobs: int | None = None,
+    cluster: str | None = None,
+    progress: Progress = lambda stage: None,
 ) -> CornerStudy:
-    """Return the worst corners of the board of a scene; errors as `prepare` and `worst_of`."""
+    """Verify SCENE with the components at the ends of their [tolerances].
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board, with its table ``[tolerances]``.
+    corner : sequence of str or mapping
+        Verify this corner only, in units of the tolerances: capacitor=-1,opamp_gbw=-1,Rf_3_5=1.
+        Repeat the option for several corners.
+
+        In Python a list of such texts, or of ``{"capacitor": -1.0}``.
+    engine : str, optional
+        Engine in the place of the scene's own.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    cluster : str, optional
+        Address of a Dask scheduler that runs the points.
+
+        ``"tcp://host:port"``.
+    progress : callable, optional
+        Receives the name of each stage.
+
+    Returns
+    -------
+    CornerStudy
+        The nominal board and the worst corner of every quantity, or the corners that were named.
+
+    Raises
+    ------
+    InputError
+        The scene or the tolerances cannot be used, nothing varies, or a corner is none.
+    NoVerdictError
+        The problem has no solution, or the cluster is gone.
+
+    Examples
+    --------
+    >>> import taction
+    >>> study = taction.corners("scenes/tuned-breadboard.toml", corner=["capacitor=-1"])
+    >>> study.corners[0].name, study.outcome
+    ('capacitor=-1', 'pass')
+    """
+    scene = read_scene(scene, engine)
+    named = [deviations_of(each) for each in corner]
     board = prepare(scene, full_margin=True)
-    return replace(worst_of(board, workers, progress), scene=scene)
+    if named:
+        found = tuple(named_corner(board, *each) for each in named)
+        return CornerStudy(board.name, board.quantities, found, scene=scene)
+    with workers_at(cluster, jobs, lambda text: progress(Notice(text))) as workers:
+        return replace(worst_of(board, workers, progress), scene=scene)
 
 
 def worst_of(
-    board: Varied, workers: Workers, progress: Callable[[str], None] = lambda stage: None
+    board: Varied, workers: Workers, progress: Progress = lambda stage: None
 ) -> CornerStudy:
     """Return the nominal board, for every quantity the corner that makes it worst, and directions.
 
@@ -168,9 +226,7 @@ def _corner(board: Varied, name: str, z: Floats) -> Corner:
     return Corner(name, "", evaluate(board, 0, z), (), deviations)
 
 
-def _gradient(
-    board: Varied, workers: Workers, progress: Callable[[str], None]
-) -> dict[str, Floats]:
+def _gradient(board: Varied, workers: Workers, progress: Progress) -> dict[str, Floats]:
     """Return the change of each quantity, positive if worse, by component, (components,) each."""
     count = len(board.varied)
     probes = [(NOMINAL, np.zeros(count)), *enumerate(PROBE * np.eye(count))]

@@ -8,20 +8,34 @@ without being mixed.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass, field
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from taction.netlist_gen.board.variation import draw
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.progress import Progress
+from taction.system.errors import Interrupted
+from taction.system.progress import Notice, Progress
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.collecting import Pace
+from taction.verification.studies.running.executors import workers_at
 from taction.verification.studies.running.versions import digest
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
-from taction.verification.studies.tolerance.samples import BoardSample, Varied, evaluate_all
-from taction.verification.studies.tolerance.varied_board import VariedBoard
-from taction.verification.studies.tolerance.yield_report import MIN_SAMPLES, interval
+from taction.verification.studies.tolerance.samples import (
+    BoardSample,
+    Varied,
+    evaluate_all,
+    half_width,
+)
+from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
+from taction.verification.studies.tolerance.yield_report import (
+    MIN_SAMPLES,
+    YieldReport,
+    interval,
+    summarise_samples,
+)
 
 
 class SampleStore:
@@ -109,38 +123,93 @@ def run_samples(
         yield sample
 
 
-def draw_samples(
-    board: VariedBoard,
-    seed: int,
-    collection: SampleCollection,
-    workers: AbstractContextManager[Workers],
+def montecarlo(
+    scene: str | Path | Scene,
+    *,
+    engine: str | None = "statespace",
+    samples: int = 1000,
+    seed: int = 1,
+    until: str | float | None = None,
+    min_yield: float | None = None,
     output: str | Path | None = None,
+    jobs: int | None = None,
+    cluster: str | None = None,
     progress: Progress = lambda stage: None,
-    label: str = "yield",
-) -> None:
-    """Draw samples into `collection` until it has enough; an interruption keeps those it has.
+) -> YieldReport:
+    """Verify SCENE with random components within its [tolerances] and estimate the yield.
 
     Parameters
     ----------
-    workers : context manager
-        Starts its processes with the first sample that has to be computed.
+    scene : path or Scene
+        The board, with its table ``[tolerances]``.
+    engine : str, optional
+        Engine of all samples.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``; None for the scene's own engine.
+    samples : int
+        Most samples to draw.
+    seed : int
+        Seed of the samples.
+
+        Sample 17 of a seed is the same board on every machine.
+    until : str or float, optional
+        Stop when the half width of the 95 % interval is below this: 1% or 0.01.
+    min_yield : float, optional
+        Smallest yield that passes.
     output : path, optional
-        A database; samples that it holds are not computed again.
-    label : str
-        What is drawn, before the numbers of `progress`.
+        Database that stores every sample; a later run computes only the missing ones.
+    jobs : int, optional
+        Number of processes; by default one per core.
+    cluster : str, optional
+        Address of a Dask scheduler that runs the points.
+
+        ``"tcp://host:port"``.
+    progress : callable, optional
+        Receives the number of finished samples.
+
+    Returns
+    -------
+    YieldReport
+        The yield (a sample without a verdict counts as not passed), its 95 % interval, the failed
+        checks, the parts with the largest influence; `plot` draws histograms.
 
     Raises
     ------
-    InputError, NoVerdictError, OutOfDisk
-        See `SampleStore` and `run_samples`.
+    InputError
+        The scene, the tolerances or the database cannot be used.
+    NoVerdictError
+        The problem has no solution, or a sample needs ngspice and ngspice is missing.
+    Interrupted
+        Ctrl-C; its `result` has the finished samples.
+
+    Examples
+    --------
+    >>> import taction
+    >>> taction.montecarlo("scenes/tuned-breadboard.toml", samples=4, jobs=1).samples
+    4
     """
-    with ExitStack() as stack:
-        store = None
-        if output is not None:
-            store = SampleStore(stack.enter_context(Store(str(output))), board, seed)
-        ready = stack.enter_context(workers)
-        pace = Pace()
-        for _ in run_samples(board, range(collection.limit), seed, ready, collection, store):
-            count = f"{len(collection.samples)} of {collection.limit} samples"
-            left = pace.ended(collection.limit - len(collection.samples))
-            progress(f"{label}: {count}, {collection.passed} pass{left}")
+    tally = SampleCollection(samples, half_width(until))
+    board = prepare(read_scene(scene, engine))
+    complete = True
+    try:
+        with ExitStack() as stack:
+            store = None
+            if output is not None:
+                store = SampleStore(stack.enter_context(Store(str(output))), board, seed)
+            announced = workers_at(cluster, jobs, lambda text: progress(Notice(text)))
+            workers, pace = stack.enter_context(announced), Pace()
+            for _ in run_samples(board, range(samples), seed, workers, tally, store):
+                done = len(tally.samples)
+                left = pace.ended(samples - done)
+                progress(f"yield: {done} of {samples} samples, {tally.passed} pass{left}")
+    except KeyboardInterrupt:
+        complete = False
+    report = replace(
+        summarise_samples(board, tally.samples, seed),
+        min_yield=min_yield,
+        complete=complete,
+        scene=board.scene,
+    )
+    if not complete:
+        raise Interrupted("the report holds the finished samples", report)
+    return report

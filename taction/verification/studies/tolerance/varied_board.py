@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.variation import Parameter, parameters
+from taction.netlist_gen.board.variation import Parameter, draw, parameters
 from taction.netlist_gen.scene.checks import Tolerances
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
@@ -23,8 +24,9 @@ from taction.system.errors import Complaint, InputError
 from taction.system.reading_definitions import EXCURSIONS
 from taction.system.results import Result
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer, ideal_network
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.versions import own_version
-from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
+from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied, evaluate
 from taction.verification.verdict.record import Record, signed_errors
 from taction.verification.verdict.simulation import choose_engine
 from taction.verification.verdict.verify import Effort, Verdict, verify
@@ -174,6 +176,55 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
     ideal = ideal_answer(ideal_network(problem, scene), scene)
     version = own_version(choose_engine(scene) == "ngspice")
     return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, version)
+
+
+def verify_sample(
+    scene: str | Path | Scene,
+    *,
+    sample: int,
+    engine: str | None = "statespace",
+    seed: int = 1,
+) -> VerifiedSample:
+    """Verify one sample of a Monte Carlo study in full.
+
+    Parameters
+    ----------
+    scene : path or Scene
+        The board, with its table ``[tolerances]``.
+    sample : int
+        Verify only the sample with this number.
+    engine : str, optional
+        Engine of all samples.
+
+        ``"auto"``, ``"ngspice"`` or ``"statespace"``; None for the scene's own engine.
+    seed : int
+        Seed of the samples.
+
+    Returns
+    -------
+    VerifiedSample
+        The verdict, the sample as the study has it, and the deviation of each part.
+
+    Raises
+    ------
+    InputError
+        The scene or the tolerances cannot be used.
+    NoVerdictError
+        The sample has no verdict.
+
+    Examples
+    --------
+    >>> import taction
+    >>> found = taction.verify_sample("scenes/tuned-breadboard.toml", sample=2)
+    >>> found.outcome == found.sample.outcome
+    True
+    """
+    study = prepare(read_scene(scene, engine))
+    z = draw(study.tolerances, study.varied, seed, sample)
+    board = study.at(z)
+    verdict = verify(study.scene, problem=study.problem, circuit=board, ideal=study.ideal)
+    deviations = {p.name: float(v) for p, v in zip(study.varied, z, strict=True)}
+    return VerifiedSample(verdict, evaluate(study, sample, z), seed, deviations)
 
 
 def sample_of(verdict: Verdict, number: int) -> BoardSample:

@@ -1,6 +1,6 @@
 """Error against run time of one scene for every engine, method and tolerance or step.
 
-`run_study` runs the settings of `METHODS`, coarse to fine, and compares each with a reference;
+`accuracy` runs the settings of `METHODS`, coarse to fine, and compares each with a reference;
 `WorkPrecisionStudy.cheapest` returns the fastest setting that reaches a given error.
 """
 
@@ -12,6 +12,7 @@ import time as clock
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
+from pathlib import Path
 
 import numpy as np
 
@@ -22,12 +23,13 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SimulationError
-from taction.system.progress import Progress
+from taction.system.progress import Progress, duration
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
 from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
+from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.studies.running.worker import FAILURES, START_UP, Worker
 from taction.verification.studies.work_precision.methods import (
@@ -46,7 +48,6 @@ from taction.verification.verdict.transient_plan import (
     even_transient,
 )
 
-BUDGET = 30.0  # s
 PERIODS = 30.0  # of ringing, at most
 REPEATS = 3
 SHARE = 0.5  # of the remaining time that one run may take
@@ -310,45 +311,56 @@ class WorkPrecisionStudy(Result):
         return min(accurate, key=lambda pair: pair[0])[1] if accurate else None
 
 
-def run_study(
-    scene: Scene,
-    *,
-    budget: float = BUDGET,
-    methods: Sequence[Method] = METHODS,
-    progress: Progress = lambda stage: None,
+def accuracy(
+    scene: str | Path | Scene, *, budget: float = 30.0, progress: Progress = lambda stage: None
 ) -> WorkPrecisionStudy:
-    """Compare methods on a scene.
+    """Compare the error and the run time of every engine, method and setting on SCENE.
 
     Parameters
     ----------
-    scene : Scene
-        Its board and its ideal network are studied; its engine and its step are not used.
+    scene : path or Scene
+        The board.
     budget : float
         Wall time for the runs, s; the finest settings are left out when it is used up.
-    methods : sequence of Method
-        The methods to compare.
     progress : callable, optional
-        Receives the name of each stage.
+        Receives the name of each stage, with what is left of the budget.
+
+    Returns
+    -------
+    WorkPrecisionStudy
+        Every run with its error and its time; `conclusive` if a run has a known error.
 
     Raises
     ------
-    InputError, NoVerdictError
-        The scene cannot be used, or its board has no equations.
+    InputError
+        The scene cannot be used.
+
+    Examples
+    --------
+    >>> import taction
+    >>> study = taction.accuracy("scenes/tuned-breadboard.toml", budget=0.5)
+    >>> study.scene.name, len(study.points) > 0
+    ('tuned-breadboard', True)
     """
-    started = clock.perf_counter()
-    progress("synthesis")
+    started, scene = clock.perf_counter(), read_scene(scene)
+    end = started + budget
+
+    def say(stage: str) -> None:
+        progress(f"{stage}, about {duration(max(end - clock.perf_counter(), 0.0))} left")
+
+    say("synthesis")
     problem = make_problem(scene)
     circuit, network = synthesise(scene, problem), ideal_network(problem, scene)
     extent = study_extent(scene, circuit)
     task = MethodTask(circuit, extent.transient, network, initial_voltages(scene, network))
-    usable, omissions = _applicable(methods, circuit)
+    usable, omissions = _applicable(METHODS, circuit)
     with Worker() as worker:
         worker.call(START_UP, load_integrators)
-        found, not_run = _run_all(task, usable, started + budget, worker, progress)
-        progress("references")
+        found, not_run = _run_all(task, usable, end, worker, say)
+        say("references")
 
         def call(solve: Solve, task: MethodTask, time: Floats) -> Floats:
-            left = started + budget - clock.perf_counter()
+            left = end - clock.perf_counter()
             return worker.call(max(left, REFERENCE_TIME), solve, task, time)
 
         problems = {

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 
+from taction.system.errors import Interrupted
 from taction.verification.evidence.stress import run as running
 from taction.verification.evidence.stress.catalogue import (
     Case,
@@ -19,7 +20,7 @@ from taction.verification.evidence.stress.run import (
     CaseRun,
     StressReport,
     run_case,
-    run_catalogue,
+    stress,
 )
 from taction.verification.report.views.stress import headline
 from taction.verification.verdict.checks import Outcome
@@ -121,14 +122,15 @@ def test_an_unforeseen_exception_is_a_wrong_outcome(monkeypatch: pytest.MonkeyPa
 @pytest.mark.usefixtures("ngspice")
 def test_runs_are_in_the_order_of_the_catalogue() -> None:
     said: list[str] = []
-    report = run_catalogue(select(ALL, ("two-channels", "wrong-shape")), said.append, jobs=2)
+    report = stress(only=("two-channels", "wrong-shape"), progress=said.append, jobs=2)
     assert [(run.case.name, run.engine) for run in report.runs] == [
         ("wrong-shape", "statespace"),
         ("two-channels", "ngspice"),
         ("two-channels", "statespace"),
     ]
     assert (report.exit_status, report.count()) == (0, {"right": 3})
-    assert len(said) == 3
+    assert said[0] == "cases: 2"
+    assert len(said) == 4
     assert said[-1].startswith("3 of 3: ")
     assert dict(report.versions).keys() == {"taction", "numpy", "scipy", "ngspice"}
 
@@ -138,7 +140,9 @@ def test_ctrl_c_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(running, "collected", stopped)
-    report = run_catalogue(select(ALL, ("two-channels",)), jobs=1)
+    with pytest.raises(Interrupted) as end:
+        stress(only=("two-channels",), jobs=1)
+    report = end.value.result
     assert report.interrupted
     assert report.exit_status == 130
 

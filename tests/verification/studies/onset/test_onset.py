@@ -111,7 +111,7 @@ def test_a_real_pole_that_crosses_at_zero_is_confirmed_too(ngspice: str) -> None
 
 def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice: str) -> None:
     scene = load_scene(TUNED)
-    found = onset(scene, parse_onset_axis(scene, "C=3pF:30pF:21"))
+    found = onset(scene, over="C=3pF:30pF:21")
     (low, _), (high, edge) = ((f, f.crossing) for f in found.findings)
     assert edge.value == pytest.approx(4.134e-12, rel=1e-4)
     assert (edge.below, edge.above, edge.changes_stability) == (2, 0, True)
@@ -131,7 +131,7 @@ def test_an_antisymmetric_mode_that_the_load_never_excites_is_confirmed(ngspice:
 
 def test_an_exponential_board_is_taken_at_the_equilibrium_of_each_value(ngspice: str) -> None:
     scene = load_scene(EXPONENTIAL)
-    found = onset(scene, parse_onset_axis(scene, "gain=2M:10M:15"))
+    found = onset(scene, over="gain=2M:10M:15")
     (finding,) = found.findings
     assert finding.crossing.unstable_above
     assert finding.crossing.value == pytest.approx(6.829e6, rel=1e-3)
@@ -141,7 +141,7 @@ def test_an_exponential_board_is_taken_at_the_equilibrium_of_each_value(ngspice:
 
 def test_a_mode_hidden_by_a_faster_instability_is_left_undecided(ngspice: str) -> None:
     scene = load_scene(EXPONENTIAL)
-    found = onset(scene, parse_onset_axis(scene, "gain=10M:20M:7"))
+    found = onset(scene, over="gain=10M:20M:7")
     (finding,) = found.findings
     assert finding.crossing.below == 2
     assert finding.confirmation.confirmed is None
@@ -210,8 +210,7 @@ def test_a_series_does_not_round_the_axis_of_c() -> None:
 
     def values(design: Design) -> list[float]:
         changed = scene.model_copy(update={"design": design})
-        axis = parse_onset_axis(changed, "C=3.6pF:8pF:5")
-        crossed = onset(changed, axis, transients=False).scan.edges
+        crossed = onset(changed, over="C=3.6pF:8pF:5", transients=False).scan.edges
         return [crossing.value for crossing in crossed]
 
     assert values(design) == values(scene.design)

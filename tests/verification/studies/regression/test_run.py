@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from taction.system.errors import InputError
+from taction.system.errors import InputError, Interrupted
 from taction.verification.studies.regression import run as module
 from taction.verification.studies.regression.baseline import Entry, baseline_text
 from taction.verification.studies.regression.run import (
@@ -23,13 +23,19 @@ from tests.support.paths import ROOT, SCENES
 
 
 def run(
-    folder: Path, baseline: dict[str, Entry] | None = None, **options: bool
+    folder: Path, baseline: dict[str, Entry] | None = None, *, update: bool = False
 ) -> RegressionReport:
-    return regress(folder, "baseline.json", baseline or {}, **options)
+    file = folder.with_suffix(".json")
+    file.write_text(baseline_text(baseline or {}), encoding="utf-8")
+    try:
+        return regress(folder, baseline=file, update=update, jobs=1)
+    except Interrupted as end:
+        report: RegressionReport = end.result
+        return report
 
 
 def entries(folder: Path) -> dict[str, Entry]:
-    return updated_baseline(run(folder, updated=True), {})
+    return updated_baseline(run(folder, update=True), {})
 
 
 def only(report: RegressionReport) -> SceneResult:
@@ -110,7 +116,7 @@ def test_a_scene_that_is_gone_is_missing_until_the_baseline_is_updated(
     report = run(tmp_path, passing)
     assert report.count() == {"new": 1, "missing": 1}
     assert report.exit_status == 1
-    accepted = run(tmp_path, passing, updated=True)
+    accepted = run(tmp_path, passing, update=True)
     assert accepted.exit_status == 0
     assert set(updated_baseline(accepted, passing)) == {"b.toml"}
 
@@ -121,7 +127,7 @@ def test_without_an_engine_there_is_no_verdict_and_the_entry_stays(
     monkeypatch.setenv("TACTION_NGSPICE", "no-such-ngspice")
     scene = write_fast(tmp_path / "a.toml")
     scene.write_text(scene.read_text().replace("statespace", "ngspice"))
-    report = run(tmp_path, passing, updated=True)
+    report = run(tmp_path, passing, update=True)
     assert (only(report).status, report.exit_status) == (Status.NO_VERDICT, 3)
     assert "no-such-ngspice" in only(report).reason
     assert updated_baseline(report, passing) == passing
@@ -132,7 +138,7 @@ def test_a_file_that_is_no_scene_is_a_complaint_and_the_others_are_verified(
 ) -> None:
     write_fast(tmp_path / "a.toml")
     (tmp_path / "pyproject.toml").write_text("[tool]\n")
-    report = run(tmp_path, passing, updated=True)
+    report = run(tmp_path, passing, update=True)
     assert [r.status for r in report.results] == [Status.SAME, Status.BAD_INPUT]
     assert "pyproject.toml" in report.results[1].reason
     assert report.exit_status == 2
@@ -150,11 +156,11 @@ def test_an_update_accepts_a_change_but_not_a_failed_check(
     tmp_path: Path, passing: dict[str, Entry]
 ) -> None:
     write_fast(tmp_path / "a.toml", capacitance="10.5pF")
-    report = run(tmp_path, passing, updated=True)
+    report = run(tmp_path, passing, update=True)
     assert (only(report).status, report.exit_status) == (Status.CHANGED, 0)
     assert only(run(tmp_path, updated_baseline(report, passing))).status is Status.SAME
     write_fast(tmp_path / "a.toml", limit="1us")
-    report = run(tmp_path, passing, updated=True)
+    report = run(tmp_path, passing, update=True)
     assert report.exit_status == 1
     assert updated_baseline(report, passing) == passing
     assert updated_baseline(report, {}) == {}
@@ -167,10 +173,10 @@ def test_an_entry_within_its_tolerances_stays_as_it_is(
     """So small changes cannot add up, and the file has no needless difference."""
     write_fast(tmp_path / "a.toml")
     older = {"a.toml": replace(passing["a.toml"], revision="older")}
-    kept = updated_baseline(run(tmp_path, older, updated=True), older)
+    kept = updated_baseline(run(tmp_path, older, update=True), older)
     assert baseline_text(kept) == baseline_text(older)
     write_fast(tmp_path / "a.toml", capacitance="10.001pF")  # the same numbers, another scene
-    renewed = updated_baseline(run(tmp_path, older, updated=True), older)
+    renewed = updated_baseline(run(tmp_path, older, update=True), older)
     assert renewed["a.toml"].revision != "older"
 
 
@@ -188,7 +194,7 @@ def test_ctrl_c_keeps_what_was_done(
 
     monkeypatch.setattr(module, "compare_scene", interrupted)
     old = passing | {"c.toml": passing["a.toml"]}
-    report = run(tmp_path, old, updated=True)
+    report = run(tmp_path, old, update=True)
     assert [r.status for r in report.results] == [Status.CHANGED, Status.NOT_RUN, Status.NOT_RUN]
     assert report.interrupted
     assert report.exit_status == INTERRUPTED
@@ -232,7 +238,7 @@ def test_too_little_memory_is_no_verdict_and_the_entry_stays(
 
     monkeypatch.setattr(module, "verify", lacking)
     write_fast(tmp_path / "a.toml")
-    report = run(tmp_path, passing, updated=True)
+    report = run(tmp_path, passing, update=True)
     assert (only(report).status, report.exit_status) == (Status.NO_VERDICT, 3)
     assert only(report).reason == "out of memory: the scene is too large"
     assert updated_baseline(report, passing) == passing

@@ -21,7 +21,7 @@ from taction.verification.studies.running.cluster import cluster
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.studies.sweep.result import records
-from taction.verification.studies.sweep.run import sweep
+from taction.verification.studies.sweep.run import sweep_points
 from tests.support.clusters import address, another_taction, scheduler, worker
 from tests.support.making import NEAR_IDEAL, make_scene
 from tests.support.running import taction as command
@@ -47,7 +47,7 @@ def test_a_killed_worker_costs_nothing_but_time(tmp_path: Path) -> None:
                 worker(stack, file)
                 os.kill(victim.pid, signal.SIGKILL)
 
-        count = sweep(plan, store, workers, progress=kill)
+        count = sweep_points(plan, store, workers, progress=kill)
         rows = list(records(plan, store))
     assert count.outcomes == {"pass": POINTS}
     assert len(rows) == count.ran == POINTS
@@ -87,7 +87,7 @@ def test_a_worker_with_another_source_and_another_ngspice_is_refused(
         workers = stack.enter_context(cluster(address(file)))
         text = r"ngspice-39 noopiter instead of taction .*, ngspice-"
         with pytest.raises(NoVerdictError, match=text) as refused:
-            sweep(plan, store, workers)
+            sweep_points(plan, store, workers)
         assert len(set(re.findall(r"taction [0-9.]+ \([0-9a-f]{8}\)", str(refused.value)))) == 2
         assert store.count() == 0
 
@@ -100,7 +100,7 @@ def test_a_worker_that_lacks_our_functions_is_named_with_both_versions(tmp_path:
         store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
         workers = stack.enter_context(cluster(address(file)))
         with pytest.raises(NoVerdictError, match=r"is the same taction \(.*\) installed there"):
-            sweep(small_plan(2), store, workers)
+            sweep_points(small_plan(2), store, workers)
         assert store.count() == 0
 
 
@@ -174,7 +174,7 @@ def test_no_worker_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         store = stack.enter_context(Store(str(tmp_path / "a.sqlite")))
         workers = stack.enter_context(cluster(address(file), said.append))
         with pytest.raises(NoVerdictError, match=r"no worker for 0\.5 s; start one with `dask wor"):
-            sweep(small_plan(2), store, workers)
+            sweep_points(small_plan(2), store, workers)
         assert store.count() == 0
     assert said == ["the cluster has no worker: waiting for one, 0.5 s"]
 
@@ -204,7 +204,7 @@ def test_a_cluster_that_dies_keeps_what_is_stored(
                 processes[victim].kill()
 
         with pytest.raises(NoVerdictError, match=expected[victim]) as ended:
-            sweep(small_plan(400), database, workers, progress=kill)
+            sweep_points(small_plan(400), database, workers, progress=kill)
         assert "The stored results are intact, the same command continues" in str(ended.value)
         assert 5 <= database.count() < 400
     assert capfd.readouterr().err == ""

@@ -27,7 +27,7 @@ from taction.verification.studies.sweep import point as point_module
 from taction.verification.studies.sweep.plan import Plan, Requests, plan_sweep
 from taction.verification.studies.sweep.point import PointJob, compute
 from taction.verification.studies.sweep.result import records
-from taction.verification.studies.sweep.run import SweepCounts, sweep
+from taction.verification.studies.sweep.run import SweepCounts, sweep_points
 from taction.verification.verdict.verify import verify
 from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
 from tests.support.studying import IDEAL
@@ -64,7 +64,7 @@ def test_points_that_share_their_resistances_are_computed_one_after_the_other() 
 
 def run(asked: Plan, path: Path, workers: Workers, **more: Any) -> tuple[SweepCounts, list[Any]]:
     with Store(str(path)) as store:
-        count = sweep(asked, store, workers, **more)
+        count = sweep_points(asked, store, workers, **more)
         return count, list(records(asked, store))
 
 
@@ -232,7 +232,7 @@ def test_what_is_wrong_with_the_machine_is_no_result_of_a_point(
     monkeypatch.setattr(point_module, "verify", fail)
     with Store(":memory:") as store:
         with pytest.raises(kind, match=r"nothing left\. The stored results are intact"):
-            sweep(plan("C=50p,60p"), store, workers)
+            sweep_points(plan("C=50p,60p"), store, workers)
         assert store.count() == 0
 
 
@@ -246,5 +246,5 @@ def test_a_simulator_that_is_removed_is_no_result_of_a_point(
     with Store(":memory:") as store:
         # The simulator goes before the first point is sent to a worker.
         with pytest.raises(SimulatorNotFound, match=f"no executable '{link}'"):
-            sweep(asked, store, workers, progress=lambda text: link.unlink())
+            sweep_points(asked, store, workers, progress=lambda text: link.unlink())
         assert store.count() == 0

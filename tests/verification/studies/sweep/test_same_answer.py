@@ -23,7 +23,7 @@ from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import plan_sweep
 from taction.verification.studies.sweep.point import PointJob, compute
 from taction.verification.studies.sweep.result import records
-from taction.verification.studies.sweep.run import sweep
+from taction.verification.studies.sweep.run import sweep_points
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.record import FIGURES, TRANSIENT_READINGS, Record
 from taction.verification.verdict.verify import verify
@@ -125,6 +125,6 @@ def swept(over: str, engine: str) -> dict[float, dict[str, Any]]:
     """Return the records of a sweep of one worker by capacitance, without the time they took."""
     plan = plan_sweep(PAPER, over, engine, fix="gain=1M")
     with Store(":memory:") as store, ThreadPoolExecutor(1) as executor:
-        sweep(plan, store, Workers(executor, lambda: 1, (BrokenExecutor,)))
+        sweep_points(plan, store, Workers(executor, lambda: 1, (BrokenExecutor,)))
         found = list(records(plan, store))
     return {record.pop("values")["C"]: record | {"seconds": 0.0} for record in found}

@@ -18,7 +18,7 @@ from taction.system.errors import InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.corners import view
-from taction.verification.studies.tolerance.corners import Corner, named_corner, worst_corners
+from taction.verification.studies.tolerance.corners import Corner, named_corner, worst_of
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.samples import evaluate
 from taction.verification.studies.tolerance.steady_directions import rest_slopes, steady_directions
@@ -49,7 +49,7 @@ def test_no_corner_is_worse_than_the_worst() -> None:
     study = prepare(scene)
     assert [p.name for p in study.varied] == ["Cc_1", "Cc_2", "temperature"]
     with one_thread() as workers:
-        found = worst_corners(scene, workers).corners
+        found = worst_of(prepare(scene, full_margin=True), workers).corners
     every = [
         evaluate(study, 0, np.array(ends)) for ends in itertools.product((-1.0, 1.0), repeat=3)
     ]
@@ -62,7 +62,7 @@ def test_the_worst_corner_is_worse_than_any_random_sample() -> None:
     scene = small_scene(tolerances=WORN, checks=CHECKS)
     study, tally = prepare(scene), SampleCollection(60)
     with one_thread() as workers:
-        found = worst_corners(scene, workers).corners
+        found = worst_of(prepare(scene, full_margin=True), workers).corners
         list(run_samples(study, range(60), 1, workers, tally))
     for quantity in QUANTITIES:
         values = [sample.value(quantity) for sample in tally.samples]
@@ -74,7 +74,9 @@ def test_the_worst_corner_is_worse_than_any_random_sample() -> None:
 
 def test_the_nominal_board_comes_first_and_corners_say_what_moves_them() -> None:
     with one_thread() as workers:
-        found = worst_corners(small_scene(tolerances=FEW, checks=CHECKS), workers).corners
+        found = worst_of(
+            prepare(small_scene(tolerances=FEW, checks=CHECKS), full_margin=True), workers
+        ).corners
     assert [corner.name for corner in found] == ["nominal", *(f"worst {q}" for q in QUANTITIES)]
     assert found[0].deviations == {}
     slowest = next(corner for corner in found if corner.quantity == "growth_rate")
@@ -95,7 +97,7 @@ def test_a_margin_that_is_checked_has_its_corner() -> None:
     checks = CHECKS | {"stability": {"margin": 1.5}}
     scene = small_scene(design=design, tolerances=tolerances, checks=checks)
     with one_thread() as workers:
-        found = worst_corners(scene, workers).corners
+        found = worst_of(prepare(scene, full_margin=True), workers).corners
     nominal, least = found[0].result.value("margin"), worst(found, "margin")
     assert least < 0.9 * nominal
     tight = next(corner for corner in found if corner.quantity == "margin")
@@ -181,7 +183,7 @@ def test_slopes_are_those_of_the_solved_boards() -> None:
 def test_the_worst_corner_at_rest_is_the_first_direction() -> None:
     scene = small_scene(tolerances=WORN, checks=CHECKS)
     with one_thread() as workers:
-        study = worst_corners(scene, workers)
+        study = worst_of(prepare(scene, full_margin=True), workers)
     first = study.directions[0]
     assert worst(study.corners, "steady_state") == pytest.approx(abs(first.solved), rel=1e-6)
     assert first.predicted == pytest.approx(first.solved, rel=0.3)  # the parts vary by 5 %
@@ -194,7 +196,7 @@ def test_a_board_where_nothing_moves_has_corners_without_a_verdict(tmp_path: Pat
     problem = {"kind": "matrix", "matrix": [[1.0, 0.3], [-0.2, 0.8]], "strain": [0.0, 0.0]}
     scene = make_scene(problem=problem, design={"capacitance": "1nF", "lambda": 0.1})
     with one_thread() as workers:
-        study = worst_corners(scene.with_engine("statespace"), workers)
+        study = worst_of(prepare(scene.with_engine("statespace"), full_margin=True), workers)
     assert study.outcome == "inconclusive"
     assert study.directions == ()
     assert "not decided: steady state, settling time" in page_text(view(study))

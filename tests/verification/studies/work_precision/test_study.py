@@ -29,8 +29,8 @@ from taction.verification.studies.work_precision.methods import (
 from taction.verification.studies.work_precision.reference import References
 from taction.verification.studies.work_precision.study import (
     WorkPrecisionStudy,
+    accuracy,
     fit_order,
-    run_study,
 )
 from tests.support.making import ringing_scene
 
@@ -56,7 +56,8 @@ FEW = (
 def found(ngspice: str) -> WorkPrecisionStudy:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study_module, "REPEATS", 2)
-        return run_study(ringing_scene(), budget=BUDGET, methods=FEW)
+        patch.setattr(study_module, "METHODS", FEW)
+        return accuracy(ringing_scene(), budget=BUDGET)
 
 
 def test_every_setting_is_a_point_with_errors_and_a_spread(found: WorkPrecisionStudy) -> None:
@@ -175,9 +176,12 @@ def test_a_time_out_is_a_point_and_a_failure_has_its_reason(
     assert none == []
 
 
-def test_a_budget_of_no_time_runs_the_coarsest_setting_and_names_the_others() -> None:
+def test_a_budget_of_no_time_runs_the_coarsest_setting_and_names_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     methods = [named("state space, implicit", ladder=(1e-3, 1e-5)), FEW[2]]
-    found = run_study(ringing_scene(), budget=1e-9, methods=methods)
+    monkeypatch.setattr(study_module, "METHODS", methods)
+    found = accuracy(ringing_scene(), budget=1e-9)
     assert found.conclusive
     assert [point.setting for point in found.points][:1] == [1e-3]
     assert "state space, implicit, tolerance 1e-05: not run, the budget was used up" in (
@@ -195,8 +199,8 @@ def test_without_ngspice_and_without_linearity_it_says_what_it_left_out(
     monkeypatch.setattr(study_module, "REPEATS", 1)
     bent = {"amplifier": "exponential", "exponential_slope": 0.1}
     scene = ringing_scene(bent | {"resistance": 1.9e6, "capacitance": 5e-11}, stop=6e-5)
-    methods = [m for m in FEW if m.problem == "board"]
-    found = run_study(scene, budget=BUDGET, methods=methods)
+    monkeypatch.setattr(study_module, "METHODS", [m for m in FEW if m.problem == "board"])
+    found = accuracy(scene, budget=BUDGET)
     assert found.omissions == (
         *study_module.NEVER_RUN,
         "ngspice trapezoidal: not run, no executable 'ngspice'",
