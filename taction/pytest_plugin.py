@@ -49,7 +49,7 @@ class SceneFile(pytest.File):
         from taction.verification.studies.regression.baseline import load_baseline
 
         try:
-            baseline = load_baseline(self.config.invocation_params.dir / file)
+            baseline, _ = load_baseline(self.config.invocation_params.dir / file)
         except InputError as error:
             raise self.CollectError(str(error)) from None
         yield SceneItem.from_parent(self, name="regress", baseline=baseline)

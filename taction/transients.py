@@ -256,7 +256,8 @@ def verify_files(
     from taction.verification.studies.scene_files import scene_files
 
     files = scene_files([str(name) for name in scenes], exclude)
-    from taction.verification.studies.verify_files import verify_files as verify_each
+    from taction.verification.studies.running.collecting import for_each_file
+    from taction.verification.studies.verify_files import VerifiedFiles, document_of, verify_file
 
     describe: Callable[..., dict[str, Any]]
     if margins:
@@ -265,7 +266,9 @@ def verify_files(
         )
     else:
         from taction.system.documents import plain as describe
-    found = verify_each(files, describe, engine=engine, jobs=jobs, progress=progress)
+    arguments = [(describe, engine)] * len(files)
+    results = for_each_file(verify_file, files, arguments, jobs=jobs, progress=progress)
+    found = VerifiedFiles(tuple(map(document_of, files, results)))
     if found.interrupted:
         raise Interrupted("the finished scenes are in the report", found)
     return found

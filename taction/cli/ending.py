@@ -74,7 +74,10 @@ def run_command(function: Callable[[], object], *, as_json: bool, words: Sequenc
                 say(f"stdout cannot be written: {error.strerror}")
             return STATUS["inconclusive"]
         finally:
-            _leave_full_stderr()
+            try:
+                sys.stderr.flush()
+            except (OSError, ValueError):  # it is full: else Python ends with 120
+                _leave(sys.stderr)
     # A page that is served until Ctrl-C ends well by Ctrl-C, and only by it.
     ended = received and (status == INTERRUPTED or received[0] != signal.SIGINT)
     return 128 + received[0] if ended else status
@@ -147,10 +150,6 @@ def _status(
         return end.code if isinstance(end.code, int) else 0
     except click.exceptions.Exit as end:
         return end.exit_code
-    except TactionError as error:
-        return _report(error, as_json)
-    except MemoryError:
-        return _report(NoVerdictError("out of memory: no verdict was reached"), as_json)
     except click.ClickException as error:
         odd = [word for word in words if word != visible(word)]
         if as_json:
@@ -166,11 +165,7 @@ def _status(
     except Exception as error:
         if isinstance(error, OSError) and of_stdout(error):
             raise
-        if unusable := unusable_path(error):
-            return _report(unusable, as_json)
-        if lack := refusal(error):
-            return _report(NoVerdictError(lack), as_json)
-        return _bug(error, as_json)
+        return _report(error, as_json)
     return 0
 
 
@@ -212,18 +207,23 @@ def refusal(error: BaseException | None) -> str:
     return ""
 
 
-def unusable_path(error: BaseException) -> InputError | None:
-    """Return the error for a name that no file can have; None for another error.
+def _known(error: Exception) -> TactionError | None:
+    """Return an error as one of ours; None for a bug.
 
     A name that is too long, and links that lead to one another, are found wherever a path is first
     looked at: before an input is read, and before an output is written.
     """
+    if isinstance(error, TactionError):
+        return error
+    if isinstance(error, MemoryError):
+        return NoVerdictError("out of memory: no verdict was reached")
     if isinstance(error, RuntimeError) and str(error).startswith("Symlink loop"):  # Python 3.12
         name, number = str(error).partition(" from ")[2].strip("'"), errno.ELOOP
     elif isinstance(error, OSError) and error.errno in UNUSABLE and error.filename is not None:
         name, number = os.fsdecode(error.filename), error.errno
     else:
-        return None
+        lack = refusal(error)
+        return NoVerdictError(lack) if lack else None
     text = f"{os.strerror(number)}; expected a name of up to 255 bytes, and no links in a circle"
     return InputError(name, Complaint("file", "", text))
 
@@ -246,7 +246,15 @@ def _print_plain(
     print_json(plain_error(outcome, error, text), "error")
 
 
-def _bug(error: Exception, as_json: bool) -> int:
+def _report(error: Exception, as_json: bool) -> int:
+    """Say an error, and return its exit status; a bug is told with its traceback."""
+    if (known := _known(error)) is not None:
+        if as_json:
+            from taction.system.error_document import error_document
+
+            print_json(error_document(known), "error")
+        say(str(known))
+        return known.exit_status
     import traceback
 
     text = "this is a bug in taction; no verdict was reached"
@@ -255,15 +263,6 @@ def _bug(error: Exception, as_json: bool) -> int:
     traceback.print_exception(error)
     say(text)
     return STATUS["inconclusive"]
-
-
-def _report(error: TactionError, as_json: bool) -> int:
-    if as_json:
-        from taction.system.error_document import error_document
-
-        print_json(error_document(error), "error")
-    say(str(error))
-    return error.exit_status
 
 
 def _prepare_streams() -> None:
@@ -286,12 +285,3 @@ def _leave(stream: TextIO | None) -> None:
             null = os.open(os.devnull, os.O_WRONLY)
             os.dup2(null, stream.fileno())
             os.close(null)
-
-
-def _leave_full_stderr() -> None:
-    """Discard what stderr does not take: else Python ends with 120."""
-    try:
-        if sys.stderr is not None:
-            sys.stderr.flush()
-    except (OSError, ValueError):
-        _leave(sys.stderr)

@@ -6,11 +6,12 @@ from dataclasses import fields, replace
 from typing import Any
 
 from taction.netlist_gen.scene.axes import parse_axes
+from taction.system.reading_definitions import READINGS
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, Requests
 from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.verdict.checks import Check, Outcome
-from taction.verification.verdict.record import FIGURES, TRANSIENT_READINGS, Figure, Record
+from taction.verification.verdict.record import FIGURES, Figure, Record
 from tests.support.studying import small_scene
 
 
@@ -24,7 +25,7 @@ def make_record(engine: str = "statespace", **changes: Any) -> Record:
     names = {field.name for field in fields(Record)}
     figures: dict[str, float | None] = dict.fromkeys(FIGURES, 1.0)
     figures |= {"wanted_error": 2.5e-4, "attained_error": 1e-4}
-    bounds: dict[str, float | None] = dict.fromkeys(TRANSIENT_READINGS, 1e-3)
+    bounds: dict[str, float | None] = dict.fromkeys((*READINGS, "end_error"), 1e-3)
     others: dict[str, float] = {}
     for name, value in changes.items():
         if isinstance(value, Figure):

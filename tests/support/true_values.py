@@ -31,7 +31,7 @@ from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 from taction.verification.verdict.deck import deck_of
-from taction.verification.verdict.opamp_level import has_large_signal
+from taction.verification.verdict.design import has_large_signal
 from tests.support.deck_equations import DeckText, StateEquations, parse_deck, state_equations
 from tests.support.exact_readings import Signal, UnreadableError, exact_modes
 from tests.support.nonlinear_response import Board, DivergenceError, Transient

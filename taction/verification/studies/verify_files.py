@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from taction.system.errors import INTERRUPTED, NoVerdictError, TactionError
 from taction.system.output_files import printable
 from taction.system.results import Result
 from taction.verification.reference.lambda_rule import read_scene
-from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.verdict.verify import Verdict, verify
 
 NOT_RUN = "not run"
@@ -53,29 +52,6 @@ class VerifiedFiles(Result):
         return {name: outcomes.count(name) for name in names if name in outcomes}
 
 
-def verify_files(
-    files: Sequence[Path],
-    describe: Describe,
-    *,
-    engine: str | None = None,
-    jobs: int | None = None,
-    progress: Callable[[str], None] = lambda stage: None,
-) -> VerifiedFiles:
-    """Verify the scenes of `files`, in `jobs` processes, by default one a core.
-
-    `describe` makes the document of a verdict and can be pickled. The documents are those of
-    single runs and stand in the order of `files`.
-
-    Raises
-    ------
-    NoVerdictError
-        The processes do not start.
-    """
-    arguments = [(describe, engine)] * len(files)
-    found = for_each_file(verify_file, files, arguments, jobs=jobs, progress=progress)
-    return VerifiedFiles(tuple(map(_document, files, found)))
-
-
 def verify_file(path: Path, describe: Describe, engine: str | None = None) -> dict[str, Any]:
     """Verify one scene file and return the document of its verdict or of its error."""
     try:
@@ -86,7 +62,8 @@ def verify_file(path: Path, describe: Describe, engine: str | None = None) -> di
         return _without_verdict(path, NoVerdictError("out of memory: the scene is too large"))
 
 
-def _document(path: Path, found: dict[str, Any] | BaseException | None) -> dict[str, Any]:
+def document_of(path: Path, found: dict[str, Any] | BaseException | None) -> dict[str, Any]:
+    """Return what was found for a file, also if its process was killed or never began."""
     if found is None:
         return {"file": printable(str(path)), "outcome": NOT_RUN}
     if isinstance(found, BaseException):

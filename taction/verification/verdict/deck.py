@@ -7,21 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, parameters_of
 from taction.netlist_gen.deck.checks import FILE_NAME
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE
-from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.atomic_files import write_together
 from taction.system.errors import Complaint, InputError, SolverError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.time_scales import time_scales
-from taction.verification.stability.poles import poles_behind
-from taction.verification.verdict.opamp_level import at_level, has_large_signal
+from taction.system.progress import Clock
+from taction.verification.reference.ideal_answer import ideal_answer
+from taction.verification.verdict.design import design_board
+from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.pruning import Pruning
-from taction.verification.verdict.transient_plan import plan_transient
 
 if TYPE_CHECKING:
     from taction.netlist_gen.deck.measures import Measures
@@ -118,29 +115,18 @@ def deck_of(
         The deck is to measure, but the problem has no solution to compare with.
     """
     matrix_file = _matrix_file(output) if choice.split else None
-    problem = make_problem(scene)
-    circuit = synthesise(scene, problem)
     if choice.has_even_steps:
         scene = _with_even_steps(scene)
-    board = LinearBoard(circuit)
-    scales = time_scales(board, initial=scene.analysis.initial)
-    transient = plan_transient(scene, board, scales).transient
-    leveled = board
-    if has_large_signal(board):
-        stable = poles_behind(board, scales).known_stable
-        leveled = at_level(scene, board, transient, stable=stable)
-    if leveled is not board:
-        scales = time_scales(leveled, initial=scene.analysis.initial)
-        transient = plan_transient(scene, leveled, scales).transient
-    circuit = leveled.circuit
+    design = design_board(scene.with_engine("ngspice"), Clock(lambda stage: None))
+    circuit = design.circuit
     _check(scene, circuit, choice)
     return circuit, write_deck(
         circuit,
-        transient,
+        design.transient,
         matrix_file=matrix_file,
         dialect=choice.dialect,
         parameters=_parameters(circuit, choice),
-        measures=_measures(scene, problem, circuit) if choice.measures else None,
+        measures=_measures(design) if choice.measures else None,
     )
 
 
@@ -170,15 +156,14 @@ def _parameters(circuit: Circuit, choice: DeckChoice) -> Parameters:
     return parameters_of(circuit, fixed_lambda=choice.measures)
 
 
-def _measures(scene: Scene, problem: InverseProblem, circuit: Circuit) -> Measures:
+def _measures(design: PlannedBoard) -> Measures:
     """Return what the measures compare with: the reference solution, at the output nodes."""
     from taction.netlist_gen.deck.measures import Measures
-    from taction.verification.reference.ideal_answer import ideal_answer, ideal_network
 
-    ideal = ideal_answer(ideal_network(problem, scene), scene)
+    ideal = ideal_answer(design.network, design.scene)
     if ideal.problem:
         raise SolverError(f"--measure needs a reference solution: {ideal.problem}")
-    signs = [output.sign for output in circuit.outputs]
+    signs = [output.sign for output in design.circuit.outputs]
     targets, starts = (
         tuple(float(sign * u) for sign, u in zip(signs, values, strict=True))
         for values in (ideal.target, ideal.start)

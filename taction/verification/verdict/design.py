@@ -1,7 +1,14 @@
-"""The board of a scene, with its poles, time scales and plan, before any simulation."""
+"""The board of a scene, with its poles, time scales and plan, before any simulation.
+
+The level of its op-amps is the simplest model that is true for the board. Where an op-amp of the
+small-signal board would exceed `FULL` of a limit on the way, the board is built again with op-amps
+that have their slew rate and swing and, where a current exceeds its limit, their largest output
+current. A board that would rest beyond a limit stays as it is: no level of the model mends it.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +25,6 @@ from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.stability.poles import poles_behind
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
-from taction.verification.verdict.opamp_level import has_loads, leveled_board
 from taction.verification.verdict.planned_board import PlannedBoard
 from taction.verification.verdict.simulation import ENGINES, choose_engine
 from taction.verification.verdict.transient_plan import plan_transient
@@ -89,7 +95,7 @@ def at_their_levels(designs: Sequence[PlannedBoard]) -> list[PlannedBoard | Tact
     loaded = {
         place: (design.board, design.transient.initial, design.transient, design.plan.tolerance)
         for place, design in enumerate(designs)
-        if has_loads(design.scene, design.board, stable=design.poles.known_stable)
+        if _has_loads(design)
     }
     loads = dict(zip(loaded, PartLoads.together(list(loaded.values())), strict=True))
     leveled = [
@@ -111,13 +117,44 @@ def at_their_levels(designs: Sequence[PlannedBoard]) -> list[PlannedBoard | Tact
 
 def _leveled(design: PlannedBoard, small: PartLoads) -> UnplannedBoard | TactionError | None:
     """Return the board at its level, or why there is none; None if it is at its level."""
+    scene, board = design.scene, design.board
+    level, able = scene.design.opamp.level, has_large_signal(board)
+    above = {load.quantity for load in small.loads if load.is_above}
+    given = level == "large-signal" and able
+    if not given and not (level == "auto" and above and not small.impossible and able):
+        return None
     try:
-        board = leveled_board(design.scene, design.board, small)
+        limited = large_signal(board.circuit, current=given or "current" in above)
+        leveled = LinearBoard(limited)
     except TactionError as error:
         return error
-    if board is design.board:
-        return None
-    return UnplannedBoard(design.scene, design.problem, board, design.network)
+    return UnplannedBoard(scene, design.problem, leveled, design.network)
+
+
+def _has_loads(design: PlannedBoard) -> bool:
+    """Whether the level of a board follows from the loads of its small-signal board."""
+    given = design.scene.design.opamp.level == "large-signal" and has_large_signal(design.board)
+    return design.poles.known_stable and not given and design.circuit.is_small_signal
+
+
+def large_signal(circuit: Circuit, *, current: bool = True) -> Circuit:
+    """Return the circuit with the limits of its op-amps; that of the `current` is an extra part."""
+    models = {
+        name: replace(m, large_signal=True, limits_current=current and m.has_largest_current)
+        for name, m in circuit.models.items()
+    }
+    return replace(circuit, models=models)
+
+
+def has_large_signal(board: LinearBoard) -> bool:
+    """Whether both engines have the large-signal level of a board.
+
+    An op-amp needs a slew rate and a first pole; the limits of an imported one are in its netlist.
+    """
+    return all(
+        math.isfinite(model.input_range) and model.imported is None
+        for model in board.circuit.models.values()
+    )
 
 
 def _designed(unplanned: UnplannedBoard) -> PlannedBoard:

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar, Generic, TypeVar
+from typing import Annotated, ClassVar, Generic, TypeVar
 
 from taction.system.array_types import Floats
-from taction.system.documents import Inline, plain, read
+from taction.system.documents import Inline
 from taction.system.reading_definitions import EXCURSIONS, READINGS
 from taction.verification.readings.measurements import ChannelMeasure, Measurements
 from taction.verification.readings.readings import Reading
@@ -138,7 +138,6 @@ FIGURES: dict[str, FigureRule[Verdict]] = {
 }
 """Figures of the whole board; the worst channel counts."""
 
-TRANSIENT_READINGS = (*READINGS, "end_error")
 POLE_READINGS = ("growth_rate", "frequency", "damping_ratio", "margin")
 """Figures that say how a board behaves; the others follow from the design or from the run."""
 
@@ -255,22 +254,6 @@ class Record:
         """Return the record of a verification that an exception ended."""
         text, figures = reason[:MAX_REASON], dict.fromkeys(FIGURES)
         return cls(ERROR, engine, failure=failure, reason=text, figures=figures)
-
-    @classmethod
-    def from_plain(cls, data: Any) -> Record:
-        """Return the record from its plain data.
-
-        Raises
-        ------
-        ValueError
-            The data are no record; the text begins with the place.
-        """
-        return read(cls, data)
-
-    def to_plain(self) -> dict[str, Any]:
-        """Return the record as plain data: its figures stand beside its outcome."""
-        made: dict[str, Any] = plain(self)
-        return made
 
     def without_run_time(self) -> Record:
         """Return the record without how long the run took: the same board gives the same record."""

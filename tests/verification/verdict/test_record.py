@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from taction.netlist_gen.scene.axes import with_value
+from taction.system.documents import plain, read
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.compare import Difference, compare, within_uncertainties
 from taction.verification.verdict.record import (
@@ -60,12 +61,12 @@ def test_channels_of_a_record(verdict: Verdict, record: Record) -> None:
 
 
 def test_plain_data_are_json_and_lead_back(record: Record) -> None:
-    data = json.loads(json.dumps(record.to_plain(), allow_nan=False))
+    data = json.loads(json.dumps(plain(record), allow_nan=False))
     assert data["settling_time"] == record.value("settling_time")
     assert data["channels"][0]["reference"] == record.channels[0].figures["reference"]
-    assert Record.from_plain(data).to_plain() == record.to_plain()
+    assert plain(read(Record, data)) == plain(record)
     with pytest.raises(ValueError, match="outcome"):
-        Record.from_plain({name: value for name, value in data.items() if name != "outcome"})
+        read(Record, {name: value for name, value in data.items() if name != "outcome"})
 
 
 def test_a_failed_verdict_says_why() -> None:
@@ -82,7 +83,7 @@ def test_without_a_verdict_there_is_a_record_too() -> None:
     assert (record.outcome, record.failure, len(record.reason)) == (ERROR, "SimulationError", 4000)
     assert set(record.figures.values()) == {None}
     assert record.pole is None
-    assert Record.from_plain(record.to_plain()) == record
+    assert read(Record, plain(record)) == record
 
 
 def test_what_is_not_finite_is_none() -> None:

@@ -61,50 +61,6 @@ class Commit:
 NO_COMMIT = Commit()
 
 
-def commit_of(path: str | Path) -> Commit:
-    """Return the commit at which a baseline was written; an unknown one of an older baseline.
-
-    Raises
-    ------
-    InputError
-        See `baseline_table`; or the head has another value than a commit.
-    """
-    data = baseline_table(path).get("commit", {})
-    try:
-        return read(Commit, data)
-    except ValueError as error:
-        reason = f"damaged: {error}; restore the file, or {MOVE_AWAY}"
-        raise InputError(Path(path), Complaint("commit", "", reason)) from None
-
-
-def baseline_table(path: str | Path) -> dict[str, Any]:
-    """Return the content of a baseline.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is damaged, is no baseline, or has another format.
-    """
-    path = Path(path)
-    try:
-        text = read_bounded(path, LARGEST)
-    except UnusableFileError as error:
-        reason = f"{error}; `--update` writes a baseline"
-        raise InputError(path, Complaint("baseline", "", reason)) from None
-    try:
-        data = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = f"damaged, no JSON: {error}; restore the file, or {MOVE_AWAY}"
-        raise InputError(path, Complaint("baseline", "", reason)) from None
-    if not isinstance(data, dict) or MARK not in data:
-        reason = f"JSON, but no baseline of taction ('{MARK}' is missing); give another file"
-        raise InputError(path, Complaint("baseline", "", reason))
-    if data[MARK] != FORMAT:
-        reason = f"another format; this taction reads {FORMAT}. Use the taction that wrote it, or "
-        raise InputError(path, Complaint(MARK, repr(data[MARK]), reason + MOVE_AWAY))
-    return data
-
-
 INSTANTS = 256  # samples of each output in a baseline
 
 ALWAYS = ("step_amplitude", "growth_rate", "frequency", "margin")
@@ -283,34 +239,61 @@ def _samples(u: Floats) -> dict[str, tuple[float, ...]]:
     return {f"u_{n}": tuple(float(f"{x:.9g}") for x in column) for n, column in enumerate(u.T, 1)}
 
 
-def load_baseline(path: str | Path) -> dict[str, Entry]:
-    """Read a baseline.
+def load_baseline(path: str | Path) -> tuple[dict[str, Entry], Commit]:
+    """Read the entries of a baseline, and the commit at which it was written.
 
     Raises
     ------
     InputError
         The file cannot be read, is damaged, is no baseline, or has another format.
     """
-    return _entries(baseline_table(path), Path(path))
-
-
-def _entries(data: dict[str, Any], path: Path) -> dict[str, Entry]:
+    path = Path(path)
+    data = _table(path)
     scenes = data.get("scenes")
     if not isinstance(scenes, dict):
         reason = f"damaged: expected a table of scenes; restore the file, or {MOVE_AWAY}"
         raise InputError(path, Complaint("scenes", "", reason))
-    entries, complaints = {}, []
+    entries, complaints, commit = {}, list[Complaint](), NO_COMMIT
+
+    def damaged(place: str, error: ValueError) -> None:
+        inside, _, what = str(error).rpartition(": ")
+        key = ".".join(filter(None, (place, inside)))
+        reason = f"damaged: {what}; restore the file, or {MOVE_AWAY}"
+        complaints.append(Complaint(key, "", reason))
+
+    try:
+        commit = read(Commit, data.get("commit", {}))
+    except ValueError as error:
+        damaged("commit", error)
     for name, entry in scenes.items():
         try:
             entries[name] = _entry(entry)
         except ValueError as error:
-            place, _, what = str(error).rpartition(": ")
-            key = ".".join(filter(None, ("scenes", name, place)))
-            reason = f"damaged: {what}; restore the file, or {MOVE_AWAY}"
-            complaints.append(Complaint(key, "", reason))
+            damaged(f"scenes.{name}", error)
     if complaints:
         raise InputError(path, *complaints)
-    return entries
+    return entries, commit
+
+
+def _table(path: Path) -> dict[str, Any]:
+    """Return the content of a baseline."""
+    try:
+        text = read_bounded(path, LARGEST)
+    except UnusableFileError as error:
+        reason = f"{error}; `--update` writes a baseline"
+        raise InputError(path, Complaint("baseline", "", reason)) from None
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = f"damaged, no JSON: {error}; restore the file, or {MOVE_AWAY}"
+        raise InputError(path, Complaint("baseline", "", reason)) from None
+    if not isinstance(data, dict) or MARK not in data:
+        reason = f"JSON, but no baseline of taction ('{MARK}' is missing); give another file"
+        raise InputError(path, Complaint("baseline", "", reason))
+    if data[MARK] != FORMAT:
+        reason = f"another format; this taction reads {FORMAT}. Use the taction that wrote it, or "
+        raise InputError(path, Complaint(MARK, repr(data[MARK]), reason + MOVE_AWAY))
+    return data
 
 
 def _entry(data: Any) -> Entry:

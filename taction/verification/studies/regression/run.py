@@ -32,7 +32,6 @@ from taction.verification.studies.regression.baseline import (
     Entry,
     Observation,
     baseline_text,
-    commit_of,
     git_commit,
     load_baseline,
     observe,
@@ -347,8 +346,7 @@ def regress(
     """
     check_folder(str(baseline), "--baseline")
     fresh = update and not Path(baseline).exists()
-    entries = {} if fresh else load_baseline(baseline)
-    written = NO_COMMIT if fresh else commit_of(baseline)
+    entries, written = ({}, NO_COMMIT) if fresh else load_baseline(baseline)
     files, commit = find_scenes(folder), git_commit(Path(folder))
     names = [printable(path.name) for path in files]
     arguments = [(entries.get(name), commit.revision) for name in names]

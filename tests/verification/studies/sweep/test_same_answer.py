@@ -15,8 +15,10 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.documents import plain
 from taction.system.errors import TactionError
 from taction.system.progress import Clock
+from taction.system.reading_definitions import READINGS
 from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
@@ -25,7 +27,7 @@ from taction.verification.studies.sweep.point import PointJob, compute
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import sweep_points
 from taction.verification.verdict.design import design_board
-from taction.verification.verdict.record import FIGURES, TRANSIENT_READINGS, Record
+from taction.verification.verdict.record import FIGURES, Record
 from taction.verification.verdict.verify import verify
 from tests.support.paths import SCENES
 from tests.support.scenes_of_all_kinds import random_scene
@@ -43,7 +45,7 @@ blocks = pytest.mark.parametrize("seeds", [SEEDS[k::BLOCKS] for k in range(BLOCK
 def of_verify(scene: Scene) -> dict[str, Any]:
     """Return the record of the verdict that the command `verify` shows."""
     try:
-        return Record.of(verify(scene), channels=False).to_plain()
+        return dict(plain(Record.of(verify(scene), channels=False)))
     except TactionError as error:
         return without_verdict(error, scene.analysis.engine)
 
@@ -57,11 +59,11 @@ def of_sweep(scene: Scene) -> dict[str, Any]:
         return without_verdict(error, engine)
     (result,) = compute(PointJob(scene, problem, own_version(engine == "ngspice")))
     assert result is not None
-    return result.to_plain()
+    return dict(plain(result))
 
 
 def without_verdict(error: TactionError, engine: str) -> dict[str, Any]:
-    return Record.without_verdict(type(error).__name__, str(error), engine).to_plain()
+    return dict(plain(Record.without_verdict(type(error).__name__, str(error), engine)))
 
 
 def close(a: float | None, b: float | None, apart: float = 0.0) -> bool:
@@ -82,7 +84,7 @@ def assert_same(a: dict[str, Any], b: dict[str, Any]) -> None:
         assert close(one["value"], two["value"], apart), (name, one, two)
     for name in FIGURES.keys() - RUN:
         apart = 0.0
-        if name in TRANSIENT_READINGS:
+        if name in (*READINGS, "end_error"):
             apart = sum(each["uncertainties"].get(name) or 0.0 for each in (a, b))
         assert close(a[name], b[name], apart), (name, a[name], b[name])
 

@@ -31,7 +31,7 @@ from taction.verification.engines.statespace.transients.stepped import (
 )
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 from taction.verification.evidence.stress.catalogue import load_catalogue
-from taction.verification.verdict.opamp_level import large_signal
+from taction.verification.verdict.design import large_signal
 from tests.support.boards import board, kernel, lone_amplifier, strain, two_pole
 
 
