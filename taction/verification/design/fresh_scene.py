@@ -256,26 +256,9 @@ def fresh_scene(
 ) -> FreshScene:
     """Return a scene for a matrix (M, N) and a strain (M,), see `problem_tables`.
 
-    Parameters
-    ----------
-    output : Path
-        The new scene file; names of files are relative to its folder.
-    noise : str or float, optional
-        Standard deviation of the noise in one entry of the strain, or ``"1%"`` of the largest
-        entry: lambda follows from the discrepancy rule.
-    lam : float, optional
-        Lambda in the place of a rule. Without both it is `DEFAULT` times the squared norm of T.
-    design : mapping, optional
-        Keys of the scene's table ``[design]``. Without ``prune`` the entries of T are left out
-        that do not move the solution (see `pruning_for`).
-    any_part : bool
-        Whether the board may have parts beyond the limits of real ones.
-
-    Raises
-    ------
-    InputError
-        No design has these numbers, or the noise does not explain the strain: the message proposes
-        one that does.
+    `output` is the new scene file, to whose folder names of files are relative; `design` has keys
+    of its table. Without ``prune`` the entries of T are left out that do not move the solution (see
+    `pruning_for`). All else, and the errors, are those of `taction.new`.
     """
     chosen, rule = _lambda(matrix.values, strain.values, noise, lam)
     name = "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "-" for c in output.stem)

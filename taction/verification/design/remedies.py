@@ -153,24 +153,8 @@ def find_remedies(
 ) -> Remedies | None:
     """Return the nearest changes that mend a failed verdict; None for any other outcome.
 
-    Parameters
-    ----------
-    verdict : Verdict
-        Of the board that its scene describes.
-    work : float
-        Most work of the search, in designs of few states: a verdict is some 10, a board of n states
-        ``1 + (n / 70)^3`` times as much. The result is the same on every machine.
-    any_part : bool
-        Whether a change may have parts beyond the limits of real ones.
-
-    Raises
-    ------
-    InputError
-        The files of the scene cannot be read any more.
-
-    Notes
-    -----
-    Seven channels: 30 to 60 designs of 20 ms.
+    `work` and the errors are those of `taction.what_to_change`; the result is the same on every
+    machine. Seven channels: 30 to 60 designs of 20 ms.
     """
     failed = tuple(check.name for check in verdict.checks if check.outcome is Outcome.FAIL)
     if not failed:

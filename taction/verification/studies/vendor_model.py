@@ -72,30 +72,10 @@ def import_opamp(
     compensation: float = 0.0,
     middle: float = 0.0,
 ) -> ImportedOpAmp:
-    """Read, check and characterise the subcircuit of a netlist.
+    """Read, check and characterise the subcircuit of a netlist, as `taction.import_model` does.
 
-    Parameters
-    ----------
-    file : str
-        The vendor's netlist.
-    subcircuit : str
-        Its name in the file.
-    pins : tuple of str
-        The role of each port, see `taction.spice_models.imported.ROLES`.
-    supply : float
-        Of each supply voltage, V; `middle` + and - `supply`.
-    compensation : float
-        Capacitor between the two ports with the role ``comp``, F.
-    middle : float
-        Of the supplies, V: where inputs and output are measured.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, a card is not accepted (with its line), the pins do not fit, or
-        what is measured is no op-amp.
-    SimulationError
-        ngspice is missing, or does not simulate the model.
+    `compensation` is in F, `supply` and `middle` in V: the supply voltages are `middle` + and -
+    `supply`, and inputs and output are measured at `middle`.
     """
     found = vendor_subcircuit(file, subcircuit)
     try:

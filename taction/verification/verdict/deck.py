@@ -95,24 +95,10 @@ def deck_of(
     output: str | Path | None = None,
     choice: DeckChoice = DeckChoice(),
 ) -> tuple[Circuit, Deck]:
-    """Return the board of `scene` and the deck of its transient.
+    """Return the board of a scene with a number for lambda, and the deck that `verify` would run.
 
-    Parameters
-    ----------
-    scene : Scene
-        Scene with a number for lambda.
-    output : path, optional
-        File of the deck; the name of the matrix file follows from this name.
-    choice : DeckChoice
-        The kind of deck.
-
-    Raises
-    ------
-    InputError
-        The scene cannot be built, the dialect cannot express the board, parameters or measures, or
-        ``split`` has no `output` whose name a deck can contain.
-    SolverError
-        The deck is to measure, but the problem has no solution to compare with.
+    The name of the matrix file follows from `output`. The errors are those of `taction.netlist`,
+    and `SolverError` where a deck is to measure and the problem has no solution.
     """
     matrix_file = _matrix_file(output) if choice.split else None
     if choice.has_even_steps:
