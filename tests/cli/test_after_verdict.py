@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -148,30 +147,3 @@ def test_a_report_or_picture_that_fails(
     assert f"--{name} failed, the result stands: ZeroDivisionError: boom" in result.stderr
     assert not (tmp_path / option).exists()
     assert result.stdout.rstrip().endswith(outcome.upper())
-
-
-IDEAL = """name = "ideal"
-[problem]
-kind = "tactile"
-channels = 3
-[design]
-capacitance = "50pF"
-opamp = {opamp}
-[analysis]
-engine = "statespace"
-[checks]
-settling_time = {{ band = 0.01, max = "1ns" }}
-"""
-
-
-@pytest.mark.parametrize("opamp", ['"ideal"', '{ base = "ideal", dc_gain = 1e9 }'])
-def test_a_board_of_ideal_op_amps_that_fails_has_its_verdict_and_a_search(
-    opamp: str, tmp_path: Path
-) -> None:
-    scene = tmp_path / "a.toml"
-    scene.write_text(IDEAL.format(opamp=opamp))
-    result = run("verify", str(scene), "--json", "--changes", "100")
-    assert result.exit_code == 1
-    found = json.loads(result.stdout)
-    assert found["outcome"] == "fail"
-    assert found["what_to_change"]["trials"] > 0

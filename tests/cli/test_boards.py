@@ -68,11 +68,6 @@ def test_netlist_and_verify_warn_about_the_same_parts() -> None:
         assert [text.partition(";")[0] for text in found["warnings"] if "ohm" in text] == [says]
 
 
-def test_doctor_names_python_and_ngspice() -> None:
-    findings = document(taction("doctor", "--json"))["findings"]
-    assert [finding["what"] for finding in findings[:2]] == ["Python", "ngspice"]
-
-
 def test_doctor_names_the_kernels_of_each_blas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_CORETYPE", "Prescott")  # every x86-64 processor executes them
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
@@ -100,12 +95,6 @@ def test_new_does_not_overwrite(tmp_path: Path) -> None:
     assert again.exit_code == 2
     assert "--force" in again.stderr
     assert taction("new", str(file), "--force").exit_code == 0
-
-
-def test_a_new_scene_verifies(tmp_path: Path) -> None:
-    file = tmp_path / "board.toml"
-    taction("new", str(file))
-    assert taction("verify", str(file), "--engine", "statespace").exit_code == 0
 
 
 @pytest.mark.parametrize(("name", "supply"), [("lm324", 15.0), ("ad8065", 12.0)])
@@ -150,41 +139,6 @@ def test_another_project_is_not_damaged(tmp_path: Path) -> None:
     assert table.read_text() == "(sym_lib_table (version 7))\n"
 
 
-def test_what_cannot_be_drawn_is_refused_before_a_folder_is_made(tmp_path: Path) -> None:
-    result = taction("kicad", CUSTOM, "-o", str(tmp_path / "new"), "--channel", "9")
-    assert result.exit_code == 2
-    assert "4 channels, counted from 1" in result.stderr
-    assert not (tmp_path / "new").exists()
-    (tmp_path / "file").touch()
-    result = taction("kicad", CUSTOM, "-o", str(tmp_path / "file" / "below"))
-    assert result.exit_code == 2
-    assert "cannot be made" in result.stderr
-
-
-OLD = {"ideal", "ua741", "lf353", "tl084", "lf356", "ne5534", "op27"}
-NEW = {
-    "lm324",
-    "tl072",
-    "tl074",
-    "opa2134",
-    "ad711",
-    "ad8065",
-    "lt1028",
-    "opa1612",
-    "lmp7721",
-    "opa189",
-}
-
-
-def test_the_list_has_every_preset() -> None:
-    models = document(taction("models", "--json"))
-    assert set(models) == OLD | NEW | {"taction"}
-    assert models["ideal"]["gbw"] is None  # infinite
-    assert models["ua741"]["source"]
-    assert models["lm324"]["bias_current"] == -20e-9
-    assert "ua741" in taction("models").stdout
-
-
 def test_one_op_amp_is_shown_with_its_sources() -> None:
     shown = document(taction("models", "show", "ua741", "--json"))
     assert shown["figures"]["bias_current"] == {
@@ -206,21 +160,6 @@ def test_the_table_says_what_a_sheet_does_not_print(monkeypatch: pytest.MonkeyPa
     assert "no figure: assumed as of the LF356" in text
     assert "\N{LESS-THAN OR EQUAL TO} 10 mV" in text
     assert "LF353-N Wide Bandwidth Dual JFET Input Operational Amplifier, SNOSBH3F, 2013" in text
-
-
-def test_the_picture_has_the_crossing(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
-    file = tmp_path / "ua741.svg"
-    assert taction("models", "show", "ua741", "--plot", str(file)).exit_code == 0
-    drawn = file.read_text("utf-8")
-    for text in ("unity gain at 1 MHz", "phase margin 65 degrees"):
-        assert text in " ".join(drawn.split())  # a title may have two lines
-
-
-def test_mistakes_are_named() -> None:
-    unknown = taction("models", "show", "ua714")
-    assert unknown.exit_code == 2
-    assert "did you mean 'ua741'?" in unknown.stderr
 
 
 VENDOR = Path(__file__).parents[1] / "data" / "fet100.cir"
@@ -249,13 +188,6 @@ def test_a_hostile_netlist_is_bad_input_and_names_its_line(tmp_path: Path) -> No
         run.stderr.split()
     )
     assert not list(tmp_path.glob("*.json"))
-
-
-def test_a_wrong_supply_is_bad_input() -> None:
-    run = taction("models", "import", str(VENDOR), "--subckt", "FET100", "--pins", PINS,
-                  "--supply", "15A")  # fmt: skip
-    assert run.exit_code == 2
-    assert "--supply" in run.stderr
 
 
 SCENE = str(SCENES / "known-readings.toml")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import subprocess
 from pathlib import Path
@@ -86,17 +85,6 @@ def test_the_document_names_the_files(folder: Path) -> None:
     assert sum(len(each["opamps"]) for each in found["packages"]) > 0
 
 
-def test_what_a_builder_should_know_is_said(folder: Path) -> None:
-    write_fast(Path("b.toml"), opamp="tl074")
-    text = " ".join(built(folder, "b.toml").stdout.split())
-    assert "values are nominal; parts.csv has the nearest standard value" in text
-    assert "packages tl074, U1 to U" in text
-    with (folder / "wiring.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    spare = {row["Part"] + row["Unit"] for row in rows if row["Deck"] == "not used"}
-    assert f"spare op-amps: {len(spare)} in" in text
-
-
 def test_foreign_files_are_kept(folder: Path) -> None:
     built(folder)
     notes = folder / "kicad" / "notes.txt"
@@ -127,17 +115,6 @@ def test_no_file_is_written_where_a_link_leads(boards: Path, tmp_path: Path, nam
     assert not list(other.iterdir()) if other.is_dir() else other.read_text() == "mine\n"
 
 
-@pytest.mark.parametrize(
-    ("place", "says"),
-    [("file", "is a file"), ("file/below", "is a file")],
-)
-def test_a_place_that_is_no_folder_is_refused(boards: Path, place: str, says: str) -> None:
-    (boards / "file").touch()
-    found = built(boards / place)
-    assert found.exit_code == 2
-    assert says in found.stderr
-
-
 def test_a_folder_that_may_not_be_written_is_refused(
     boards: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,12 +129,6 @@ def test_a_folder_that_may_not_be_written_is_refused(
     with pytest.raises(public.InputError, match=f"you may not write to {known}; expected"):
         public.build("a.toml", output=folder)
     assert not folder.exists()
-
-
-def test_a_wrong_scene_makes_no_folder(folder: Path) -> None:
-    assert built(folder, "bad.toml").exit_code == 2
-    assert not folder.exists()
-    assert taction("build", "a.toml").exit_code == 2
 
 
 def test_the_deck_runs_and_a_new_board_is_built(folder: Path, ngspice: str) -> None:

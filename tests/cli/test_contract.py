@@ -193,8 +193,8 @@ def test_every_command_ends_alike(
 
 
 @pytest.mark.usefixtures("folder")
-@pytest.mark.parametrize("name", ["stress", "montecarlo"])
-def test_what_is_finished_is_shown_after_ctrl_c(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_finished_is_shown_after_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "montecarlo"
     words = [*words_of(name), "--jobs", "1"]
     real = getattr(taction, name)
     monkeypatch.setenv("COLUMNS", "200")  # so that a longer run time changes no table's form

@@ -46,14 +46,8 @@ def folder(boards: Path) -> Path:
     )
     exponential = other.replace("[design]", '[design]\namplifier = "exponential"')
     (boards / "exponential.toml").write_text(exponential)
-    devices = exponential.replace("[design]", '[design]\nantilog = "device"')
-    (boards / "devices.toml").write_text(devices.replace("[checks]", 'initial = "rest"\n[checks]'))
     short = other.replace('"statespace"', '"ngspice"\nstop = "10ns"')
     (boards / "short.toml").write_text(short)
-    (boards / "one.toml").write_text(ONE)
-    (boards / "pruned.toml").write_text(other.replace("[design]", "[design]\nprune = 0.5"))
-    worn = "[tolerances]\nresistor = 0.02\n"
-    write_fast(boards / "worn.toml", more=worn)
     return boards
 
 
@@ -116,23 +110,6 @@ def open_parts(part: Any, place: str) -> list[str]:
 
 def test_no_schema_has_an_open_part() -> None:
     assert [place for name in MODELS for place in open_parts(schema(name), name)] == []
-
-
-def test_a_field_that_no_schema_has_is_found() -> None:
-    found = document(taction("doctor", "--json"))
-    assert mistakes(found | {"more": 1}, "doctor") != []
-    del found["ok"]
-    assert mistakes(found, "doctor") != []
-
-
-def test_units_of_a_verdict(folder: Path) -> None:
-    found = document(taction("verify", "a.toml", "--json"))
-    head = found["taction"]["units"]
-    assert head["settling_time"] == "s"
-    assert head["equilibrium"] == "V"
-    assert head["steady_state.equilibrium"] == "step"
-    assert head["rightmost_pole"] == "1/s"
-    assert set(head.values()) <= {"s", "1/s", "Hz", "V", "step", "stress", "ohm"}
 
 
 def test_published_schemas_are_valid_and_name_units() -> None:

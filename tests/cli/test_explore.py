@@ -33,20 +33,6 @@ def test_set_values_are_those_of_a_file_with_them(tmp_path: Path) -> None:
     assert given["settling_time"] != plain["settling_time"]
 
 
-def test_set_is_for_one_scene(tmp_path: Path) -> None:
-    files = [str(write_fast(tmp_path / name)) for name in ("a.toml", "b.toml")]
-    result = run("verify", *files, *SET)
-    assert result.exit_code == 2
-    assert "--set is for one scene" in result.stderr
-
-
-@pytest.mark.parametrize("setting", ["C", "C=1ohm", "colour=1", "design.opamp=none"])
-def test_wrong_settings_are_bad_input(tmp_path: Path, setting: str) -> None:
-    result = run("verify", str(write_fast(tmp_path / "a.toml")), "--set", setting)
-    assert result.exit_code == 2
-    assert "--set" in result.stderr or "design.opamp" in result.stderr
-
-
 def test_the_document_has_the_address(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The server is replaced by one that only announces itself: a page would stay until Ctrl-C."""
 
@@ -57,12 +43,6 @@ def test_the_document_has_the_address(tmp_path: Path, monkeypatch: pytest.Monkey
     found = document(run("explore", str(write_fast(tmp_path / "a.toml")), "--json"))
     assert found["address"] == "http://127.0.0.1:1234/?token=x"
     jsonschema.validate(found, schema("explore"))
-
-
-def test_a_missing_scene_is_bad_input(tmp_path: Path) -> None:
-    result = run("explore", str(tmp_path / "none.toml"), "--no-browser")
-    assert result.exit_code == 2
-    assert "none.toml" in result.stderr
 
 
 def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.support.making import write_matrix_scene
 from tests.support.paths import SCENES
-from tests.support.running import document, python, taction
+from tests.support.running import document, taction
 
 TUNED = str(SCENES / "tuned-breadboard.toml")
 PAPER = SCENES / "paper-breadboard.toml"
@@ -145,12 +143,6 @@ def test_solve_json_has_the_promised_keys() -> None:
     assert "lambda = " in taction("solve", TUNED).stdout
 
 
-def test_solve_refuses_an_engine_that_it_would_ignore() -> None:
-    result = taction("verify", "--solve", TUNED, "--engine", "ngspice")
-    assert result.exit_code == 2
-    assert "leave out --engine" in result.stderr
-
-
 def test_a_part_set_by_its_base_says_which_figures_the_scene_keeps() -> None:
     words = ("verify", "scenes/paper-breadboard.toml", "--engine", "statespace", "--changes", "0")
     kept = "another base of the op-amp: it keeps the scene's own dc_gain, gbw,"
@@ -161,14 +153,6 @@ def test_a_part_set_by_its_base_says_which_figures_the_scene_keeps() -> None:
     both = taction(*words, "--set", "opamp=ua741", "--set", "opamp.gbw=1MHz").stderr
     assert "own dc_gain," in both
     assert "gbw," not in both
-
-
-def test_solve_answers_by_hand(tmp_path: Path) -> None:
-    """T = diag(1, 2), lambda = 1: u = T eps / (T² + 1)."""
-    scene = write_matrix_scene(
-        tmp_path, [[1.0, 0.0], [0.0, 2.0]], [1.0, -1.0], "[design]\nlambda = 1.0"
-    )
-    assert document(taction("solve", str(scene), "--json"))["u"] == pytest.approx([0.5, -0.4])
 
 
 def test_netlist_prints_the_deck_and_explains_on_stderr() -> None:
@@ -200,20 +184,6 @@ def test_netlist_in_two_files(tmp_path: Path, ngspice: str) -> None:
     assert b"v(v_7)" in (tmp_path / "out.raw").read_bytes()[:2000]
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (["--split"], "give -o FILE"),
-        (["--split", "-o", "my board.cir"], "letters, digits"),
-        (["-o", "nowhere/board.cir"], "its folder does not exist"),
-    ],
-)
-def test_netlist_refuses(options: list[str], says: str) -> None:
-    result = taction("netlist", TUNED, *options)
-    assert result.exit_code == 2
-    assert says in result.stderr
-
-
 def test_simulate_writes_what_it_measured(tmp_path: Path) -> None:
     file = tmp_path / "waves.csv"
     result = taction("simulate", TUNED, *FAST, "-o", str(file), "--json")
@@ -231,34 +201,7 @@ def test_simulate_writes_what_it_measured(tmp_path: Path) -> None:
     assert taction("simulate", TUNED, "-o", "waves.txt").exit_code == 2
 
 
-def test_an_unknown_command_names_the_nearest() -> None:
-    result = taction("verfy")
-    assert result.exit_code == 2
-    assert "Did you mean 'verify'?" in result.stderr
-
-
 def test_the_first_steps_fit_a_terminal() -> None:
     lines = taction().stdout.splitlines()
     assert [line.split()[1] for line in lines] == ["demo", "new", "verify", "explore", "--help"]
     assert max(map(len, lines)) <= 80
-
-
-def test_help_loads_no_numpy() -> None:
-    code = (
-        "import sys; from taction.cli.main import main\n"
-        "try: main(['--help'])\n"
-        "except SystemExit: pass\n"
-        "heavy = {'numpy', 'scipy', 'pydantic', 'PySpice', 'rich', 'matplotlib'}\n"
-        "heavy &= set(sys.modules)\n"
-        "sys.exit(repr(heavy) if heavy else 0)"
-    )
-    done = python("-c", code)
-    assert done.returncode == 0, done.stderr
-
-
-def test_as_a_process(tmp_path: Path) -> None:
-    """Exit status and streams of the real program, with a scene that does not exist."""
-    done = python("-m", "taction", "verify", "missing.toml", "--json", cwd=tmp_path)
-    assert done.returncode == 2
-    assert json.loads(done.stdout)["error"]["file"] == "missing.toml"
-    assert done.stderr.startswith("taction: missing.toml: file: No such file")

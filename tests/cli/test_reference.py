@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 
 import pytest
 
@@ -58,17 +57,6 @@ def test_an_old_name_has_the_document_of_the_new_one() -> None:
         assert first == second
 
 
-def test_the_name_alone_says_what_to_type_first() -> None:
-    run = taction()
-    assert run.exit_code == 0
-    assert [line.split()[:2] for line in run.stdout.splitlines()][:3] == [
-        ["taction", "demo"],
-        ["taction", "new"],
-        ["taction", "verify"],
-    ]
-    assert len(run.stdout.splitlines()) <= 5
-
-
 def test_options_are_those_of_the_help_text() -> None:
     for command in document(taction("--json", "--help"))["commands"]:
         shown = set(
@@ -76,15 +64,6 @@ def test_options_are_those_of_the_help_text() -> None:
         )
         flags = {flag for option in command["options"] for flag in option["flags"]}
         assert {flag for flag in flags if flag.startswith("--")} <= shown
-
-
-def test_types_defaults_and_arguments() -> None:
-    commands = {c["name"]: c for c in document(taction("--json", "--help"))["commands"]}
-    options = {o["name"]: o for o in commands["yield montecarlo"]["options"]}
-    assert (options["samples"]["type"], options["samples"]["default"]) == ("integer", 1000)
-    assert options["engine"]["choices"] == ["auto", "ngspice", "statespace"]
-    (scenes,) = commands["verify"]["arguments"]
-    assert (scenes["name"], scenes["required"], scenes["several"]) == ("scenes", True, True)
 
 
 def complete(shell: str, *words: str) -> str:
@@ -102,13 +81,3 @@ def test_every_shell_completes_commands_and_options(shell: str) -> None:
     assert "verify" in complete(shell, "ver")
     assert "netlist" not in complete(shell, "ver")
     assert "--exclude" in complete(shell, "verify", "--ex")
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_every_shell_gets_its_script(shell: str) -> None:
-    run = python("-m", "taction", env={"_TACTION_COMPLETE": f"{shell}_source"})
-    assert run.returncode == 0, run.stderr
-    assert f"_TACTION_COMPLETE={shell}_complete" in run.stdout
-    if shell == "bash":
-        checked = subprocess.run(["bash", "-n"], input=run.stdout, text=True, check=False)
-        assert checked.returncode == 0

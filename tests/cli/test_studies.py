@@ -41,12 +41,6 @@ def test_an_option_that_is_no_more_says_what_to_type(words: tuple[str, ...], rem
     assert remedy in " ".join(refused.stderr.replace("│", " ").split())
 
 
-def test_a_key_that_is_fixed_and_changed_is_refused() -> None:
-    refused = taction("sweep", PAPER, "--over", "R=1M,2M", "--fix", "lambda")
-    assert refused.exit_code == 2
-    assert "replaces design.lambda, which --fix holds" in refused.stderr
-
-
 ONE = ("stress", "--jobs", "1", "--only")
 
 
@@ -65,19 +59,6 @@ def test_one_case_as_json_and_in_files(tmp_path: Path) -> None:
     assert "| two-channels | ngspice | pass |" in page.read_text("utf-8")
     assert "taction: cases: 1" in done.stderr
     assert done.stderr.splitlines()[-2:] == [f"wrote {junit}", f"wrote {page}"]
-
-
-def test_a_family_as_a_table() -> None:
-    done = taction(*ONE, "refused", "--only", "wrong-shape")
-    assert "wrong-shape" in done.stdout
-    assert "not-a-number" in done.stdout
-    assert "right" in done.stdout.splitlines()[-1] or "right" in done.stdout
-
-
-def test_an_unknown_name_is_bad_input() -> None:
-    refused = taction(*ONE, "identiti")
-    assert refused.exit_code == 2
-    assert "did you mean 'identity'?" in refused.stderr
 
 
 def test_without_ngspice_the_status_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,16 +95,6 @@ def folder(tmp_path: Path) -> Path:
     write_fast(folder / "a.toml")
     assert regress(folder, "--baseline", tmp_path / "b.json", "--update").exit_code == 0
     return folder
-
-
-def test_update_writes_the_same_bytes_again(folder: Path) -> None:
-    file = folder.parent / "b.json"
-    before = file.read_bytes()
-    assert regress(folder, "--baseline", file, "--update").exit_code == 0
-    assert file.read_bytes() == before
-    file.unlink()
-    assert regress(folder, "--baseline", file, "--update").exit_code == 0
-    assert file.read_bytes() == before
 
 
 def test_reports_and_one_json_document(folder: Path) -> None:
@@ -199,17 +170,3 @@ def test_ctrl_c_leaves_a_whole_baseline_and_says_so(folder: Path) -> None:
     assert set(json.loads(file.read_text())["scenes"]) == {"a.toml"}
     after = regress(folder, "--baseline", file, "--json")
     assert json.loads(after.stdout)["counts"] == {"same": 1, "new": 2}
-
-
-def test_several_processes_give_the_same_results(folder: Path) -> None:
-    write_fast(folder / "b.toml", capacitance="10.5pF")
-    (folder / "c.toml").write_text("no scene")
-    found = []
-    for jobs in ("1", "2"):
-        result = regress(folder, "--baseline", folder.parent / "b.json", "--jobs", jobs, "--json")
-        assert result.exit_code == 2
-        found.append(json.loads(result.stdout))
-        for scene in found[-1]["scenes"]:
-            del scene["seconds"]
-    assert found[0] == found[1]
-    assert found[0]["counts"] == {"same": 1, "new": 1, "bad input": 1}

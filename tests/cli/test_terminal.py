@@ -8,10 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from taction.cli.main import COMMANDS
 from taction.cli.terminal import SparseLines
-from taction.verification.evidence.paper import reproduce
-from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
 from taction.verification.studies.running import collecting
 from taction.verification.studies.running.collecting import Pace
 from tests.support.command_lines import LINES
@@ -61,12 +58,6 @@ def test_every_long_study_says_what_is_left(
     assert {stage for stage in stages if any(stage in line for line in lines)} == stages
 
 
-def test_a_short_command_says_nothing(tmp_path: Path) -> None:
-    scene = write_fast(tmp_path / "a.toml", more="[tolerances]\nresistor = 0.01\n")
-    result = taction("montecarlo", str(scene), "-n", "3", "--jobs", "1")
-    assert "left" not in result.stderr
-
-
 WIDTHS = (40, 80, 100)
 
 # The variant of a command with the widest tables.
@@ -76,47 +67,11 @@ WIDE = {
     "corners": "corners a.toml --corner capacitor=-1 --corner resistor=1",
     "sweep": "sweep a.toml --over C=1pF:10pF:2 --over opamp=ua741,op27 --jobs 1",
 }
-SAME = ("verify-files", "diff", "bom", "build", "montecarlo", "regress", "stress", "accuracy")
-SAME += (
-    "reproduce",
-    "models",
-    "models-show",
-    "tune",
-    "choose",
-    "onset, without transients",
-)
+SAME = ("verify-files", "diff", "bom", "montecarlo", "regress", "models-show", "tune")
 TABLES = {**{name: LINES[name] for name in SAME}, **WIDE}
-WITHOUT_TABLES = {
-    "demo": "sentences, and a line for each of three boards",
-    "netlist": "a deck",
-    "kicad": "files, and what they leave out",
-    "explore": "the address of a page",
-    "solve": "one number a line",
-    "simulate": "what `verify` shows of the channels",
-    "mcp": "nothing: stdout is the protocol's",
-    "new": "a file",
-    "doctor": "two lines for each part",
-    "scale": "lines",
-}
 
 
-@pytest.fixture
-def quick_paper(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The chapters of the paper with results that cost nothing."""
-
-    def chapter(quick: bool) -> Chapter:
-        wanted = [claim for claim in load_claims() if claim.chapter == "reconstruction"]
-        found = (Finding(c.id, "-3.3e-05 in 12 runs", "custom-matrix", c.expected) for c in wanted)
-        return Chapter(tuple(found), ())
-
-    monkeypatch.setattr(reproduce, "CHAPTERS", {"reconstruction": ("A title", chapter)})
-
-
-def test_every_command_is_named_here() -> None:
-    assert {each.split()[0] for each in TABLES.values()} | set(WITHOUT_TABLES) == set(COMMANDS)
-
-
-@pytest.mark.usefixtures("boards", "quick_stories", "quick_paper")
+@pytest.mark.usefixtures("boards")
 @pytest.mark.parametrize("name", TABLES)
 def test_a_narrow_page_loses_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     objects = printed_objects(monkeypatch, *TABLES[name].split())
@@ -127,17 +82,3 @@ def test_a_narrow_page_loses_nothing(name: str, monkeypatch: pytest.MonkeyPatch)
         lost = wide - words_of(narrow)
         assert not lost, f"{width} columns:\n{narrow}"
         assert "…" not in narrow
-
-
-@pytest.mark.usefixtures("boards")
-def test_a_table_of_a_terminal_is_never_wider_than_the_terminal(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    objects = printed_objects(monkeypatch, *TABLES["verify"].split())
-    tables = [each for each in objects if type(each).__name__ == "FittedTable"]
-    assert len(tables) >= 2
-    for width in WIDTHS:
-        text = shown_at(width, tables, terminal=True)
-        assert max(map(len, text.splitlines())) <= width
-        lost = words_of(shown_at(200, tables)) - words_of(text)
-        assert not lost

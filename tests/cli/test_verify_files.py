@@ -55,21 +55,6 @@ def test_the_exit_status_is_the_worst_and_a_bad_file_stops_no_other(folder: Path
     assert bad["error"]["complaints"][0]["key"] == "problem.kind"
 
 
-@pytest.mark.parametrize(
-    ("names", "last", "status"),
-    [
-        (("good", "draft-1"), "BAD INPUT", 2),
-        (("slow", "none"), "BAD INPUT", 2),
-        (("slow", "good"), "FAIL", 1),
-    ],
-)
-def test_the_last_line_says_what_the_exit_status_says(
-    folder: Path, names: tuple[str, ...], last: str, status: int
-) -> None:
-    result = taction("verify", *(str(folder / f"{name}.toml") for name in names), "--jobs", "1")
-    assert (result.stdout.splitlines()[-1], result.exit_code) == (last, status)
-
-
 def test_several_processes_give_the_same_documents(folder: Path) -> None:
     words = ("verify", str(folder), "--json", "--margins")
     one, two = (document(taction(*words, "--jobs", jobs)) for jobs in ("1", "2"))
@@ -88,12 +73,6 @@ def test_junit_has_a_suite_for_each_scene(folder: Path) -> None:
     root = ET.fromstring(file.read_text(encoding="utf-8"))  # noqa: S314 - our own file
     assert (root.get("failures"), root.get("errors")) == ("1", "1")
     assert [suite.get("name") for suite in root] == ["draft-1", "good", "slow"]
-
-
-def test_a_single_scene_can_have_a_junit_report(folder: Path) -> None:
-    file = folder / "one.xml"
-    assert taction("verify", str(folder / "good.toml"), "--junit", str(file)).exit_code == 0
-    assert 'name="check settling_time"' in file.read_text(encoding="utf-8")
 
 
 def test_annotations_stand_on_stderr_where_github_runs(

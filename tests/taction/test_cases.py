@@ -60,32 +60,26 @@ def test_a_filter_with_exchanged_inputs_latches(tmp_path: Path) -> None:
 
 
 FUNCTIONS = {
-    "a product": "E1 o 0 in 0 Laplace=10*(1+s/300)/((1+s/100)*(1+ s/1k))",
-    "PSpice": "E1 o 0 LAPLACE {V(in)} = {2/(1+1m*s+1u*s^2)}",
-    "parameters": ".param w=2k q=0.5\nE1 o 0 in 0 laplace={w^2/(s**2+s*w/q+w*w)}",
-    "an integrator": "E1 o 0 in o laplace=1k/s",
-    "a current": "G1 0 o LAPLACE {V(in)} {1/(1+s*sqrt(4))}\nR1 o 0 1",
-    "an expression": "B1 o 0 V=V(in) Laplace=1/(1+s*3)",
-}
-WANTED = {
-    "a product": [-1000.0, -100.0],
-    "PSpice": list(np.roots([1e-6, 1e-3, 1.0])),
-    "parameters": [-2000.0, -2000.0],
-    "an integrator": [-1000.0],
-    "a current": [-0.5],
-    "an expression": [-1.0 / 3.0],
-}
+    "a product": ("E1 o 0 in 0 Laplace=10*(1+s/300)/((1+s/100)*(1+ s/1k))", [-1000.0, -100.0]),
+    "PSpice": ("E1 o 0 LAPLACE {V(in)} = {2/(1+1m*s+1u*s^2)}", np.roots([1e-6, 1e-3, 1.0])),
+    "parameters": (
+        ".param w=2k q=0.5\nE1 o 0 in 0 laplace={w^2/(s**2+s*w/q+w*w)}", [-2000.0, -2000.0]
+    ),
+    "an integrator": ("E1 o 0 in o laplace=1k/s", [-1000.0]),
+    "a current": ("G1 0 o LAPLACE {V(in)} {1/(1+s*sqrt(4))}\nR1 o 0 1", [-0.5]),
+    "an expression": ("B1 o 0 V=V(in) Laplace=1/(1+s*3)", [-1.0 / 3.0]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_transfer_function_becomes_states(name: str, tmp_path: Path) -> None:
     """Its poles are the roots of its denominator, and no part of it is a knob."""
+    card, wanted = FUNCTIONS[name]
     place = tmp_path / "deck.cir"
-    place.write_text(f"t\nV1 in 0 DC 0 AC 1\n{FUNCTIONS[name]}\n.end\n")
+    place.write_text(f"t\nV1 in 0 DC 0 AC 1\n{card}\n.end\n")
     found = taction.check(place, ngspice=False)
     poles = np.sort_complex(found.poles.poles)
-    wanted = np.sort_complex(np.array(WANTED[name], complex))
-    assert poles == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+    assert poles == pytest.approx(np.sort_complex(np.array(wanted, complex)), rel=1e-6, abs=1e-9)
     assert not any("taction" in part.name for part in found.parts)
 
 

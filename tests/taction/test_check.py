@@ -159,19 +159,6 @@ def test_an_unstable_value_of_a_sweep_has_no_readings() -> None:
         assert {*point.figures.values()} == {None}
 
 
-@pytest.mark.parametrize("order", [("margin=1.2", "stable"), ("stable", "margin=1.2")])
-def test_the_order_of_checks_does_not_matter(order: tuple[str, str], tmp_path: Path) -> None:
-    place = tmp_path / "wien.cir"
-    place.write_text(DECKS["wien"])  # stable, with a margin of 3 / 2.9
-    (check,) = taction.check(place, checks=order, ngspice=False).checks
-    assert (check.outcome.value, check.expected) == ("fail", 1.2)
-
-
-def test_two_limits_of_one_reading_are_refused(deck: str) -> None:
-    with pytest.raises(InputError, match="two limits of one reading"):
-        taction.check(deck, checks=("settling=1ms", "settling=2ms"), ngspice=False)
-
-
 @pytest.mark.parametrize("option", ["margin", "margin=0.5", "margin=200", "oscillates=1"])
 def test_a_value_that_a_check_cannot_have_is_refused(option: str, deck: str) -> None:
     assert run(deck, "--no-ngspice", "--check", option)[0] == 2
@@ -226,20 +213,6 @@ def test_the_document_has_its_schema(deck: str, tmp_path: Path) -> None:
     assert picture.stat().st_size > 1000
     assert "Step response" in page.read_text("utf-8")
     assert taction.check(tmp_path / "flat.cir", ngspice=False).poles.stable
-
-
-def test_a_part_alone_is_swept_around_its_value(deck: str) -> None:
-    found = taction.check(deck, over="R1", ngspice=False)
-    values = [point.value for point in found.sweeps[0].points]
-    assert values[0] == pytest.approx(1e4 / 30.0)
-    assert values[-1] == pytest.approx(3e5)
-
-
-def test_a_mistake_names_what_is_accepted(deck: str) -> None:
-    with pytest.raises(InputError, match="settling=1ms@1%"):
-        taction.check(deck, checks="speed=1")
-    with pytest.raises(InputError, match="'x': the deck has no such node; it has in"):
-        taction.check(deck, outputs="v(x)")
 
 
 @pytest.mark.parametrize(

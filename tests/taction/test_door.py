@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import subprocess
 import sys
 from pathlib import Path
@@ -67,26 +66,6 @@ def test_nothing_behind_the_public_names_imports_the_command_line(module: str) -
     assert not [name for name in reached(short(module)) if below(name, ("cli",))]
 
 
-@pytest.mark.nightly  # mypy without its cache: 23 s
-def test_a_type_checker_sees_the_public_names(tmp_path: Path) -> None:
-    script = tmp_path / "user.py"
-    script.write_text(
-        "import taction\n"
-        "verdict = taction.verify('a.toml')\n"
-        "several = taction.verify(taction.load_scene('a.toml'), strains=[[1.0]])\n"
-        "reveal_type(verdict)\nreveal_type(several)\n"
-    )
-    run = subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", "--config-file=", str(script)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
-    assert run.returncode == 0, run.stdout
-    assert '"taction.verification.verdict.verify.Verdict"' in run.stdout
-    assert '"list[taction.verification.verdict.verify.Verdict]"' in run.stdout
-
-
 def without_times(text: str) -> list[str]:
     """The screen up to the line that states how long everything took."""
     *lines, last, _ = text.splitlines()
@@ -103,22 +82,6 @@ def test_print_shows_the_screen_of_the_command(name: str) -> None:
     assert str(verdict).splitlines()[-1] == verdict.outcome.value.upper() == "PASS"
 
 
-def test_a_verdict_is_one_type_frozen_and_short(tmp_path: Path) -> None:
-    file = write_fast(tmp_path / "a.toml")
-    verdict = taction.verify(str(file))
-    assert type(verdict) is taction.Verdict
-    assert repr(verdict).startswith("Verdict('fast', pass, statespace; ")
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        verdict.outcome = verdict.outcome  # type: ignore[misc]
-    again = taction.verify(taction.load_scene(file))
-    assert again.measurements.settling_time == verdict.measurements.settling_time
-
-
-def test_an_unknown_engine_names_the_known_ones() -> None:
-    with pytest.raises(taction.InputError, match=r"analysis\.engine = 'spice': expected one of"):
-        taction.verify(SCENES / "paper-breadboard.toml", engine="spice")
-
-
 def test_progress_receives_lines_of_text(tmp_path: Path) -> None:
     file, lines = write_fast(tmp_path / "a.toml"), list[str]()
     taction.verify(file, progress=lines.append)
@@ -127,19 +90,6 @@ def test_progress_receives_lines_of_text(tmp_path: Path) -> None:
     assert "synthesis" in lines
     assert any(line.startswith("1 of 1 points") for line in lines)
     assert any(line.startswith("yield: 1 of 1 samples") for line in lines)
-
-
-def test_netlist_writes_the_deck_that_it_returns(tmp_path: Path) -> None:
-    deck = taction.netlist(SCENES / "tuned-breadboard.toml", split=True, output=tmp_path / "b.cir")
-    assert (tmp_path / "b.cir").read_text() == deck.text
-    assert (tmp_path / "b_matrix.inc").read_text() == deck.files["b_matrix.inc"]
-
-
-def test_simulate_writes_the_waveforms_that_it_returns(tmp_path: Path) -> None:
-    file = write_fast(tmp_path / "a.toml")
-    record = taction.simulate(file, output=tmp_path / "a.csv")
-    rows = (tmp_path / "a.csv").read_text().splitlines()
-    assert len(rows) == 1 + len(record.waveforms.time)
 
 
 def test_samples_in_a_file_are_not_drawn_again(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,7 @@ import pytest
 from lxml import etree, html
 
 import taction
-from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.card import LONGEST
-from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.system.quantities import quantity
 from taction.verification.report.blocks import NOTEBOOK, Cell, Notes, Page, Section, Table
 from taction.verification.report.charts import OUTCOMES
@@ -30,9 +27,8 @@ from tests.support.report_pages import HOSTILE, STATESPACE, swept, verdicts
 from tests.support.studying import one_thread, scene_file, small_scene
 
 MOST_BYTES = 30_000
-KINDS = ("passing", "failing", "oscillating", "exponential", "one channel", "64 channels")
+KINDS = ("failing", "oscillating", "64 channels")
 PICTURES = ("Scene", "Circuit", "Waveforms", "Verdict", "SweepResult", "YieldReport", "Onset")
-CARDS = ("Scene", "Circuit", "Verdict", "SweepResult", "YieldReport")
 
 
 def verdict(kind: str) -> taction.Verdict:
@@ -76,7 +72,7 @@ def is_short(text: str) -> bool:
 @pytest.mark.parametrize("kind", KINDS)
 def test_repr_and_card_of_a_verdict_name_the_outcome_and_the_values(kind: str) -> None:
     shown = verdict(kind)
-    C = "10 pF" if kind == "oscillating" else "100 pF" if kind in KINDS[:2] else "1 nF"
+    C = {"oscillating": "10 pF", "failing": "100 pF"}.get(kind, "1 nF")
     for text in (repr(shown), text_of(shown._repr_html_())):
         assert shown.outcome.value in text
         assert f"C = {C}" in text
@@ -91,14 +87,6 @@ def test_repr_and_card_of_a_verdict_name_the_outcome_and_the_values(kind: str) -
     assert "of the step" in card
 
 
-def test_a_verdict_that_fails_names_its_checks_and_reasons() -> None:
-    shown = verdict("failing")
-    failed = [check for check in shown.checks if check.outcome is Outcome.FAIL]
-    assert failed
-    assert f"fail ({', '.join(check.name for check in failed)})" in repr(shown)
-    assert "settles to ±1 % in 820.1 µs (limit: at most 1 ns)" in text_of(shown._repr_html_())
-
-
 def test_an_inconclusive_verdict_says_why() -> None:
     given = verdict("passing")
     check = replace(given.checks[0], outcome=Outcome.INCONCLUSIVE, value=None, reason=HOSTILE)
@@ -107,21 +95,6 @@ def test_an_inconclusive_verdict_says_why() -> None:
     card = text_of(shown._repr_html_())
     assert "? inconclusive" in card
     assert " ".join(HOSTILE.split()) in card
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_scene_and_circuit_have_their_size_and_values(kind: str) -> None:
-    shown = verdict(kind)
-    size = {"one channel": "1 channel", "64 channels": "64 channels"}.get(kind, "")
-    for value in (shown.scene, shown.circuit):
-        assert is_short(repr(value))
-        card = text_of(value._repr_html_())
-        assert shown.scene.name in card
-        assert size in repr(value)
-        assert size in card
-        assert "gain" in repr(value)
-        assert "Ω" in repr(value)
-    assert str(shown.scene) == repr(shown.scene)
 
 
 def test_every_result_has_a_short_repr(results: dict[str, Any]) -> None:
@@ -134,12 +107,6 @@ def test_every_result_has_a_short_repr(results: dict[str, Any]) -> None:
     assert "stable: " in repr(results["Onset"])
     assert "yield" in repr(results["YieldReport"])
     assert "ms, statespace" in repr(results["Waveforms"]) or "µs" in repr(results["Waveforms"])
-
-
-@pytest.mark.parametrize("name", CARDS)
-def test_every_card_is_well_formed_and_small(name: str, results: dict[str, Any]) -> None:
-    card = text_of(results[name]._repr_html_())
-    assert name.removesuffix("Result").removesuffix("Report") in card
 
 
 def test_a_file_name_with_markup_is_shown_as_it_is(tmp_path: Path) -> None:
@@ -205,19 +172,7 @@ def test_the_picture_of_waveforms_has_every_voltage(results: dict[str, Any]) -> 
         wave.plot(nodes=["nothing"])
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_picture_of_a_scene_has_its_matrix_and_strain(kind: str) -> None:
-    scene = verdict(kind).scene
-    problem, figure = make_problem(scene), scene.plot()
-    (mesh,) = (each for each in figure.axes[0].collections if each.get_array() is not None)
-    assert np.array_equal(mesh.get_array().filled(0.0), problem.matrix)
-    strain = next(axes for axes in figure.axes if axes.get_title().startswith("strain"))
-    assert np.array_equal(strain.lines[0].get_ydata(), problem.strain)
-    stress = [axes for axes in figure.axes if axes.get_title().startswith("true")]
-    assert bool(stress) is (problem.stress is not None)
-
-
-@pytest.mark.parametrize("kind", [*KINDS, "passive"])
+@pytest.mark.parametrize("kind", ["failing", "passive"])
 def test_the_picture_of_a_circuit_has_the_values_of_a_channel(kind: str) -> None:
     circuit = verdict(kind).circuit
     shown = " ".join(text.get_text() for text in circuit.plot().axes[0].texts)
@@ -226,16 +181,6 @@ def test_the_picture_of_a_circuit_has_the_values_of_a_channel(kind: str) -> None
     (ohms,) = (r.ohms for r in circuit.resistors if r.name == f"r_{middle}")
     for value in (quantity(farads, "F"), quantity(ohms, "ohm"), f"Rr_{middle}"):
         assert value in shown
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_picture_of_a_verdict_has_its_outputs(kind: str) -> None:
-    shown = verdict(kind)
-    first = shown.plot().axes[0]
-    lines = [line for line in first.lines if len(line.get_xdata()) > 2]
-    assert len(lines) == shown.u.shape[1]
-    ends = sorted(line.get_ydata()[-1] for line in lines)
-    assert ends == sorted(shown.u[-1])
 
 
 def test_the_picture_of_a_yield_has_every_sample(results: dict[str, Any]) -> None:
@@ -260,12 +205,3 @@ def test_the_picture_of_an_onset_has_the_poles(results: dict[str, Any]) -> None:
     ratios = sorted(y / x for x, y in dots.get_offsets())
     expected = sorted(pole.imag / math.tau / pole.real for pole in ringing)
     assert ratios == pytest.approx(expected, rel=1e-9)
-
-
-def test_a_result_with_a_picture_is_still_the_result(results: dict[str, Any]) -> None:
-    report, circuit = results["YieldReport"], results["Circuit"]
-    assert pickle.loads(pickle.dumps(report)) == report  # noqa: S301 - our own
-    assert isinstance(circuit, Circuit)
-    again = pickle.loads(pickle.dumps(circuit))  # noqa: S301 - our own
-    assert repr(again) == repr(circuit)
-    assert type(replace(circuit, name="other")) is taction.Circuit

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Iterator
-from importlib import metadata
 
 import pytest
 
 from tests.support.entries import write_fast
-from tests.support.paths import ROOT
 from tests.support.running import python
 
 pytest_plugins = ["pytester"]
@@ -36,11 +33,6 @@ def run(session: pytest.Pytester, *words: str) -> pytest.RunResult:
     return session.runpytest_subprocess(*words, timeout=120)
 
 
-def test_pytest_finds_the_plugin_where_taction_is_installed() -> None:
-    (entry,) = metadata.entry_points(group="pytest11", name="taction")
-    assert entry.value == "taction.pytest_plugin"
-
-
 def test_a_session_without_scenes_loads_nothing_of_taction(session: pytest.Pytester) -> None:
     session.makepyfile(
         f"""
@@ -52,23 +44,6 @@ def test_a_session_without_scenes_loads_nothing_of_taction(session: pytest.Pytes
         """
     )
     run(session).assert_outcomes(passed=1)
-
-
-def test_loading_the_plugin_loads_pytest_and_nothing_else_of_weight() -> None:
-    script = (
-        "import sys, pytest\n"
-        "before = set(sys.modules)\n"
-        "import taction.pytest_plugin\n"
-        "print(*sorted(set(sys.modules) - before))\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=ROOT,
-    )
-    assert done.stdout.split() == ["taction", "taction.pytest_plugin"]
 
 
 def test_scene_files_are_judged_and_the_fixture_verifies_a_scene_once(
