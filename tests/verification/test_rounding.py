@@ -17,7 +17,7 @@ from tests.support.paths import ROOT
 from tests.support.rounding import rounded
 
 SHIPPED = sorted((ROOT / "scenes").glob("*.toml"))
-# 1: some four seeds a scene, 100 in all; `make nightly`: twenty times as many.
+# 1: two seeds a scene; `make nightly`: twenty times as many.
 SCALE = int(os.environ.get("TACTION_ROUNDING_SCALE", "1"))
 READINGS = {"steady_state", "settling_time", "rise_time", "overshoot"}
 GONE = (ChannelState.DIVERGED, ChannelState.OSCILLATING, ChannelState.CLIPPED)
@@ -56,10 +56,8 @@ MADE: dict[str, tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = {
     "marginal-unstable": ({}, BREADBOARD | {"capacitance": "8.7pF"}, {"stop": "1ms"}),
     "large": ({"channels": 9}, DAMPED | {"capacitance": "1nF"}, {}),
 }
-# Both efforts of each scene; fewer seeds where a verdict takes half a second.
-SEEDS = dict.fromkeys([*(path.stem for path in SHIPPED), *MADE], 4)
-SEEDS |= {"paper-exponential": 3, "paper-exponential-devices": 2}
-SEEDS |= {"non-negative": 2, "lasso": 2, "box": 3, "tangential-exponential": 3}
+# Both efforts of each scene.
+SEEDS = dict.fromkeys([*(path.stem for path in SHIPPED), *MADE], 2)
 
 
 def scene_of(name: str) -> Scene:

@@ -129,24 +129,6 @@ def test_what_comes_to_rest_beyond_its_target_overshoots_by_as_much() -> None:
     assert found.overshoot == pytest.approx(0.01 / 0.99, rel=1e-9)
 
 
-def test_boards_together_are_measured_as_each_alone() -> None:
-    # Different numbers of channels, defective modes, no step, and grids of different lengths.
-    paper = [paper_board(C) for C in (10e-12, 12e-12, 30e-12)]
-    quiet = replace(paper_board(), currents=())
-    circuits = [lags(3, 1e-6), *paper, second_order(), second_order(zeta=1.0), quiet]
-    boards = [LinearBoard(circuit) for circuit in circuits]
-    responses = [
-        ExactResponse(board, np.array([out.sign * board.equilibrium[out.node] for out in outputs]))
-        for board, outputs in zip(boards, (each.outputs for each in circuits), strict=True)
-    ]
-    for response, found in zip(responses, measure_responses(responses), strict=True):
-        alone = measure_exact(response.board, response.target)
-        assert len(found.channels) == len(alone.channels)
-        for a, b in zip(found.channels, alone.channels, strict=True):
-            assert (a.state, a.reason, a.rises) == (b.state, b.reason, b.rises)
-            assert a.readings == b.readings  # to the last digit
-
-
 TIMES = np.array([0.0, 1e-9, 2e-7, 1e-6, 5e-6, 4e-5])
 BOARDS = {
     "few channels": [lags(3, 1e-6), single_mode(1e-3), lags(1, 2e-6), lags(2, 1e-7)],

@@ -13,10 +13,6 @@ from taction.netlist_gen.scene.checks import Tolerances
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.studies.tolerance.steady_directions import rest_slopes
-from taction.verification.studies.tolerance.varied_board import prepare
-from taction.verification.verdict.error_budget import outputs_at_rest
 
 OPAMP = {"base": "opa189", "input_errors": "none", "level": "small-signal"}
 ROWS = [[1.0, 0.5, -0.25], [0.5, 1.0, 0.3], [-0.25, 0.3, 1.0]]
@@ -115,19 +111,6 @@ def test_a_part_may_still_have_a_tolerance_of_its_own() -> None:
     kinds = {p.name: (p.kind, p.tolerance) for p in found}
     assert kinds["Rf_1_2"] == (DEVICE, 0.03) or kinds["Rf_1_2"] == ("resistor", 0.03)
     assert kinds["Rf_2_2"][1] == pytest.approx(np.expm1(3.0 * 0.05))
-
-
-def test_slopes_of_devices_are_those_of_boards_solved_anew() -> None:
-    asked = scene(ROWS, [0.1, 0.2, 0.3], programming_error="0.2uS", word_line="50ohm")
-    board = prepare(asked)
-    slopes = rest_slopes(board)
-    for place in range(0, len(board.varied), 2):
-        if board.varied[place].kind != DEVICE:
-            continue
-        z = np.zeros(len(board.varied))
-        z[place] = 1e-4
-        ends = [outputs_at_rest(LinearBoard(board.at(sign * z))) for sign in (1.0, -1.0)]
-        assert np.abs((ends[0] - ends[1]) / 2e-4 - slopes[place]).max() < 1e-6
 
 
 @pytest.mark.parametrize(

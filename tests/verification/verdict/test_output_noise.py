@@ -65,10 +65,12 @@ def from_ngspice(board: LinearBoard, channel: int) -> float:
 
 
 @pytest.mark.usefixtures("ngspice")
-@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
-def test_both_engines_find_the_noise_of_every_shipped_scene(path: Path) -> None:
+@pytest.mark.parametrize(
+    "name", ["custom-matrix", "box", "inverse", "paper-exponential", "paper-exponential-devices"]
+)
+def test_both_engines_find_the_noise_of_shipped_scenes(name: str) -> None:
     """Linear and exponential, the latter at the equilibrium; the loudest and the first channel."""
-    scene = changed(path, **TYPICAL)
+    scene = changed(SCENES / f"{name}.toml", **TYPICAL)
     board = LinearBoard(synthesise(scene, make_problem(scene)))
     rms, error = output_noise(board)
     assert (error <= 0.01 * rms).all()  # both are 0 where an amplifier's output cannot move

@@ -28,7 +28,6 @@ from taction.verification.engines.statespace.linearised.rightmost_poles import (
 )
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
-from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.stability.poles import count_unstable, poles
 from tests.support.boards import board, kernel, paper_board, single_mode, strain, two_pole
 from tests.support.drawn_boards import drawn_board
@@ -213,15 +212,6 @@ def test_steps_agree_with_the_exact_transient(analysis: Transient) -> None:
     assert 0 < found.cost.points < 500
 
 
-def test_a_wide_board_goes_through_its_structure_by_itself() -> None:
-    circuit = wide_board(40)
-    times = np.linspace(0.0, 2e-4, 101)
-    found = simulate(circuit, Transient(2e-4, 1e-6), times=times)
-    assert found.cost.factorisations > 1
-    wanted = exact_solution(circuit).at(times)
-    assert np.abs(found.values - wanted).max() < 5e-5 * np.abs(wanted).max()
-
-
 def test_an_unstable_board_grows_as_its_pole_says_and_its_record_ends() -> None:
     circuit = paper_board(5e-12)
     found = stepped.simulate(circuit, Transient(2e-3, 1e-6))
@@ -232,16 +222,6 @@ def test_an_unstable_board_grows_as_its_pole_says_and_its_record_ends() -> None:
     long = stepped.simulate(circuit, Transient(1e-2, 1e-6))
     assert long.time[-1] < 1e-2
     assert "diverges" in long.flags[0]
-
-
-def test_the_equilibrium_of_a_wide_exponential_board() -> None:
-    circuit = exponential_board(40)
-    found = LinearBoard(circuit).equilibrium
-    assert found.residual < 1e-9
-    u = -np.array([found[f"a{n}"] for n in range(40)])
-    T, eps = kernel(40, 3.0), np.maximum(strain(40, 3.0), 0.05)
-    gradient = 2.0 * T.T @ (T @ u - eps) + circuit.value("lambda") * (np.log(u) + 1.0)
-    assert np.abs(gradient).max() < 1e-2 * circuit.value("lambda")
 
 
 @pytest.mark.parametrize(
