@@ -13,11 +13,11 @@ from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.errors import DivergesError
+from taction.system.errors import DivergesError, EngineError
 from taction.system.progress import Clock
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.transients import simulate
+from taction.verification.engines.statespace.transients import simulate, stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.design import design_board
@@ -109,6 +109,8 @@ def test_an_exact_solution_errs_by_its_rounding() -> None:
     record, stated = run(board(T, eps, two_pole(790e3, 12e-12)), 1e-5)
     assert stated.record is record
     assert 0.0 < stated.volts == record.rounding < 1e-9
+    with pytest.raises(EngineError, match="not one of the integrator"):
+        stepped.halved(record)
 
 
 def test_a_limit_within_the_error_of_the_record_is_decided_by_half_the_steps() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -162,11 +163,15 @@ def test_a_changed_file_is_another_problem(tmp_path: Path, workers: Workers) -> 
     assert run(sweep_of, path, workers)[0].ran == 1
 
 
-def test_another_version_at_the_worker_is_named() -> None:
+def test_another_version_at_the_worker_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     job = PointJob(scene(), None, "taction 0.0.9, no ngspice")  # type: ignore[arg-type]
     text = f"has {re.escape(own_version(False))} instead of taction 0.0.9, no ngspice"
     with pytest.raises(OtherVersionsError, match=text):
         compute(job)
+    monkeypatch.setenv("TACTION_NGSPICE", "/missing/ngspice")
+    text = "has no usable ngspice .no executable '/missing/ngspice'. instead of taction, ngspice-46"
+    with pytest.raises(OtherVersionsError, match=text):
+        compute(replace(job, version="taction, ngspice-46"))
 
 
 def failing(error: Exception, *broken: type[Exception]) -> Workers:

@@ -118,6 +118,30 @@ def test_the_halves_of_a_board_have_its_poles(channels: int, exponential: bool) 
             assert np.all(distance <= 1e-9 * np.abs(few) + 1e-14 * np.abs(wanted).max())
 
 
+@pytest.mark.parametrize("exponential", [False, True])
+def test_a_board_reduced_by_halves_is_the_board_reduced_whole(exponential: bool) -> None:
+    circuit = small_board(5, exponential=exponential)
+    found = LinearBoard(circuit).state_space
+    assert len(found.blocks) == 2
+    wanted = LinearBoard(circuit, replace(found.descriptor, mirror=None)).state_space
+    assert len(wanted.blocks) == 1
+    # The states of the whole board are voltages of nodes.
+    turn = found.C[[wanted.nodes.index(state) for state in wanted.states]]
+    assert pytest.approx(wanted.A @ turn, rel=1e-12, abs=2e-15 * np.abs(wanted.A).max()) == (
+        turn @ found.A
+    )
+    z = np.random.default_rng(3).standard_normal(len(found.nodes))
+    pairs = [
+        (turn @ found.B, wanted.B),
+        (found.C, wanted.C @ turn),
+        (found.D, wanted.D),
+        (turn @ found.state_of(z), wanted.state_of(z)),
+        (found.rows(found.nodes[::-1])[0], wanted.rows(wanted.nodes[::-1])[0] @ turn),
+    ]
+    for one, other in pairs:
+        assert pytest.approx(other, rel=1e-12, abs=1e-13 * np.abs(other).max()) == one
+
+
 @pytest.mark.parametrize("by", [2.3e-16, 1e-15, 1e-12, 1e-6])
 def test_a_board_that_is_not_quite_its_own_image_is_taken_whole(by: float) -> None:
     circuit = small_board(7)
