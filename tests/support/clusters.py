@@ -47,7 +47,7 @@ def scheduler(folder: Path, processes: dict[str, Any] | None = None) -> Iterator
         if processes is not None:
             processes["scheduler"] = process
         end = time.monotonic() + 60
-        while not file.exists() and time.monotonic() < end:
+        while not (file.exists() and file.stat().st_size) and time.monotonic() < end:
             time.sleep(0.02)
         yield file
 

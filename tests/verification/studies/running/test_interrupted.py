@@ -24,7 +24,7 @@ COMMAND = [sys.executable, "-c", "from taction.cli.main import main; main()"]
 
 def command(folder: Path, *more: str) -> list[str]:
     words = ["sweep", str(folder / "scene.toml"), "--over", "C=50p:500p:40"]
-    words += ["--engine", "statespace", "--jobs", "2", "-o", str(folder / "a.sqlite")]
+    words += ["--engine", "statespace", "--jobs", "1", "-o", str(folder / "a.sqlite")]
     return [*COMMAND, *words, *more]
 
 
