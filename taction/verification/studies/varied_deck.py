@@ -15,7 +15,6 @@ import numpy as np
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.variation import Parameter, parameters, vary
 from taction.netlist_gen.deck.part_tolerances import DeckTolerances
-from taction.netlist_gen.scene.checks import Tolerances
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
@@ -40,16 +39,10 @@ PARAM = "param"  # kind of a parameter
 class VariedDeck(Varied):
     """The nominal board of a deck, its varied parts, and what is asked of its samples."""
 
-    nominal: Circuit
-    spread: Tolerances
     params: Mapping[str, float]  # nominal values of the .param that vary; last in `varied`
     deck: ForeignBoard
-    varied: tuple[Parameter, ...]
     asked: Wanted
     initial: Start
-    wanted_rest: Floats  # of the nominal board, V
-    scale: float  # largest step of the nominal board; else its largest output, or 1 V
-    version: str
 
     @classmethod
     def of(
@@ -75,66 +68,20 @@ class VariedDeck(Varied):
             *(Parameter(name, PARAM, share) for name, share in spread.params.items()),
         )
         return cls(
-            found.circuit,
-            spread.parts,
-            params,
-            deck,
-            varied,
-            asked,
-            found.initial,
-            found.rest,
-            found.amplitude or largest or 1.0,
-            own_version(False),
+            name=found.circuit.name,
+            engine="statespace",
+            nominal=found.circuit,
+            varied=varied,
+            tolerances=spread.parts,
+            quantities=tuple(_quantities(asked)),
+            target=found.rest,
+            step_amplitude=found.amplitude or largest or 1.0,
+            version=own_version(False),
+            params=params,
+            deck=deck,
+            asked=asked,
+            initial=found.initial,
         )
-
-    @property
-    def name(self) -> str:
-        """The name of the deck."""
-        return self.nominal.name
-
-    @property
-    def engine(self) -> str:
-        """The state-space engine."""
-        return "statespace"
-
-    @property
-    def tolerances(self) -> Tolerances:
-        """Of its parts."""
-        return self.spread
-
-    @property
-    def target(self) -> Floats:
-        """The outputs of the nominal board at rest, V."""
-        return self.wanted_rest
-
-    @property
-    def step_amplitude(self) -> float:
-        """Largest step of the nominal board, V."""
-        return self.scale
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Its readings, how far it rests from the nominal board, its growth rate and margin."""
-        limits = self.asked.limits
-        found = [self._quantity(each) for each in QUESTIONS.values()
-                 if each.over or each.name in self.asked.names]  # fmt: skip
-        found.append(Quantity("steady_state", "step"))
-        if self.asked.oscillates:
-            found.append(Quantity("growth_rate", "1/s", -1.0, at_least=0.0))
-        else:
-            found.append(Quantity("growth_rate", "1/s", at_most=0.0))
-        if limits.stability.margin > 1.0:
-            found.append(Quantity("margin", "ratio", -1.0, at_least=limits.stability.margin))
-        return tuple(found)
-
-    def _quantity(self, asked: Question) -> Quantity:
-        """Return a question as a quantity with its limit."""
-        limits = getattr(self.asked.limits, asked.name, None)
-        limit = getattr(limits, "max", None) if asked.name in self.asked.names else None
-        limit = self.asked.own.get(asked.name, limit)
-        least, most = (limit, None) if asked.large else (None, limit)
-        band = self.asked.limits.settling_time.band if asked.second == "band" else None
-        return Quantity(asked.name, asked.unit, -1.0 if asked.large else 1.0, least, most, band)
 
     def by_statespace(self) -> VariedDeck:
         """Return itself."""
@@ -157,7 +104,7 @@ class VariedDeck(Varied):
             try:
                 if isinstance(board, InputError):
                     raise board
-                yield vary(board, self.spread, z[:count])
+                yield vary(board, self.tolerances, z[:count])
             except InputError as error:
                 yield error
 
@@ -203,11 +150,36 @@ class VariedDeck(Varied):
         if self.asked.limits.stability.margin > 1.0:
             margin, _ = influences(found.board, found.poles, every=True)
         record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
-        errors = (found.rest - self.target) / self.scale
+        errors = (found.rest - self.target) / self.step_amplitude
         figures: dict[str, float | None] = dict(record.figures)
         figures["steady_state_error"] = float(np.abs(errors).max(initial=0.0))
         record = replace(record, figures=figures, channels=())
         return BoardSample(number, record, tuple(errors.tolist()))
+
+
+def _quantities(asked: Wanted) -> Iterator[Quantity]:
+    """Yield the readings, how far a board rests from the nominal one, growth rate and margin."""
+    for each in QUESTIONS.values():
+        if each.over or each.name in asked.names:
+            yield _quantity(asked, each)
+    yield Quantity("steady_state", "step")
+    if asked.oscillates:
+        yield Quantity("growth_rate", "1/s", -1.0, at_least=0.0)
+    else:
+        yield Quantity("growth_rate", "1/s", at_most=0.0)
+    if asked.limits.stability.margin > 1.0:
+        yield Quantity("margin", "ratio", -1.0, at_least=asked.limits.stability.margin)
+
+
+def _quantity(asked: Wanted, question: Question) -> Quantity:
+    """Return a question as a quantity with its limit."""
+    limits = getattr(asked.limits, question.name, None)
+    limit = getattr(limits, "max", None) if question.name in asked.names else None
+    limit = asked.own.get(question.name, limit)
+    least, most = (limit, None) if question.large else (None, limit)
+    band = asked.limits.settling_time.band if question.second == "band" else None
+    worse = -1.0 if question.large else 1.0
+    return Quantity(question.name, question.unit, worse, least, most, band)
 
 
 def varied_outcomes(

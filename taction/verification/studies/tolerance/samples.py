@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache, partial
-from typing import Annotated, Any, ClassVar
+from typing import Annotated
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.variation import Parameter, vary
@@ -100,56 +100,42 @@ class Quantity:
         return self.at_least, self.at_most
 
 
+@dataclass(frozen=True, eq=False)
 class Varied(ABC):
     """A nominal board, its varied parameters, and the data that all its samples share.
 
-    Its subclasses are frozen dataclasses. Every call to a worker sends it: it is pickled once and
-    each worker unpickles it once, because pickling takes as long as varying the board.
+    Every call to a worker sends it: it is pickled once and each worker unpickles it once, because
+    pickling takes as long as varying the board.
 
     Attributes
     ----------
+    name, engine : str
+        What the study is called, and the engine of its samples.
     nominal : Circuit
         The board without deviations.
     varied : tuple of Parameter
         In the order of the deviations z.
+    tolerances : Tolerances
+        Of the parts.
+    quantities : tuple of Quantity
+        What is reported of the samples.
+    target : ndarray (N,)
+        The outputs at rest that are wanted, V.
+    step_amplitude : float
+        Largest step of any output, V; not a number without a step.
     version : str
         Of the process that runs the study.
     """
 
+    name: str
+    engine: str
     nominal: Circuit
     varied: tuple[Parameter, ...]
+    tolerances: Tolerances
+    quantities: tuple[Quantity, ...]
+    target: Floats
+    step_amplitude: float
     version: str
-    __dataclass_fields__: ClassVar[dict[str, Any]]  # of the subclass
-
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """What the study is called."""
-
-    @property
-    @abstractmethod
-    def engine(self) -> str:
-        """Engine of the samples."""
-
-    @property
-    @abstractmethod
-    def tolerances(self) -> Tolerances:
-        """Of the parts."""
-
-    @property
-    @abstractmethod
-    def quantities(self) -> tuple[Quantity, ...]:
-        """What is reported of the samples."""
-
-    @property
-    @abstractmethod
-    def target(self) -> Floats:
-        """The outputs at rest that are wanted, V, (N,)."""
-
-    @property
-    @abstractmethod
-    def step_amplitude(self) -> float:
-        """Largest step of any output, V; not a number without a step."""
 
     @abstractmethod
     def by_statespace(self) -> Varied:

@@ -13,10 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.variation import Parameter, draw, parameters
-from taction.netlist_gen.scene.checks import Tolerances
+from taction.netlist_gen.board.variation import draw, parameters
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
@@ -91,41 +89,8 @@ class VariedBoard(Varied):
 
     scene: Scene
     problem: InverseProblem
-    nominal: Circuit
-    varied: tuple[Parameter, ...]  # in the order of the deviations z
     ideal: IdealAnswer  # independent of the components
     full_margin: bool  # see `taction.verification.verdict.verify.Effort`
-    version: str  # of the process that runs the study
-
-    @property
-    def name(self) -> str:
-        """The name of the scene."""
-        return self.scene.name
-
-    @property
-    def engine(self) -> str:
-        """The engine of the scene."""
-        return self.scene.analysis.engine
-
-    @property
-    def tolerances(self) -> Tolerances:
-        """The table of the scene."""
-        return self.scene.tolerances
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Those of the scene."""
-        return quantities(self.scene)
-
-    @property
-    def target(self) -> Floats:
-        """The reference solution, V."""
-        return self.ideal.target
-
-    @property
-    def step_amplitude(self) -> float:
-        """Largest step of any output of the ideal network, V; not a number without a step."""
-        return float(np.abs(self.ideal.target - self.ideal.start).max()) or math.nan
 
     @property
     def runs_alone(self) -> bool:
@@ -134,7 +99,7 @@ class VariedBoard(Varied):
 
     def by_statespace(self) -> VariedBoard:
         """Return the same board with samples by the state-space engine."""
-        return replace(self, scene=self.scene.with_engine("statespace"))
+        return replace(self, scene=self.scene.with_engine("statespace"), engine="statespace")
 
     def request(self, z: Floats) -> dict[str, Any]:
         """Return the arguments of `verify` for the board with deviations `z`."""
@@ -174,8 +139,21 @@ def prepare(scene: Scene, *, full_margin: bool = False) -> VariedBoard:
         text = "every tolerance is zero: nothing varies"
         raise InputError(scene.file, Complaint("tolerances", "", text))
     ideal = ideal_answer(ideal_network(problem, scene), scene)
-    version = own_version(choose_engine(scene) == "ngspice")
-    return VariedBoard(scene, problem, nominal, varied, ideal, full_margin, version)
+    return VariedBoard(
+        name=scene.name,
+        engine=scene.analysis.engine,
+        nominal=nominal,
+        varied=varied,
+        tolerances=scene.tolerances,
+        quantities=quantities(scene),
+        target=ideal.target,
+        step_amplitude=float(np.abs(ideal.target - ideal.start).max()) or math.nan,
+        version=own_version(choose_engine(scene) == "ngspice"),
+        scene=scene,
+        problem=problem,
+        ideal=ideal,
+        full_margin=full_margin,
+    )
 
 
 def verify_sample(
