@@ -50,7 +50,7 @@ from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.studies.regression.baseline import Commit
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Requests
+from taction.verification.studies.sweep.plan import grid_points
 from taction.verification.studies.sweep.point import failure
 from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.sweep.run import SweepCounts
@@ -185,7 +185,7 @@ def _choice(settling: str = "1ms") -> Page:
     asked = verdicts()["passing"].scene
     plan = choice_plan(asked, request)
     with Store(":memory:") as store:
-        for point in Requests(plan):
+        for point in grid_points(plan):
             try:
                 result = Record.of(verify(with_values(plan.scene, point.values)))
             except InputError as error:

@@ -8,7 +8,7 @@ from typing import Any
 from taction.netlist_gen.scene.axes import parse_axes
 from taction.system.reading_definitions import READINGS
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.plan import Plan, grid_points
 from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.record import FIGURES, Figure, Record
@@ -67,7 +67,7 @@ def reading(
 
 def store_records(plan: Plan, store: Store, records: dict[int, Record]) -> None:
     """Store records by place of the grid."""
-    for point in Requests(plan):
+    for point in grid_points(plan):
         record = records.get(point.place)
         if record is not None:
             store.put(point.key, record)

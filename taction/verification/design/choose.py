@@ -48,7 +48,7 @@ from taction.verification.design.trials import (
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan, Requests
+from taction.verification.studies.sweep.plan import Plan, grid_points
 from taction.verification.studies.sweep.run import computed
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.headroom import FULL
@@ -205,7 +205,7 @@ def designs(plan: Plan, store: Store, accepted: AcceptedParts | None = None) -> 
     """
     found, problem = [], make_problem(plan.scene)
     accepted = accepted or accepted_parts(plan.scene, problem)
-    for point in Requests(plan):
+    for point in grid_points(plan):
         record, refused = store.record_of(point.key, Record), ""
         if record is None:
             continue

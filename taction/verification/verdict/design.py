@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
@@ -20,12 +20,11 @@ from taction.system.errors import TactionError
 from taction.system.progress import Clock
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
-from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import resolve_lambda
 from taction.verification.stability.poles import poles_behind
 from taction.verification.verdict.headroom import NOT_LIMITED, PartLoads
-from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.planned_board import PlannedBoard, UnplannedBoard
 from taction.verification.verdict.simulation import ENGINES, choose_engine
 from taction.verification.verdict.transient_plan import plan_transient
 
@@ -51,16 +50,6 @@ def design_board(
     if isinstance(design, TactionError):
         raise design
     return design
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class UnplannedBoard:
-    """The board of a scene, with a number for lambda, before anything is computed from it."""
-
-    scene: Scene
-    problem: InverseProblem
-    board: LinearBoard
-    network: IdealNetwork
 
 
 def synthesised_board(

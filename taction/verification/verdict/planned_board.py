@@ -25,17 +25,31 @@ from taction.verification.verdict.transient_plan import TransientPlan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlannedBoard:
-    """A board, its problem, and the plan of its simulation.
+class UnplannedBoard:
+    """The board of a scene before anything is computed from it.
 
     Attributes
     ----------
     scene : Scene
         Scene with a number for lambda.
-    network : IdealNetwork
-        The board with ideal parts, for the reference solution.
     board : LinearBoard
         The circuit linearised at its equilibrium.
+    network : IdealNetwork
+        The board with ideal parts, for the reference solution.
+    """
+
+    scene: Scene
+    problem: InverseProblem
+    board: LinearBoard
+    network: IdealNetwork
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedBoard(UnplannedBoard):
+    """A board, its problem, and the plan of its simulation.
+
+    Attributes
+    ----------
     poles, scales
         Poles and time scales of `board`.
     engine : str
@@ -46,10 +60,6 @@ class PlannedBoard:
         Loads of the op-amps of the small-signal board; empty for an unstable board.
     """
 
-    scene: Scene
-    problem: InverseProblem
-    board: LinearBoard
-    network: IdealNetwork
     scales: TimeScales
     poles: Poles
     engine: str

@@ -26,12 +26,11 @@ from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answe
 from taction.verification.stability.margin import Families, Margin, MarginSearch, margins_together
 from taction.verification.verdict.companion import beside_steps, exact_response
 from taction.verification.verdict.design import (
-    UnplannedBoard,
     at_their_levels,
     small_signal_board,
     synthesised_board,
 )
-from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.planned_board import PlannedBoard, UnplannedBoard
 from taction.verification.verdict.simulation import (
     ENGINES,
     Pending,

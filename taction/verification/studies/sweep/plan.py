@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -93,47 +94,33 @@ class GridPoint:
     key: bytes  # digest of the scene at the point, and of all else that its result depends on
 
 
-class Requests:
-    """Points of a plan.
+def grid_points(plan: Plan, places: Iterable[int] | None = None) -> Iterator[GridPoint]:
+    """Yield points of a plan, by default all, in the order of the grid.
 
-    Parameters
-    ----------
-    places : ndarray (P,), optional
-        Places of the grid; by default all, in its order.
+    A file that a scene names and that is missing raises its error at the point.
 
     Raises
     ------
     SimulatorNotFound, SimulatorTooOld
         The plan needs ngspice, and no ngspice was found or the ngspice is too old.
     """
+    scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
+    analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
+    simulator = simulator_name(find_simulator()) if plan.engine == "ngspice" else ""
+    base = digest(own_code(), scene, analysis, simulator, plan.engine)
+    named = files_of(plan.scene)
 
-    def __init__(self, plan: Plan, places: Ints | None = None) -> None:
-        self._plan, self._places = plan, places
-        self._file_digests: dict[str, bytes] = {}
-        scene = plan.scene.model_dump(by_alias=True, exclude={"name", "regression", "analysis"})
-        analysis = plan.scene.analysis.model_dump(exclude={"engine", "timeout"})
-        simulator = simulator_name(find_simulator()) if plan.engine == "ngspice" else ""
-        self._base = digest(own_code(), scene, analysis, simulator, plan.engine)
-        self._files = files_of(plan.scene)
+    @cache
+    def content(name: str) -> bytes:
+        with suppress(UnusableFileError):
+            return hashlib.sha256(read_bounded(plan.scene.folder / name, LARGEST)).digest()
+        return b""
 
-    def __iter__(self) -> Iterator[GridPoint]:
-        every = range(self._plan.points) if self._places is None else map(int, self._places)
-        for place in every:
-            values = self._plan.values_at(place)
-            files = [self._digest(values.get(path, name)) for path, name in self._files.items()]
-            yield GridPoint(place, values, digest(self._base, values, files))
-
-    def _digest(self, name: object) -> bytes:
-        """Digest a file that a scene names; a missing file raises its error at the point."""
-        if not isinstance(name, str):
-            return b""
-        if name not in self._file_digests:
-            file = self._plan.scene.folder / name
-            content = b""
-            with suppress(UnusableFileError):
-                content = hashlib.sha256(read_bounded(file, LARGEST)).digest()
-            self._file_digests[name] = content
-        return self._file_digests[name]
+    for place in range(plan.points) if places is None else map(int, places):
+        values = plan.values_at(place)
+        names = [values.get(path, name) for path, name in named.items()]
+        files = [content(name) if isinstance(name, str) else b"" for name in names]
+        yield GridPoint(place, values, digest(base, values, files))
 
 
 def plan_sweep(

@@ -58,12 +58,8 @@ def _result(verdict: Verdict) -> Record:
 
 def _computed(job: PointJob) -> Record:
     """Compute one point."""
+    engine = job.scene.analysis.engine
     return attempted(
         lambda: _result(verify(job.scene, problem=job.problem, effort=POINT_EFFORT)),
-        lambda error, reason: failure(error, reason, job.scene.analysis.engine),
+        lambda error, reason: Record.without_verdict(type(error).__name__, reason, engine),
     )
-
-
-def failure(error: BaseException, reason: str, engine: str) -> Record:
-    """Return the record of a point that reached no verdict."""
-    return Record.without_verdict(type(error).__name__, reason, engine)

@@ -25,7 +25,7 @@ from taction.system.output_files import check_file
 from taction.system.progress import Progress, ask
 from taction.system.results import Result
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan, Requests, plan_sweep
+from taction.verification.studies.sweep.plan import Plan, grid_points, plan_sweep
 from taction.verification.studies.sweep.run import SweepCounts, computed
 from taction.verification.verdict.record import FIGURES, Record
 
@@ -46,7 +46,7 @@ def records(plan: Plan, store: Store) -> Iterator[dict[str, Any]]:
 def all_records(plan: Plan, store: Store) -> Iterator[dict[str, Any] | None]:
     """Yield as `records` does, with None for a point that is not stored."""
     names = {axis.key.path: axis.name for axis in plan.axes}
-    for point in Requests(plan):
+    for point in grid_points(plan):
         record = store.plain_of(point.key)
         if record is None:
             yield None

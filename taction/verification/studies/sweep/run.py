@@ -7,14 +7,11 @@ being computed at a time, and results live in the store.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-
-import numpy as np
 
 from taction.netlist_gen.scene.axes import ENGINE, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
-from taction.system.array_types import Ints
 from taction.system.errors import MACHINE_FAILURES, Interrupted, TactionError
 from taction.system.progress import Notice, Progress
 from taction.verification.studies.running.collecting import Pace, collected_together, together
@@ -22,8 +19,8 @@ from taction.verification.studies.running.executors import workers_at
 from taction.verification.studies.running.versions import digest, own_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep.plan import Plan, Requests
-from taction.verification.studies.sweep.point import PointJob, compute, failure
+from taction.verification.studies.sweep.plan import Plan, grid_points
+from taction.verification.studies.sweep.point import PointJob, compute
 from taction.verification.verdict.record import ERROR, Record
 
 
@@ -63,7 +60,7 @@ def sweep_points(
     """
     count, pace = SweepCounts(plan.points), Pace()
     missing = []
-    for point in Requests(plan, plan.order):
+    for point in grid_points(plan, plan.order):
         outcome = store.outcome_of(point.key)
         if outcome in (None, ERROR):
             missing.append(point.place)
@@ -72,22 +69,22 @@ def sweep_points(
     if not missing:
         return count
     progress(Notice(f"computing {len(missing)} of {count.total} points"))
-    jobs = _jobs(plan, np.array(missing))
+    jobs = _jobs(plan, missing)
     for key, result in collected_together(workers, compute, jobs, together(len(missing), workers)):
         if isinstance(result, BaseException):
             text = f"the worker was killed several times (out of memory?): {result}"
-            result = failure(result, text, plan.engine)
+            result = Record.without_verdict(type(result).__name__, text, plan.engine)
         store.put(key, result)
         count.add(result.outcome, ran=True)
         progress(f"{count.text}{pace.ended(count.total - count.done)}")
     return count
 
 
-def _jobs(plan: Plan, places: Ints) -> Iterator[tuple[bytes, PointJob | Record]]:
+def _jobs(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, PointJob | Record]]:
     """Yield key and job of each point; of a scene that cannot be made its record."""
     problems: dict[bytes, InverseProblem] = {}
     version = own_version(plan.engine == "ngspice")
-    for point in Requests(plan, places):
+    for point in grid_points(plan, places):
         try:
             scene = with_values(plan.scene, point.values | {ENGINE: plan.engine})
             wanted = digest(scene.problem)
@@ -96,7 +93,8 @@ def _jobs(plan: Plan, places: Ints) -> Iterator[tuple[bytes, PointJob | Record]]
         except MACHINE_FAILURES:  # ngspice was removed: no result of a point
             raise
         except TactionError as error:
-            yield point.key, failure(error, str(error), plan.engine)
+            kind = type(error).__name__
+            yield point.key, Record.without_verdict(kind, str(error), plan.engine)
         else:
             yield point.key, PointJob(scene, problems[wanted], version)
 

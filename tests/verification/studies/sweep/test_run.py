@@ -25,7 +25,7 @@ from taction.verification.studies.running.versions import OtherVersionsError, ow
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep import point as point_module
-from taction.verification.studies.sweep.plan import Plan, Requests, plan_sweep
+from taction.verification.studies.sweep.plan import Plan, grid_points, plan_sweep
 from taction.verification.studies.sweep.point import PointJob, compute
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import SweepCounts, sweep_points
@@ -57,9 +57,9 @@ def test_points_that_share_their_resistances_are_computed_one_after_the_other() 
     assert [tuple(each.values()) for each in values] == [
         (C, gain) for gain in (5e4, 2e5) for C in (50e-12, 100e-12, 200e-12)
     ]
-    requests = Requests(asked, places=asked.order)
+    requests = list(grid_points(asked, asked.order))
     assert [point.place for point in requests] == [0, 2, 4, 1, 3, 5]
-    known = {point.place: point.key for point in Requests(asked)}
+    known = {point.place: point.key for point in grid_points(asked)}
     assert {point.place: point.key for point in requests} == known
 
 
