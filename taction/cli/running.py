@@ -133,12 +133,10 @@ def _check(command: Command, job: Job, given: dict[str, Any]) -> None:
         if parameter.reads and parameter.name not in BOARDS:
             _refuse_missing(parameter, _names(given[parameter.name]))
     inputs = [name for p in command.every if p.reads for name in _names(given[p.name])]
-    for name in BOARDS:
-        if given.get(name) is not None and (name == "scene" or given[name].endswith(".toml")):
-            from taction.netlist_gen.scene.loading import load_scene
+    if given.get("scene") is not None:
+        from taction.netlist_gen.scene.loading import load_scene
 
-            scene = load_scene(given[name])
-            given |= {"scene": scene} if name == "scene" else {}  # a comparison shows the names
+        given |= {"scene": load_scene(given["scene"])}
     asked = {p: given[p.name] for p in command.every if p.writes and given[p.name]}
     if asked:
         from taction.verification.report.output_checks import check_folder, check_separate

@@ -31,11 +31,9 @@ from taction.cli.command import (
     picture,
     text_file,
 )
-from taction.cli.terminal import say
 
 if TYPE_CHECKING:
     from taction.verification.studies.regression.run import RegressionReport
-    from taction.verification.studies.work_precision.study import WorkPrecisionStudy
 
 JUNIT = "verification.report.junit"
 STRESS_PAGE = "verification.report.views.stress:stress_page"
@@ -271,25 +269,12 @@ STRESS = Command(
 )
 
 
-def _say_unknown(found: WorkPrecisionStudy, call: Call) -> None:
-    if not found.conclusive:
-        say("no run of the board has a known error; give a larger --budget")
-
-
 ACCURACY = Command(
     function="accuracy",
     outputs=(picture("error against run time"), REPORT),
-    after=_say_unknown,
     parameters=(SCENE, option("budget", type=NumberRange(min=0.5))),
     ends="Exit status: 3 if no run of the board ended within the budget.",
 )
-
-
-def _make_folder(call: Call) -> None:
-    if call.options["output"] is not None:
-        from taction.system.output_files import make_folder
-
-        make_folder(call.options["output"])
 
 
 def _write_paper(found: Any, call: Call) -> list[str]:
@@ -303,15 +288,17 @@ def _write_paper(found: Any, call: Call) -> list[str]:
 
 REPRODUCE = Command(
     function="reproduce",
-    before=_make_folder,
     files=_write_paper,
     parameters=(
-        folder(
-            "output",
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Write paper.md, paper.html (self-contained) and the pictures into DIR.",
+        replace(
+            folder(
+                "output",
+                "-o",
+                "--output",
+                metavar="DIR",
+                help="Write paper.md, paper.html (self-contained) and the pictures into DIR.",
+            ),
+            check="system.output_files:make_folder",
         ),
         option("quick", is_flag=True),
     ),

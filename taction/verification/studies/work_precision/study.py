@@ -23,7 +23,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, SimulationError
-from taction.system.progress import Progress, duration
+from taction.system.progress import Notice, Progress, duration
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -369,7 +369,7 @@ def accuracy(
             if (runs := [r for p, r in found if r is not None and p.method.problem == name])
         }
     omissions += [*not_run, *(o for each in problems.values() for o in each.omissions)]
-    return WorkPrecisionStudy(
+    study = WorkPrecisionStudy(
         scene=scene,
         points=tuple(_compared(point, run, problems) for point, run in found),
         problems={name: each for name, each in problems.items() if each.references},
@@ -378,6 +378,9 @@ def accuracy(
         machine=describe_machine(),
         seconds=clock.perf_counter() - started,
     )
+    if not study.conclusive:
+        progress(Notice("no run of the board has a known error; give a larger --budget"))
+    return study
 
 
 def _compared(
