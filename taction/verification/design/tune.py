@@ -170,13 +170,13 @@ def tune(
     axes = [np.linspace(math.log(each.low), math.log(each.high), count) for each in ranges]
     grid = [np.array(point) for point in product(*axes)]
     for number, point in enumerate(grid, 1):
-        search.begin(f"grid {number} of {len(grid)}", len(grid) - number + 1, STARTS)
+        search.stage = f"grid {number} of {len(grid)}"
         search.at(point)
     if not search.feasible(search.best(1)[0]):
-        search.begin("from the scene outwards", 0, STARTS)
+        search.stage = "from the scene outwards"
         search.seed()
     for number, start in enumerate(search.best(STARTS), 1):
-        search.begin(f"simplex {number} of {STARTS}", 0, STARTS - number + 1)
+        search.stage = f"simplex {number} of {STARTS}"
         search.descend(start, [float(axis[1] - axis[0]) for axis in axes])
     after = search.best(1)[0]
     if not search.feasible(after):
@@ -225,7 +225,6 @@ class _TuneSearch:
     trials: Trials = field(init=False)
     pace: Pace = field(default_factory=Pace)
     stage: str = "the scene's design"
-    left: int = 0  # designs that are left, about
 
     def __post_init__(self) -> None:
         self.trials = Trials(self.limited, accepted=ANY_PART if self.any_part else None)
@@ -235,10 +234,6 @@ class _TuneSearch:
         """The original scene with the limits as checks."""
         limits = {"checks.overshoot.max": self.overshoot, "checks.stability.margin": self.margin}
         return with_values(self.original, limits)
-
-    def begin(self, stage: str, points: int, simplexes: int) -> None:
-        """Begin a stage; so many points of the grid and simplexes are left with it."""
-        self.stage, self.left = stage, points + simplexes * USUAL[len(self.ranges)]
 
     def tuned_scene(self, trial: Trial) -> Scene:
         """Return the original scene with the design of a trial and the limits as checks."""
@@ -297,8 +292,9 @@ class _TuneSearch:
         if not self.tried and trial.outcome == ERROR:
             self.trials.board_at(dict(values))  # raises the error of the scene's own design
         self.tried.append(trial)
-        self.left = max(self.left - 1, 0)
-        self.progress(f"{self.stage}{self.pace.ended(self.left)}")
+        count = len(self.ranges)
+        usual = GRID[count] ** count + STARTS * USUAL[count]
+        self.progress(f"{self.stage}{self.pace.ended(max(usual - len(self.tried), 0))}")
         return trial
 
     def seed(self) -> None:
