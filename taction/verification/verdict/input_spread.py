@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -42,6 +42,7 @@ PROBED = 2.0  # standard deviations: where the first order is compared with an e
 KNOWN = 8  # spreads of boards that are kept
 DRAWN = 2**14  # sums
 SURE = 3.0  # standard deviations of the scatter of a drawn share, in its bound
+DIFFERENCED = 1e-3  # of a tolerance: the error of a central difference is its square
 SINGLE = 0.02  # of a variance: a uniform part with more is drawn by itself, the others as normal
 NOTHING = Tolerances(
     resistor=0.0, capacitor=0.0, stray=0.0, opamp_gbw=0.0, opamp_gain=0.0, distribution="normal"
@@ -220,6 +221,31 @@ def _standard(count: int, distribution: str) -> Floats:
     return np.asarray(np.linalg.solve(lower, drawn.T).T)  # their covariance is 1
 
 
+def tolerance_slopes(
+    sensitivity: RestSensitivity, parts: Sequence[Parameter], at: Callable[[str, float], Circuit]
+) -> Floats:
+    """Return the change of each output for a deviation of one tolerance, V, (parts, N).
+
+    Those of resistors, gains and input errors are analytic. For any other part the equations of the
+    board `at` a deviation of it are differenced, not their solution.
+    """
+    none = np.zeros(len(sensitivity.adjoint))
+    known = sensitivity.resistors() | sensitivity.gains() if parts else {}
+    errors = sensitivity.input_errors() if parts else {}
+
+    def slope(part: Parameter) -> Floats:
+        if part.kind in DYNAMIC:
+            return none
+        if part.kind == INPUT_ERROR:
+            return errors[part.name] * part.tolerance
+        if part.kind in ("resistor", "opamp_gain", DEVICE) and part.name in known:
+            return known[part.name] * math.log1p(part.tolerance)
+        up, down = (sensitivity.towards(at(part.name, z)) for z in (DIFFERENCED, -DIFFERENCED))
+        return np.asarray((up - down) / (2.0 * DIFFERENCED))
+
+    return np.array([slope(part) for part in parts]).reshape(-1, len(none))
+
+
 @dataclass(frozen=True, eq=False)
 class _Deviations:
     """What varies on a board at the small-signal level."""
@@ -251,7 +277,7 @@ class _Deviations:
         moves = [slopes[name] * (each.mean - at) for name, (each, at) in spreads.items()]
         sizes = [slopes[name] * each.sigma for name, (each, _) in spreads.items()]
         shifts, parts = (np.array(rows).reshape(-1, count) for rows in (moves, sizes))
-        ends = self._tolerance_slopes(sensitivity)
+        ends = tolerance_slopes(sensitivity, self.at_rest, lambda name, z: self._varied({name: z}))
         uniform = self.tolerances.distribution == "uniform" and bool(self.at_rest)
         found = InputSpread(
             _outputs(board) + shifts.sum(axis=0),
@@ -273,24 +299,6 @@ class _Deviations:
             curvature = float(np.abs(off).max()) / (PROBED * float(found.sigma[worst]))
         moved, changes = _changes(names, shifts, parts)
         return replace(found, curvature=curvature, largest=largest, moved=moved, changes=changes)
-
-    def _tolerance_slopes(self, sensitivity: RestSensitivity) -> Floats:
-        """Return the change of each output for a deviation of one tolerance, V, (parts, N)."""
-        known: dict[str, Floats] = {}
-        if self.at_rest:
-            known = sensitivity.resistors() | sensitivity.gains()
-        rows = [
-            known[each.name] * math.log1p(each.tolerance)
-            if each.name in known
-            else self._probed(sensitivity, each)
-            for each in self.at_rest
-        ]
-        return np.array(rows).reshape(-1, len(self.board.circuit.outputs))
-
-    def _probed(self, sensitivity: RestSensitivity, part: Parameter) -> Floats:
-        """Return the same of a part without an analytic slope, by a difference of equations."""
-        up, down = (sensitivity.towards(self._varied({part.name: z})) for z in (1e-3, -1e-3))
-        return np.asarray((up - down) / 2e-3)
 
     def _varied(self, z: Mapping[str, float]) -> Circuit:
         """Return the board with deviations in tolerances; its programmed devices stay."""

@@ -13,21 +13,18 @@ from typing import Annotated
 
 import numpy as np
 
-from taction.netlist_gen.board.variation import DEVICE, DYNAMIC, INPUT_ERROR, Parameter
+from taction.netlist_gen.board.circuit import Circuit
+from taction.netlist_gen.board.variation import Parameter
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
 from taction.verification.studies.tolerance.samples import Varied
-
-PROBE = 1e-3  # of the tolerance: the error of a central difference is its square
+from taction.verification.verdict.input_spread import tolerance_slopes
 
 
 def rest_slopes(board: Varied) -> Floats:
     """Return the change of each output for a deviation of one tolerance, V, (components, N).
-
-    Resistors are exact, by adjoint sensitivities. For the others the equations, not their solution,
-    are differenced.
 
     Raises
     ------
@@ -36,27 +33,17 @@ def rest_slopes(board: Varied) -> Floats:
 
     Notes
     -----
-    Costs one factorisation of all unknowns, and two sets of equations for each op-amp.
+    Costs one factorisation of all unknowns, and two sets of equations for each part without an
+    analytic slope.
     """
-    sensitivity = RestSensitivity.of(LinearBoard(board.nominal))
-    resistors, errors, rows = sensitivity.resistors(), sensitivity.input_errors(), []
-    for place, parameter in enumerate(board.varied):
-        if parameter.kind in ("resistor", DEVICE):
-            rows.append(resistors[parameter.name] * math.log1p(parameter.tolerance))
-        elif parameter.kind == INPUT_ERROR:
-            rows.append(errors[parameter.name] * parameter.tolerance)
-        elif parameter.kind in DYNAMIC:
-            rows.append(np.zeros(len(board.nominal.outputs)))
-        else:
-            rows.append(_probed(board, sensitivity, place))
-    return np.array(rows)
+    names = [parameter.name for parameter in board.varied]
 
+    def at(name: str, deviation: float) -> Circuit:
+        z = np.zeros(len(names))
+        z[names.index(name)] = deviation
+        return board.at(z)
 
-def _probed(board: Varied, sensitivity: RestSensitivity, place: int) -> Floats:
-    z = np.zeros(len(board.varied))
-    z[place] = PROBE
-    up, down = (sensitivity.towards(board.at(s * z)) for s in (1.0, -1.0))
-    return np.asarray((up - down) / (2.0 * PROBE))
+    return tolerance_slopes(RestSensitivity.of(LinearBoard(board.nominal)), board.varied, at)
 
 
 def largest_parts(
