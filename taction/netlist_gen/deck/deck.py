@@ -20,7 +20,6 @@ from taction.netlist_gen.deck.dialects import (
     DIALECTS,
     NATIVE,
     Dialect,
-    DialectRequest,
     starts_from_rest,
 )
 
@@ -121,8 +120,8 @@ def write_deck(
     parts, files = board_text(circuit, matrix_file, noisy, parameters)
     added = [*_strains(circuit, analysis), *_measures(circuit, analysis, measures)]
     board = language.cards(parts + "\n".join(added))
-    request = DialectRequest(circuit, analysis, nodes, tolerances(circuit, relative), solver)
-    text = "\n".join([board, *language.closing(request)])
+    limits = tolerances(circuit, relative)
+    text = "\n".join([board, *language.closing(circuit, analysis, nodes, limits, solver)])
     files = {name: language.cards(text) for name, text in files.items()}
     return Deck(text, nodes, analysis, files, dialect)
 

@@ -28,31 +28,6 @@ LONGEST = 500  # characters of a line: HSPICE cuts off a line of more than 1024
 
 
 @dataclass(frozen=True, slots=True)
-class DialectRequest:
-    """The part of a deck that follows the board.
-
-    Attributes
-    ----------
-    circuit : Circuit
-        The board.
-    analysis : Analysis
-        The one analysis of the deck.
-    saved : tuple of str
-        Nodes whose voltages are saved.
-    limits : SimulatorTolerances
-        They follow from the scales of the board.
-    solver : str
-        ngspice's option for its matrix solver.
-    """
-
-    circuit: Circuit
-    analysis: Analysis
-    saved: tuple[str, ...]
-    limits: SimulatorTolerances
-    solver: str
-
-
-@dataclass(frozen=True, slots=True)
 class Dialect:
     """One language of decks.
 
@@ -120,8 +95,18 @@ class Dialect:
             return "\n".join([title, *self.head, *lines])
         return "\n".join([*filter(None, [self.language]), title, *lines])
 
-    def closing(self, request: DialectRequest) -> list[str]:
+    def closing(
+        self,
+        circuit: Circuit,
+        analysis: Analysis,
+        saved: Sequence[str],
+        limits: SimulatorTolerances,
+        solver: str,
+    ) -> list[str]:
         """Return options, temperature, saved voltages, the analysis, and the end of the deck.
+
+        `limits` follow from the scales of the board; `solver` is ngspice's option for its matrix
+        solver.
 
         Raises
         ------
@@ -130,21 +115,20 @@ class Dialect:
             taction's own studies ask for them.
         """
         if self.name == NATIVE:
-            return _native_closing(request)
-        transient = request.analysis
-        if not isinstance(transient, Transient) or transient.voltages:
+            options = _native_options(circuit, analysis, limits, solver)
+            return [*options, *_analysis_cards(circuit, analysis, saved), ".end", ""]
+        if not isinstance(analysis, Transient) or analysis.voltages:
             raise ValueError(f"dialect {self.name!r} has transients from zero or rest only")
-        heated = self.heated if request.circuit.transistors else ()
-        rest = starts_from_rest(request.circuit, transient)
         values = {
-            **asdict(request.limits),
-            "celsius": request.circuit.temperature,
-            "saved": " ".join(map(self.saved.format, request.saved)),
-            "begin": transient.begin,
-            "stop": transient.stop,
-            "step": transient.max_step,
-            "uncharged": "" if rest else self.uncharged,
+            **asdict(limits),
+            "celsius": circuit.temperature,
+            "saved": " ".join(map(self.saved.format, saved)),
+            "begin": analysis.begin,
+            "stop": analysis.stop,
+            "step": analysis.max_step,
+            "uncharged": "" if starts_from_rest(circuit, analysis) else self.uncharged,
         }
+        heated = self.heated if circuit.transistors else ()
         lines = (*self.options, *heated, *self.analysis)
         return [*(self._folded(line.format(**values)) for line in lines), ""]
 
@@ -179,10 +163,11 @@ def starts_from_rest(circuit: Circuit, analysis: Transient) -> bool:
     return analysis.initial == "rest" and circuit.has_constant_sources
 
 
-def _native_closing(request: DialectRequest) -> list[str]:
-    """Return what follows a board in ngspice, for any analysis."""
-    limits, analysis, circuit = request.limits, request.analysis, request.circuit
-    solver, charge = request.solver, limits.charge
+def _native_options(
+    circuit: Circuit, analysis: Analysis, limits: SimulatorTolerances, solver: str
+) -> list[str]:
+    """Return ngspice's options."""
+    charge = limits.charge
     if isinstance(analysis, NoiseAnalysis):
         solver = "noopiter"
     if isinstance(analysis, Transient) and analysis.charge is not None:
@@ -197,7 +182,7 @@ def _native_closing(request: DialectRequest) -> list[str]:
         lines.append(f".options method={method} trtol={analysis.truncation / limits.relative!r}")
     if circuit.transistors:
         lines.append(f".options temp={circuit.temperature!r} tnom={circuit.temperature!r}")
-    return [*lines, *_analysis_cards(circuit, analysis, request.saved), ".end", ""]
+    return lines
 
 
 def _analysis_cards(circuit: Circuit, analysis: Analysis, nodes: Sequence[str]) -> list[str]:

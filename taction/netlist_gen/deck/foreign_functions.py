@@ -9,21 +9,17 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from taction.netlist_gen.deck.foreign_lines import MOST_WRITTEN, Card, beyond
+from taction.netlist_gen.deck.foreign_lines import MOST_WRITTEN, Card
 
 DEEPEST = 200  # calls and parentheses within one another
+TOO_LONG = (
+    f"over {MOST_WRITTEN:,} characters with every .func in the place of its calls;"
+    f" at most {MOST_WRITTEN:,} are read"
+)
 _FUNC = re.compile(r"\.func ([a-z_]\w*) ?\(([^()]*)\) ?=? ?(.*)")
 _WORD = re.compile(r"[a-z_]\w*")
 _INNERMOST = re.compile(r"([a-z_]\w*)? ?\(([^()]*)\)")
 Functions = Mapping[str, tuple[list[str], str]]  # parameters and text, by name
-
-
-class _TooLongError(ValueError):
-    """A text of more characters than are left, which are its number."""
-
-    def __init__(self, characters: int) -> None:
-        super().__init__()
-        self.characters = characters
 
 
 def check_functions(cards: Sequence[Card]) -> None:
@@ -35,7 +31,7 @@ def check_functions(cards: Sequence[Card]) -> None:
         The error of the card with which they have more than `MOST_WRITTEN` characters, or of a
         function that calls itself.
     """
-    made, total = dict[str, tuple[list[str], str]](), 0
+    made, left = dict[str, tuple[list[str], str]](), MOST_WRITTEN
     for card in cards:
         if card.text.startswith(".func") and (match := _FUNC.fullmatch(card.text)):
             made[match[1]] = [word.strip() for word in match[2].split(",")], match[3]
@@ -45,13 +41,9 @@ def check_functions(cards: Sequence[Card]) -> None:
         if not match and made.keys().isdisjoint(_WORD.findall(text)):
             continue
         try:
-            total += len(written(text, made, MOST_WRITTEN - total))
-        except _TooLongError as error:
-            what = "characters with every .func in the place of its calls"
-            raise card.refused(beyond(total + error.characters, what, MOST_WRITTEN)) from None
-        except RecursionError:
-            text = f"a function that calls itself, or more than {DEEPEST} within one another"
-            raise card.refused(text) from None
+            left -= len(written(text, made, left))
+        except ValueError as error:
+            raise card.refused(str(error)) from None
 
 
 def written(text: str, functions: Functions, most: int) -> str:
@@ -60,9 +52,8 @@ def written(text: str, functions: Functions, most: int) -> str:
     Raises
     ------
     ValueError
-        It would have more than `most` characters.
-    RecursionError
-        More than `DEEPEST` calls and parentheses within one another.
+        It would have more than `most` characters, or has more than `DEEPEST` calls and parentheses
+        within one another.
 
     Examples
     --------
@@ -80,13 +71,13 @@ def written(text: str, functions: Functions, most: int) -> str:
         nonlocal left
         left -= len(body) + sum(len(given.get(word, "")) for word in _WORD.findall(body))
         if left < 0:
-            raise _TooLongError(most - left)
+            raise ValueError(TOO_LONG)
         return f"({_WORD.sub(lambda word: given.get(word[0], word[0]), body)})"
 
     for _ in range(DEEPEST):
         if len(text) > most:
-            raise _TooLongError(len(text))
+            raise ValueError(TOO_LONG)
         text, count = _INNERMOST.subn(within, text)
         if not count:
             return text
-    raise RecursionError
+    raise ValueError(f"a function that calls itself, or more than {DEEPEST} within one another")

@@ -170,19 +170,15 @@ class _Nearest:
     def least(self) -> tuple[float, float, float]:
         """The least factor above 1 to an edge, the bound on it, and the edge; infinite without."""
         found = [(math.inf, 0.0, math.inf)]
-        if self.below:
-            factor = 1.0 / self.below.value
-            found.append((factor, self.below.bound * factor**2, self.below.value))
-        if self.above:
-            found.append((self.above.value, self.above.bound, self.above.value))
+        for edge in filter(None, (self.below, self.above)):
+            factor = max(edge.value, 1.0 / edge.value)
+            found.append((factor, edge.bound * (factor / edge.value), edge.value))
         return min(found)
 
     def values(self, own: float) -> tuple[float | None, float | None]:
         """Return the value at the edge below `own`, and at that above."""
-        below, above = (
-            None if each is None else own * each.value for each in (self.below, self.above)
-        )
-        return (below, above) if own > 0.0 else (above, below)
+        ends = [None if e is None else own * e.value for e in (self.below, self.above)]
+        return (ends[0], ends[1]) if own > 0.0 else (ends[1], ends[0])
 
 
 def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Nearest]:

@@ -220,46 +220,29 @@ def _poles(found: BoardCheck) -> Table:
 
 
 def _parts(found: BoardCheck) -> Iterator[Block]:
-    columns = {
+    def edge(part: PartRow, value: float | None) -> Cell:
+        undecided = outcome_cell("not decided", "inconclusive")
+        return undecided if part.doubt else number_cell(value, part.unit, 6)
+
+    columns: dict[str, Callable[[Any], Any]] = {
         "part": lambda each: each.name,
-        "value": lambda each: _amount(each.value, each.unit),
-        "moves the pole by": lambda each: number_cell(_per(each.real), "1/s", 3),
-        "and": lambda each: number_cell(_per(each.frequency), "Hz", 3),
+        "value": lambda each: number_cell(each.value, each.unit, 6),
+        "moves the pole by": lambda each: number_cell(0.01 * each.real, "1/s", 3),
     }
+    if any(each.frequency for each in found.parts):  # else the rightmost pole is real
+        columns["and"] = lambda each: number_cell(0.01 * each.frequency, "Hz", 3)
     if (stable := found.poles.stable) is not None:
         word = "unstable" if stable else "stable"
-        columns[f"{word} below"] = lambda each: _edge(each, each.below)
-        columns[f"{word} above"] = lambda each: _edge(each, each.above)
-    if not any(each.frequency for each in found.parts):  # the rightmost pole is real
-        del columns["and"]
-    yield Table.of(
-        "",
-        found.parts,
-        columns,
-        PART_WORDS + EDGE_WORDS[stable],
-        most={"terminal": PARTS},
-        more="--json has all",
-    )
-
-
-def _per(rate: float | None) -> float | None:
-    return None if rate is None else 0.01 * rate
-
-
-def _amount(value: float | None, unit: str) -> Cell:
-    return number_cell(value, unit, 6)
-
-
-def _edge(part: PartRow, value: float | None) -> Cell:
-    if part.doubt:
-        return outcome_cell("not decided", "inconclusive")
-    return _amount(value, part.unit)
+        columns[f"{word} below"] = lambda each: edge(each, each.below)
+        columns[f"{word} above"] = lambda each: edge(each, each.above)
+    note = PART_WORDS + EDGE_WORDS[stable]
+    yield Table.of("", found.parts, columns, note, most={"terminal": PARTS}, more="--json has all")
 
 
 def _swept(found: Sweep, board: BoardCheck) -> Iterator[Section]:
-    band = board.measurements.band
-    yield Section(f"Over {found.name}", lambda: _sweep(found, band), media=BOTH)
-    yield Section(f"Step responses over {found.name}", lambda: (_family(found),))
+    band, name = board.measurements.band, found.name
+    yield Section(f"Over {name}", lambda: _sweep(found, band), media=BOTH)
+    yield Section(f"Step responses over {name}", lambda: (_family(found),))
 
 
 def _sweep(found: Sweep, band: float) -> Iterator[Block]:
@@ -298,17 +281,16 @@ def _family(found: Sweep) -> Chart | None:
     boards = [(n, b) for n in chosen if isinstance(b := found.boards[n], MeasuredBoard)]
     stops = [b.scales.stop for _, b in boards if b.poles.stable and b.scales.stop > 0.0]
     until = math.exp(sum(map(math.log, stops)) / len(stops)) if stops else math.inf
-    drawn = [(n, b, *curve) for n, b in boards if (curve := b.curve(until)) is not None]
+    drawn = [(n, b, c[0], c[1][:, 0]) for n, b in boards if (c := b.curve(until)) is not None]
     if not drawn:
         return None
-    stable = [each for each in drawn if each[1].poles.stable] or drawn
-    seen = [float(volts[:, 0].max()) for _, _, _, volts in stable]
-    least = [float(volts[:, 0].min()) for _, _, _, volts in stable]
-    room = 0.1 * ((max(seen) - min(least)) or 1.0)
+    seen = [volts for _, b, _, volts in drawn if b.poles.stable] or [each[3] for each in drawn]
+    low, high = min(float(u.min()) for u in seen), max(float(u.max()) for u in seen)
+    room = 0.1 * ((high - low) or 1.0)
     curves = [
         Curve(
             time,
-            volts[:, 0],
+            volts,
             figure(found.points[n].value, found.unit or "ratio", 3),
             colour,
             "solid" if board.poles.stable else "dash",
@@ -318,8 +300,7 @@ def _family(found: Sweep) -> Chart | None:
     return Chart(
         f"Step responses over {found.name}",
         Axis("time", "s"),
-        Axis(drawn[0][1].board.circuit.outputs[0].node, "V",
-             limits=(min(least) - room, max(seen) + room)),
+        Axis(drawn[0][1].circuit.outputs[0].node, "V", limits=(low - room, high + room)),
         tuple(curves),
         "",
         "The first output over time after the step, for some of the values; dashed: not stable.",
@@ -369,17 +350,16 @@ def _response(found: BoardCheck) -> Chart | None:
 
 
 def _witness(found: BoardCheck) -> str:
-    if found.record is None or found.agreement is None:
-        small = [
-            each for each in found.checks if each.name == "ac_agrees" and each.value is not None
-        ]
-        if not small:
-            return "one witness: the state-space engine"
-        return f"ngspice's small signal (.ac) differs by at most {small[0].value:.1e} at any node"
-    return (
-        "ngspice's own transient differs by at most"
-        f" {figure(found.agreement, 'step')} of the step from the state-space engine"
-    )
+    if found.agreement is not None:
+        off = figure(found.agreement, "step")
+        return (
+            f"ngspice's own transient differs by at most {off} of the step from the state-space"
+            " engine"
+        )
+    small = [each for each in found.checks if each.name == "ac_agrees" and each.value is not None]
+    if not small:
+        return "one witness: the state-space engine"
+    return f"ngspice's small signal (.ac) differs by at most {small[0].value:.1e} at any node"
 
 
 def _sheet(found: BoardCheck) -> Sheet:
