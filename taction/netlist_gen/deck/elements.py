@@ -156,49 +156,33 @@ def spelt_card(card: str) -> str:
 
 
 def _element(card: str, models: Mapping[str, tuple[str, str]]) -> Element | None:
-    kind, words = card[0], card.split()
+    """Return the element of a card that is not linear; None of one that none can be."""
+    kind, (name, *words) = card[0], card.split()
     if kind in "dqjm":
         return _device(card, models)
-    if kind == "s" and len(words) > 5:
-        return Element(
-            words[0], f"s~ {{0}} {{1}} {{2}} {{3}} {' '.join(words[5:])}", _four(words), terminals=2
-        )
-    if kind == "w" and len(words) > 4:
-        pattern = f"w~ {{0}} {{1}} {{i0}} {' '.join(words[4:])}"
-        return Element(words[0], pattern, (words[1], words[2]), (words[3],), terminals=2)
-    if kind in "rcl" and len(words) > 3:
-        rest = re.sub(r"\bic=\S+", "", " ".join(words[3:]))
-        if _TAKES.search(rest) or any(word in models for word in words[3:]):
-            return _passive(kind, words, rest)
+    held, currents, out, terminals = list[str](), list[str](), "", 0
+    taking, front, count = _TAKES.search(card) is not None, "", 2
+    if kind == "s":
+        held, front, count, terminals = words[:4], "{0} {1} {2} {3}", 4, 2
+    elif kind == "w":
+        held, currents, front, count, terminals = words[:2], words[2:3], "{0} {1} {i0}", 3, 2
+    elif kind in "rcl" and (taking or any(word in models for word in words[2:])):
+        card = re.sub(r"\bic=\S+", "", card)
+        held, front, terminals = words[:2], "{0} {1}", 2
+        if kind == "l":
+            held, front, terminals, out = [], "{o0} {o1}", 0, "l"
+    elif kind in "begh" and "poly" not in card and (taking or kind in "eg"):
+        front, value = "{o0} {o1}", " ".join(words[2:])
+        is_current = re.match(r"(?:i|cur)=", value) or (kind == "g" and value[:3] != "vol")
+        out = "i" if is_current else "v"
+        if not taking:
+            held, front, count = words[2:4], "{o0} {o1} {0} {1}", 4
+    rest = " ".join(card.split()[count + 1 :])
+    if not (front and rest):
         return None
-    if kind in "eg" and len(words) > 5 and not _TAKES.search(card) and "poly" not in card:
-        pattern = f"{kind}~ {{o0}} {{o1}} {{0}} {{1}} {' '.join(words[5:])}"
-        out = ("v" if kind == "e" else "i", words[1], words[2])
-        return Element(words[0], pattern, (words[3], words[4]), (), (out,))
-    if kind in "begh" and _TAKES.search(card) and "poly" not in card and len(words) > 3:
-        held, currents = list[str](), list[str]()
-        rest = _placed(" ".join(words[3:]), held, currents)
-        is_current = re.match(r"(?:i|cur)=", rest) or (kind == "g" and not rest.startswith("vol"))
-        out = ("i" if is_current else "v", words[1], words[2])
-        pattern = f"{kind}~ {{o0}} {{o1}} {rest}"
-        return Element(words[0], pattern, tuple(held), tuple(currents), (out,))
-    return None
-
-
-def _four(words: list[str]) -> tuple[str, ...]:
-    return tuple(words[1:5])
-
-
-def _passive(kind: str, words: list[str], rest: str) -> Element:
-    """Return R, C or L with a model or an expression."""
-    held, currents = [] if kind == "l" else list(words[1:3]), list[str]()
-    rest = _placed(rest, held, currents)
-    if kind == "l":
-        out = ("l", words[1], words[2])
-        pattern = f"l~ {{o0}} {{o1}} {rest}"
-        return Element(words[0], pattern, tuple(held), tuple(currents), (out,))
-    pattern = f"{kind}~ {{0}} {{1}} {rest}"
-    return Element(words[0], pattern, tuple(held), tuple(currents), terminals=2)
+    rest = _placed(rest, held, currents) if kind not in "sw" else rest
+    outs = ((out, words[0], words[1]),) if out else ()
+    return Element(name, f"{kind}~ {front} {rest}", tuple(held), tuple(currents), outs, terminals)
 
 
 def _placed(text: str, held: list[str], currents: list[str]) -> str:
