@@ -141,7 +141,7 @@ Re e 0 100
     found = checked(tmp_path, text, outputs="c")
     assert agrees(found)
     assert len(found.poles.poles) == 2
-    assert found.outputs[0].settling_time is not None
+    assert found.outputs[0].figures["settling_time"] is not None
 
 
 LOOP = """.model jx pjf(beta=300u vto=-1 is=2.5p)
