@@ -201,7 +201,7 @@ def test_exchanged_inputs_are_not_called_stable() -> None:
     found = taction.check(place, over="E1=0.5,100,1meg", ngspice=False)
     assert found.outcome.value == "inconclusive"
     assert found.poles.stable is None
-    assert found.outputs[0].settling_time is None
+    assert found.outputs[0].figures["settling_time"] is None
     assert "positive feedback" in found.checks[0].reason
     (sweep,) = found.sweeps
     assert [point.stable for point in sweep.points] == [True, None, None]
