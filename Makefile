@@ -94,7 +94,7 @@ nightly: ready ## what takes too long for every commit (some hours); ARGS=fuzz r
 fuzz: ready ## damaged inputs of every kind, for ARGS="--minutes 60"; prints how often each outcome occurred
 	$(PYTHON_IN_VENV) -m tests.fuzz $(ARGS)
 
-torture: ready ## 200 kills of studies at random instants and 200 commands on bad machines, in an hour; ARGS="--page docs/torture.md" writes the page
+torture: ready ## 200 kills of studies at random instants and 200 commands on bad machines, in an hour; prints the table of docs/torture.md
 	$(PYTHON_IN_VENV) -m tests.torture $(ARGS)
 
 boards: ready ## boards that commands write and that pass, each with 100 drawn ones in ngspice: 20 minutes; ARGS="op27 tactile" runs these

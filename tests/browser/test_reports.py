@@ -40,20 +40,6 @@ OVERLAPS = """() => [...document.querySelectorAll(".canvas")].flatMap(canvas => 
       && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 5)
     .map(([two]) => [canvas.id, one, two]));
 })"""
-# Words of up to 14 letters, in the cells of tables, whose letters stand in two lines.
-BROKEN_WORDS = """() => [...document.querySelectorAll("th, td")].flatMap(cell => {
-  const walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT), found = [];
-  while (walker.nextNode()) {
-    const text = walker.currentNode;
-    for (const word of text.data.matchAll(/[A-Za-z]{2,14}/g)) {
-      const range = document.createRange();
-      range.setStart(text, word.index); range.setEnd(text, word.index + word[0].length);
-      const tops = [...range.getClientRects()].map(each => Math.round(each.top));
-      if (new Set(tops).size > 1) found.push(word[0]);
-    }
-  }
-  return found;
-})"""
 
 
 def violations(page: Any) -> list[tuple[str, str, str]]:
@@ -84,14 +70,7 @@ def test_a_report_is_silent_asks_for_nothing_is_legible_and_accessible(
     assert opened.messages == []
 
 
-@pytest.mark.parametrize("name", ["passing", "sweep, a map"])
-def test_axe_finds_nothing_in_a_page_that_was_dark_from_the_start(
-    open_report: Open, name: str
-) -> None:
-    assert violations(open_report(name, color_scheme="dark").page) == []
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["passing", "64 channels", "montecarlo", "sweep, a map", "choose"])
 def test_a_phone_shows_everything_and_scrolls_in_one_direction(
     open_report: Open, name: str
 ) -> None:
@@ -101,15 +80,6 @@ def test_a_phone_shows_everything_and_scrolls_in_one_direction(
     assert page.evaluate(OVERLAPS) == []
     if name == "passing":
         assert violations(page) == []
-
-
-@pytest.mark.parametrize("name", ["passing", "corners"])
-def test_paper_breaks_no_word_of_a_table(open_report: Open, name: str) -> None:
-    page = open_report(name).page
-    page.emulate_media(media="print")
-    page.set_viewport_size({"width": 688, "height": 970})
-    assert page.evaluate(BROKEN_WORDS) == []
-    assert page.evaluate("document.documentElement.scrollWidth") <= 688
 
 
 @pytest.fixture(scope="module")
@@ -232,16 +202,6 @@ def test_the_switch_changes_page_and_pictures(passing: Page) -> None:
     assert (page.evaluate(BACKGROUND), page.evaluate(INK)) == dark
 
 
-def test_a_zoom_survives_the_switch(passing: Page) -> None:
-    page = passing
-    figure = page.locator(".picture", has_text="Outputs").first
-    figure.get_by_role("button", name="zoom in").click()
-    zoomed = figure.locator(".canvas").evaluate(RANGE)
-    page.get_by_role("button", name="dark").click()
-    page.wait_for_timeout(200)
-    assert figure.locator(".canvas").evaluate(RANGE) == pytest.approx(zoomed)
-
-
 def test_the_keyboard_reaches_everything(open_report: Open) -> None:
     page = open_report("passing").page
     page.keyboard.press("Tab")
@@ -253,9 +213,8 @@ def test_the_keyboard_reaches_everything(open_report: Open) -> None:
     assert {"light", "dark", "Waveforms", "first rise", "whole record", "+"} <= reached
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_paper_is_white_and_complete(open_report: Open, tmp_path: Path, scheme: str) -> None:
-    page = open_report("passing", color_scheme=scheme).page
+def test_paper_is_white_and_complete(open_report: Open, tmp_path: Path) -> None:
+    page = open_report("passing", color_scheme="dark").page
     file = tmp_path / "report.pdf"
     page.pdf(path=str(file), format="A4")
     content = file.read_bytes()

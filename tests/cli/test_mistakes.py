@@ -1,4 +1,7 @@
-"""Mistakes of a beginner: each message says what is wrong, where, and what to write instead."""
+"""Mistakes of a beginner: each message says what is wrong, where, and what to write instead.
+
+Mistakes in scenes: `tests/netlist_gen/scene/test_places.py` and `test_mistakes.py`.
+"""
 
 from __future__ import annotations
 
@@ -22,21 +25,6 @@ NEVER = (
     "Error(", "pydantic", "NoneType",
 )  # fmt: skip
 BAD_INPUT = 2
-
-# What is replaced in the paper's board, by what; words of the message: what, where, what instead.
-# All mistakes in scenes: tests/netlist_gen/scene/test_places.py and test_mistakes.py.
-SCENE: dict[str, tuple[str, str, tuple[str, ...]]] = {
-    "misspelt key": ('capacitance = "10pF"\nres', 'capacitence = "10pF"\nres',
-        ("unknown key", "line 31, column 1", "did you mean 'capacitance'?")),
-    "lower-case unit": ('capacitance = "10pF"\nres', 'capacitance = "10pf"\nres',
-        ("the unit is 'f'", "line 31", "such as '10pF'")),
-    "no quotes": ('capacitance = "10pF"\nres', "capacitance = 10pF\nres",
-        ("capacitance", "line 31, column 17", 'need quotes on both sides, as "10pF"')),
-    "milliohm": ('gain = "6.252Mohm"', 'gain = "6.252mohm"',
-        ("6.252 mohm is what no board has", "line 33", "'M' is mega")),
-    "percentage": ("tolerance = 1e-3", "tolerance = 10",
-        ("must be below 1", "line 40, column 18", "10 % is 0.1")),
-}  # fmt: skip
 
 
 @pytest.fixture
@@ -63,14 +51,6 @@ def refused(words: tuple[str, ...], expected: tuple[str, ...]) -> None:
     text = " ".join(done.stderr.split())
     assert not [part for part in expected if part not in text], text
     assert not [part for part in NEVER if part in text]
-
-
-@pytest.mark.parametrize("name", SCENE)
-def test_a_mistake_in_a_scene(folder: Path, name: str) -> None:
-    old, new, expected = SCENE[name]
-    assert BOARD.count(old) == 1
-    (folder / "x.toml").write_text(BOARD.replace(old, new), encoding="utf-8")
-    refused(("verify", "x.toml"), ("x.toml", "^", *expected))
 
 
 FRESH = ("new", "y.toml", "--strain", "eps.csv", "--matrix")

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from tests.fuzz.targets import TARGETS
 
-FEW = {"scenes": 40, "decks": 30}
-SOME = 150
+FEW = {"scenes": 30, "decks": 20, "stored verdicts": 50, "write-ahead logs of databases": 50}
+SOME = 100
 
 
 @pytest.mark.parametrize("name", TARGETS)

@@ -1,1 +1,1 @@
-"""Tests in a real browser; `make test-browser` runs them."""
+"""Tests of the installed package; `make test-install` runs them."""

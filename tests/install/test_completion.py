@@ -98,17 +98,8 @@ def completed(terminal: Terminal, line: str) -> str:
     ("line", "whole"),
     [
         ("taction ver", "taction verify"),
-        ("taction netlist --exp", "taction netlist --explain"),
         ("taction verify my-b", "taction verify my-board.toml"),
-        ("taction verify --engine state", "taction verify --engine statespace"),
     ],
 )
 def test_tab_completes_the_word(terminal: Terminal, line: str, whole: str) -> None:
     assert completed(terminal, line) == whole
-
-
-def test_tab_lists_the_options(terminal: Terminal) -> None:
-    terminal.type(b"taction netlist --" + TAB + TAB)
-    for option in (b"--output", b"--explain", b"--split"):
-        shown = terminal.wait_for(option)
-        terminal.shown = shown + option + terminal.shown  # shells list in different orders

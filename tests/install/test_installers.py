@@ -47,13 +47,6 @@ def test_the_papers_board_is_verified(environment: Environment, ngspice: str) ->
     assert verdict["taction"]["simulator"]
 
 
-def test_the_core_draws_for_kicad(by_pip: Environment) -> None:
-    shutil.copy(SCENES / BOARD, by_pip.folder)
-    run = by_pip.run("kicad", BOARD, "-o", "drawing")
-    assert run.returncode == 0, run.stderr
-    assert (by_pip.folder / "drawing" / "paper-breadboard-channel-1.kicad_sch").is_file()
-
-
 def test_nothing_comes_from_the_checkout(by_pip: Environment, by_uv: Environment) -> None:
     for environment in (by_pip, by_uv):
         code = "import taction; print(taction.__file__, taction.verify.__module__)"

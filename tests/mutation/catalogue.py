@@ -33,7 +33,7 @@ from tests.mutation.planting import (
 
 MATRIX, ELEVEN, TUNED = "custom-matrix", "eleven-channel", "tuned-breadboard"
 KNOWN, WIRED = "known-readings", "wired"
-PAPER, ENTROPY, SKEW = "paper-breadboard", "paper-exponential", "tangential-exponential"
+PAPER, SKEW = "paper-breadboard", "tangential-exponential"
 STATE_SPACE, NGSPICE = "statespace", "ngspice"
 STEADY, SETTLES, RISES = "steady_state", "settling_time", "rise_time"
 OVERSHOOTS, STABLE, AGREE, SAME = "overshoot", "stability", "engines_agree", "same_problem"
@@ -61,8 +61,7 @@ def of_problem(fault: str, change: ProblemChange, scene: str) -> Mutation:
 def of_facts(fault: str, changes: Mapping[str, float], scene: str, *caught_by: str) -> Mutation:
     """Give the synthesis other numbers of the design: factors of facts by name."""
     plant = planting.in_the_facts(changes)
-    engine = NGSPICE if scene == ENTROPY else STATE_SPACE  # the faster one
-    return Mutation(fault, "facts of the synthesis", plant, scene, engine, caught_by)
+    return Mutation(fault, "facts of the synthesis", plant, scene, STATE_SPACE, caught_by)
 
 
 def of_board(fault: str, change: CircuitChange, scene: str, caught_by: str) -> Mutation:
@@ -156,30 +155,21 @@ SYNTHESIS = (
     of_problem("T taken for its transpose", planting.transposed, SKEW),
     of_problem("one strain off by 0.2 %", planting.strain_entry(1, 1.002), ELEVEN),
     of_facts("R for twice the lambda; linear, lambda given", HALF_R, MATRIX, STEADY),
-    of_facts("R for twice the lambda; linear, R given", HALF_R, TUNED, STEADY),
     of_facts("R for twice the lambda; exponential", HALF_R, SKEW, STEADY),
     of_facts("half the lambda is stated; linear, lambda given", HALF_LAMBDA, MATRIX, SAME),
-    of_facts("half the lambda is stated; linear, R given", HALF_LAMBDA, TUNED, SAME),
-    of_facts("half the lambda is stated; exponential, R given", HALF_LAMBDA, ENTROPY, SAME),
     of_facts("U0 off by 1 %", {"U0": 1.01}, SKEW, STEADY, SAME),
     of_facts("Ve off by 1 %", {"Ve": 1.01}, SKEW, SAME),
     of_facts("G0 off by 1 %", {"G0": 1.01}, MATRIX, STEADY),
     of_facts("G0 off by 1 %; inv", {"G0": 1.01}, "inverse", STEADY),
     of_facts("G0 off by 1 %; dead zones", {"G0": 1.01}, "lasso", STEADY),
-    of_facts("G0 off by 1 %; pinv", {"G0": 1.01}, "least-squares", STEADY),
-    of_facts("U0 off by 1 %; ridge", {"U0": 1.01}, "ridge", STEADY),
 )
 CIRCUIT = (
     of_board("R in kohm", scaled("resistors", "r_", ohms=1e-3), MATRIX, STEADY),
     of_board("C in nF", scaled(*CAPACITORS, farads=1e3), MATRIX, SETTLES),
-    of_board("s off by 0.5 %", scaled("resistors", "s_", ohms=1.005), PAPER, STEADY),
-    of_board("C off by 8 %", scaled(*CAPACITORS, farads=1.08), PAPER, RISES),
     of_board("C off by -5 %", scaled(*CAPACITORS, farads=0.95), PAPER, OVERSHOOTS),
+    of_board("s off by 0.5 %", scaled("resistors", "s_", ohms=1.005), PAPER, STEADY),
     of_board("C off by 1 %", scaled(*CAPACITORS, farads=1.01), KNOWN, RISES),
-    of_board("C off by -1 %", scaled(*CAPACITORS, farads=0.99), KNOWN, RISES),
     of_board("stray capacitance off by 5 %", scaled(*STRAYS, farads=1.05), KNOWN, SETTLES),
-    of_board("stray capacitance off by -5 %", scaled(*STRAYS, farads=0.95), KNOWN, SETTLES),
-    of_board("gain-bandwidth product off by 5 %", figures(gbw=1.05e6), KNOWN, RISES),
     of_board("gain-bandwidth product off by -5 %", figures(gbw=0.95e6), KNOWN, SETTLES),
     of_board("dropped second pole", NO_SECOND_POLE, KNOWN, SETTLES),
     of_board("wrong op-amp model on one cell", OTHER_OPAMP, KNOWN, SETTLES),
@@ -190,7 +180,6 @@ CIRCUIT = (
     of_board("Ve of the stages off by 1 %", scaled("amplifiers", "a_", v_scale=1.01), SKEW, STEADY),
     of_board("U0 of the stages off by 1 %", OTHER_STAGE, SKEW, STEADY),
     of_board("sign of the strain currents", scaled("currents", "eps_", amps=-1.0), MATRIX, STEADY),
-    of_board("one strain current missing", planting.without_current, MATRIX, STEADY),
     of_board("two outputs swapped", planting.swapped_outputs, MATRIX, STEADY),
     of_board("sign of one output", planting.negated_output, MATRIX, STEADY),
     of_board("wires without their compensation", planting.uncompensated, WIRED, STEADY),
@@ -199,11 +188,8 @@ CIRCUIT = (
 THIRD_WITNESS = (
     of_deck("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX),
     of_deck("stray capacitance off by 5 %", scaled(*STRAYS, farads=1.05), MATRIX),
-    of_deck("dropped second pole", NO_SECOND_POLE, TUNED),
     of_deck("wrong op-amp model on one cell", OTHER_OPAMP, MATRIX),
-    of_deck("dropped inverters of w", planting.without_inverters, TUNED),
     of_deck("U0 of the stages off by 1 %", OTHER_STAGE, SKEW),
-    of_text("one stray capacitor at another node", "stray_c_5 c_5", "stray_c_5 c_6", AGREE),
     of_text("one card of a resistor left out", "Rz_6_fb", "* Rz_6_fb", AGREE),
     of_text("Gear's method for the trapezoidal rule", "method=trap", "method=gear", AGREE),
     of_text("start from the operating point in place of 0 V", " uic", "", AGREE, SAME),

@@ -101,11 +101,6 @@ def without_bias(circuit: Circuit) -> Circuit:
     return replace(circuit, voltages=(), resistors=resistors)
 
 
-def without_current(circuit: Circuit) -> Circuit:
-    """Leave the first strain current out."""
-    return replace(circuit, currents=circuit.currents[1:])
-
-
 def without_feedback_resistor(circuit: Circuit) -> Circuit:
     """Leave the first resistor of the feedback plane out."""
     forward, feedback = circuit.matrices

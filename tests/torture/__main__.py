@@ -7,12 +7,9 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
 from pathlib import Path
 
-from taction.system.atomic_files import write_atomically
 from tests.torture.killing import Report
-from tests.torture.page import page
 from tests.torture.session import is_fault, session, summary, table
 
 
@@ -25,13 +22,11 @@ def main() -> int:
     parser.add_argument("--points", type=int, default=12, help="points of a sweep")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2, help="disturbances at a time")
-    parser.add_argument("--page", type=Path, help="write the page of the documentation")
     options = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGHUP):  # a run in the background ignores them
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
     folder = Path(tempfile.mkdtemp(prefix="torture-"))
-    started = time.monotonic()
     reports: list[Report] = []
     try:
         for report in session(
@@ -51,8 +46,6 @@ def main() -> int:
     faults = [report for report in reports if is_fault(report)]
     for report in faults:
         print(summary(report))
-    if options.page is not None:
-        write_atomically(options.page, page(reports, options, time.monotonic() - started))
     if faults:
         print(f"{len(faults)} of {len(reports)} went wrong; their folders are in {folder}")
         return 1

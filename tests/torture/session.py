@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -47,11 +47,12 @@ def session(
     points: int,
     seed: int,
     jobs: int = 1,
+    kinds: Sequence[str] = (),
 ) -> Iterator[Report]:
     """Yield the report of every disturbance, `jobs` at a time.
 
-    `disasters` is the number of each kind of disaster, `commands` that of commands on a bad
-    machine.
+    `disasters` is the number of each kind of disaster (of `kinds`, or of all that are possible),
+    `commands` that of commands on a bad machine.
     """
     studies = all_studies(points)
     planned = plan_kills(studies, kills, seed)
@@ -73,7 +74,7 @@ def session(
         return run_command(*pair, folder / f"command-{number}", f"{seed} command {number}")
 
     tasks = [partial(kill, *each) for each in enumerate(planned)]
-    for name in possible():
+    for name in kinds or possible():
         tasks += [partial(destroy, name, k, storing[k % len(storing)]) for k in range(disasters)]
     tasks += [partial(command, *each) for each in enumerate(plan_commands(commands, seed))]
     random.Random(seed).shuffle(tasks)  # noqa: S311 - a session that is stopped has some of each

@@ -136,32 +136,6 @@ def test_files_that_are_no_scene(tmp_path: Path) -> None:
         assert "taction new" in result.stderr
 
 
-@pytest.mark.parametrize(
-    ("T", "eps", "says"),
-    [
-        ("1,2\n3\n", "1\n2\n", "line 2 has 1 values, the first 2; expected as many in every line"),
-        ("1,2\n3,\n", "1\n2\n", "line 2, column 2: no value"),
-        ("1,x\n3,4\n", "1\n2\n", "line 1, column 2: 'x' is not a finite number"),
-        ("1,nan\n3,4\n", "1\n2\n", "'nan' is not a finite number"),
-        ("1,1_5\n3,4\n", "1\n2\n", "'1_5' has '_'"),
-        ("1;2\n3;4\n", "1\n2\n", "'1;2' is not a finite number"),
-        ("1,2\n3,4\n", "1\n2\n3\n", "shape 3; expected 2"),
-        ("1,2\n3,4\n", "1,2\n3,4\n", "shape 2 x 2; expected 2"),
-        ("0,0\n0,0\n", "1\n2\n", "T is all zeros"),
-        ("", "1\n", "no numbers (shape 0 x 0); expected rows of numbers"),
-        ("# only a comment\n", "1\n", "no numbers (shape 0 x 0)"),
-    ],
-)
-def test_a_table_with_a_mistake_is_named(tmp_path: Path, T: str, eps: str, says: str) -> None:
-    scene = write_matrix_scene(tmp_path, [[1.0]], [1.0])
-    (tmp_path / "T.csv").write_text(T)
-    (tmp_path / "eps.csv").write_text(eps)
-    result = run(scene, "--json")
-    assert result.exit_code == 2
-    assert says in result.stderr
-    assert json.loads(result.stdout)["error"]["kind"] == "InputError"
-
-
 def test_a_file_of_another_encoding_is_named_by_its_line(tmp_path: Path) -> None:
     scene = tmp_path / "a.toml"
     scene.write_bytes("[problem]\nkind = 'tactile'  # groß\n".encode("latin-1"))
