@@ -125,12 +125,7 @@ def with_linear_models(circuit: Circuit) -> Circuit:
 
 def _placed(record: LinearPart, cell: OpAmpCell) -> LinearPart:
     """Return a part of one op-amp of the board, with nodes and cards of its own."""
-    ports = {
-        GROUND: GROUND,
-        "inp": cell.noninverting,
-        "inn": cell.inverting,
-        "out": cell.output,
-    }
+    ports = {GROUND: GROUND, "inp": cell.noninverting, "inn": cell.inverting, "out": cell.output}
 
     def node(name: str) -> str:
         return ports.get(name) or f"x{cell.name}.{name}"

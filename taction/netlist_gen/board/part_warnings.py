@@ -107,9 +107,7 @@ _OFFSET = _resistors_kind(
     "a smaller design.unit_conductance",
 )
 _STRAIN_RESISTORS = _resistors_kind(
-    "strain resistors",
-    "a larger design.unit_conductance",
-    "a smaller design.unit_conductance",
+    "strain resistors", "a larger design.unit_conductance", "a smaller design.unit_conductance"
 )
 _DIVIDER = _resistors_kind(
     "resistors of the antilog stages",

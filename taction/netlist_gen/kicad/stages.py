@@ -87,11 +87,7 @@ def branches_of(circuit: Circuit, n: int, k: int) -> list[tuple[str, str]]:
     found: list[tuple[str, str]] = []
     kinds = (
         (Role.FEEDBACK, f"Signal plane, channel {n}", n),
-        (
-            Role.FORWARD,
-            f"Constraint plane, sensor row {k}",
-            k,
-        ),
+        (Role.FORWARD, f"Constraint plane, sensor row {k}", k),
     )
     for role, title, place in kinds:
         for matrix in circuit.matrices:
@@ -134,12 +130,7 @@ def branch(circuit: Circuit, start: str) -> DrawnBranch:
     return DrawnBranch(tuple(map(tuple, chains)), pair, tuple(left.values()))
 
 
-def _stage(
-    circuit: Circuit,
-    node: str,
-    cell: Cell | None,
-    left: dict[str, Passive],
-) -> Stage:
+def _stage(circuit: Circuit, node: str, cell: Cell | None, left: dict[str, Passive]) -> Stage:
     """Return the stage of an amplifier, its parts taken out of those that are left."""
     rungs: list[Rung] = [(part.a, part) for part in _into(circuit, node)]
     feedback, shunts = [], []

@@ -235,7 +235,7 @@ WITHDRAWN = {
     **dict.fromkeys(
         ("devices.file", "wires.file"),
         "withdrawn: give the numbers of the file; docs/closed-loop.md says which key has which",
-    ),
+    )
 }
 """What to do in the place of a key that is no more, by its path."""
 

@@ -12,13 +12,7 @@ from taction.netlist_gen.card import facts_card
 from taction.netlist_gen.scene.checks import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, OpAmpChoice
 from taction.netlist_gen.scene.devices import DevicesTable
-from taction.netlist_gen.scene.fields import (
-    Model,
-    Positive,
-    Real,
-    Seconds,
-    SecondsOrAuto,
-)
+from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto
 from taction.netlist_gen.scene.mistakes import placed, validated
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
 from taction.netlist_gen.scene.problem import (
@@ -137,12 +131,7 @@ class Scene(StatedProblem):
 
     @classmethod
     def from_arrays(
-        cls,
-        T: ArrayLike,
-        eps: ArrayLike,
-        *,
-        stress: ArrayLike | None = None,
-        **values: Any,
+        cls, T: ArrayLike, eps: ArrayLike, *, stress: ArrayLike | None = None, **values: Any
     ) -> Scene:
         """Make a scene from copies of a matrix and a strain in memory.
 

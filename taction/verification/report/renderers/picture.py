@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from taction.netlist_gen.kicad.sheet import GRID
 from taction.verification.report.blocks import Bars, Block, Drawing, Notes, Page, Sheet
-from taction.verification.report.charts import (
-    OUTCOMES,
-    Chart,
-)
+from taction.verification.report.charts import OUTCOMES, Chart
 from taction.verification.report.renderers.figures import figure_file, wrapped
 from taction.verification.report.renderers.picture_chart import draw_chart
 

@@ -29,21 +29,8 @@ from taction.verification.report.blocks import (
     Sheet,
     Table,
 )
-from taction.verification.report.charts import (
-    BLUE,
-    GREY,
-    Axis,
-    Chart,
-    Curve,
-    Grid,
-    Limit,
-    segments,
-)
-from taction.verification.report.texts import (
-    counted,
-    opamp_name,
-    quantity,
-)
+from taction.verification.report.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
+from taction.verification.report.texts import counted, opamp_name, quantity
 from taction.verification.report.views.parts import nearest_value, part_columns
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.verify import Verdict
@@ -79,10 +66,7 @@ def board_blocks(circuit: Circuit) -> tuple[Block, ...]:
         )
     ]
     level = "small signal" if circuit.is_small_signal else "large signal"
-    rows += [
-        ("supply", f"±{quantity(circuit.supply, 'V')}"),
-        ("level of the op-amp models", level),
-    ]
+    rows += [("supply", f"±{quantity(circuit.supply, 'V')}"), ("level of the op-amp models", level)]
     return schematic(circuit), matrix_chart(circuit), Facts("", tuple(rows))
 
 

@@ -19,14 +19,7 @@ from taction.verification.report.blocks import (
     Sheet,
     Table,
 )
-from taction.verification.report.charts import (
-    SERIES,
-    Axis,
-    Chart,
-    Curve,
-    Limit,
-    spread_colours,
-)
+from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit, spread_colours
 from taction.verification.report.texts import (
     KNOWN,
     banded,

@@ -24,14 +24,7 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, View
-from taction.verification.report.texts import (
-    counted,
-    figure,
-    number_cell,
-    percent,
-    spaced,
-    titled,
-)
+from taction.verification.report.texts import counted, figure, number_cell, percent, spaced, titled
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.studies.tolerance.yield_report import (

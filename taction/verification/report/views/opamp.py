@@ -11,12 +11,7 @@ from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
 from taction.system.foreign_text import visible
 from taction.system.quantities import show
-from taction.verification.characterise.characterise import (
-    Bode,
-    OpAmpFigures,
-    open_loop,
-    supply_of,
-)
+from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop, supply_of
 from taction.verification.report.blocks import (
     EVERYWHERE,
     Cell,
@@ -131,23 +126,11 @@ def _rows(opamp: OpAmp, origins: Origins, documents: list[str]) -> Iterator[tupl
             )
             limit = Cell(f"{bound} {limit.text}", limit.number)
         named = dict.fromkeys(filter(None, map(reference, (origin.document, origin.limit))))
-        yield (
-            Cell(title),
-            _cell(value, unit),
-            limit,
-            Cell(" ".join(named)),
-            Cell(origin.note),
-        )
+        yield (Cell(title), _cell(value, unit), limit, Cell(" ".join(named)), Cell(origin.note))
         if name == "saturation":
             supply = supply_of(opamp)
             note = Cell(f"at \N{PLUS-MINUS SIGN}{supply:g} V")
-            yield (
-                Cell("output swing"),
-                _cell(opamp.swing(supply), "V"),
-                Cell(""),
-                Cell(""),
-                note,
-            )
+            yield (Cell("output swing"), _cell(opamp.swing(supply), "V"), Cell(""), Cell(""), note)
 
 
 def _cell(value: float | None, unit: str) -> Cell:

@@ -9,11 +9,7 @@ from pathlib import Path
 from taction.netlist_gen.scene.keys import files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.report.blocks import Facts, Section
-from taction.verification.studies.running.versions import (
-    describe_machine,
-    digest,
-    own_code,
-)
+from taction.verification.studies.running.versions import describe_machine, digest, own_code
 
 Rows = tuple[tuple[str, str], ...]
 SHOWN = ("date", "taction", "python", "numpy", "scipy", "ngspice", "system", "processor", "cores")

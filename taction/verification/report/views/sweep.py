@@ -31,11 +31,7 @@ from taction.verification.report.blocks import (
     Table,
     cell,
 )
-from taction.verification.report.charts import (
-    OUTCOMES,
-    Chart,
-    looks_of,
-)
+from taction.verification.report.charts import OUTCOMES, Chart, looks_of
 from taction.verification.report.texts import (
     LEAST_SHARE,
     banded,
@@ -55,11 +51,7 @@ from taction.verification.report.views.sweep_maps import (
     place_text,
 )
 from taction.verification.studies.sweep.plan import Plan
-from taction.verification.studies.sweep.result import (
-    SweepResult,
-    all_records,
-    grids,
-)
+from taction.verification.studies.sweep.result import SweepResult, all_records, grids
 from taction.verification.verdict.record import FIGURES
 
 LISTED, LINES = 500, 40  # points in the table of a page, and of a terminal

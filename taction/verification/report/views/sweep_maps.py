@@ -23,13 +23,7 @@ from taction.verification.report.charts import (
     segments,
     zero_lines,
 )
-from taction.verification.report.texts import (
-    LEAST_SHARE,
-    banded,
-    figure,
-    quantity,
-    titled,
-)
+from taction.verification.report.texts import LEAST_SHARE, banded, figure, quantity, titled
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.verdict.record import FIGURES
 

@@ -50,10 +50,7 @@ from taction.verification.report.views.checks import (
     decisive_text,
 )
 from taction.verification.report.views.origin import origin_section
-from taction.verification.report.views.stability import (
-    active_set_blocks,
-    stability_blocks,
-)
+from taction.verification.report.views.stability import active_set_blocks, stability_blocks
 from taction.verification.report.views.waveforms import (
     deviation_chart,
     difference_chart,
