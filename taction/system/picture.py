@@ -28,13 +28,13 @@ def check_plot_file(path: str | Path) -> None:
     check_file(str(path), "--plot", PACKAGES, PACKAGES)
 
 
-def plot(sheet: str, path: str | Path | None, *shown: Any) -> Figure:
+def plot(view: str, path: str | Path | None, *shown: Any) -> Figure:
     """Draw what a function of the report's views makes of a result.
 
     Parameters
     ----------
-    sheet : str
-        ``"module:function"`` of ``report/views``; the function returns a `Sheet`.
+    view : str
+        ``"module:function"`` of ``report/views``; the function returns a `Page`.
     path : path or None
         The figure is written to this file.
     *shown : object
@@ -45,9 +45,9 @@ def plot(sheet: str, path: str | Path | None, *shown: Any) -> Figure:
     InputError
         See `check_plot_file`; or matplotlib is not installed.
     """
-    module, _, name = sheet.partition(":")
+    module, _, name = view.partition(":")
     made = getattr(import_module(f"{REPORT}.views.{module}"), name)(*shown)
-    figure: Figure = import_module(f"{REPORT}.renderers.picture").draw_sheet(made, path)
+    figure: Figure = import_module(f"{REPORT}.renderers.picture").draw_page(made, path)
     return figure
 
 

@@ -115,4 +115,4 @@ class Waveforms:
         KeyError
             A node was not saved.
         """
-        return plot("waveforms:nodes_sheet", path, self, nodes)
+        return plot("waveforms:nodes_view", path, self, nodes)

@@ -22,7 +22,6 @@ from taction.verification.report.blocks import (
     Ranges,
     Section,
     Shares,
-    Sheet,
     Table,
 )
 from taction.verification.report.charts import (
@@ -165,14 +164,12 @@ def gallery() -> Page:
     )  # fmt: skip
     return Page(
         "gallery", "taction gallery", "fail", "1 of 3 checks fails.", ("3 channels",),
-        (Section("Everything", blocks, "Every block.", EVERYWHERE),), ("made in 1 s",), sheet,
+        (Section("Everything", blocks, "Every block.", EVERYWHERE),), ("made in 1 s",),
     )  # fmt: skip
 
 
-def sheet() -> Sheet:
-    """Return a sheet with every chart and the two other blocks of pictures."""
+def drawn_blocks() -> list[Block]:
+    """Return every chart and the two other blocks of pictures."""
     found = [*charts().values()]
     bars = next(b for b in gallery().sections[0].made(PAGE) if isinstance(b, Bars))
-    found_blocks: list[Block] = [*found, bars, Notes("Nothing", ("No sample stands out.",))]
-    columns = tuple(tuple(found_blocks[k::3]) for k in range(3))
-    return Sheet("gallery: every chart", columns, size=(17.0, 14.0), foot="grey: no value")
+    return [*found, bars, Notes("Nothing", ("No sample stands out.",))]

@@ -155,9 +155,7 @@ def _sweep(*over: str) -> Page:
     with result.store:
         found = sweep_report(result)
         made = tuple(replace(each, blocks=each.made(PAGE)) for each in found.sections)
-        assert found.sheet is not None
-        sheet = found.sheet()
-        return replace(found, sections=made, sheet=lambda: sheet)
+        return replace(found, sections=made)
 
 
 def swept(*over: str) -> SweepResult:

@@ -127,7 +127,7 @@ class Scene(StatedProblem):
             The scene's files cannot be used, the picture cannot be written, or matplotlib is
             missing (``taction[plot]``).
         """
-        return plot("board:problem_sheet", path, self)
+        return plot("board:problem_view", path, self)
 
     @classmethod
     def from_arrays(

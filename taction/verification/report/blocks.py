@@ -39,7 +39,6 @@ def cell(value: Shown) -> Cell:
     return Cell("–" if value is None else str(value), value if isinstance(value, int) else None)
 
 
-LETTER, SHORT = 0.085, 12  # width of a letter, inches; letters that have room beside any chart
 ALIKE = 3  # rows with the same value, which `Table.folded` says once
 
 
@@ -289,8 +288,8 @@ class Notes:
 
 
 Block = Table | Bars | Ranges | Shares | Chart | Drawing | Facts | Code | Notes
-TERMINAL, PAGE, NOTEBOOK = "terminal", "page", "notebook"
-BOTH, EVERYWHERE = (TERMINAL, PAGE), (TERMINAL, PAGE, NOTEBOOK)
+TERMINAL, PAGE, NOTEBOOK, PICTURE = "terminal", "page", "notebook", "picture"
+BOTH, EVERYWHERE, DRAWN = (TERMINAL, PAGE), (TERMINAL, PAGE, NOTEBOOK), (PAGE, PICTURE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,7 +304,7 @@ class Section:
     lead : str
         A sentence above the blocks.
     media : tuple of str
-        `TERMINAL`, `PAGE`, `NOTEBOOK`: who shows the section.
+        `TERMINAL`, `PAGE`, `NOTEBOOK`, `PICTURE`: who shows the section.
     across : int
         Charts side by side on a wide page, where there are several.
     folded : bool
@@ -337,63 +336,6 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
-    """What a picture shows: blocks below each other, in columns.
-
-    Attributes
-    ----------
-    title : str
-        What was studied, and what was found.
-    columns : tuple of tuple of Block
-        Charts, `Bars` and `Notes`; the columns stand side by side.
-    widths : tuple of float
-        Of the columns, relative to each other; empty: equal.
-    heights : tuple of tuple of float
-        Of the blocks of each column, relative to each other; empty: equal.
-    size : (float, float)
-        Width and height, inches; zeros: from the number of blocks.
-    foot : str
-        A sentence below.
-    """
-
-    title: str
-    columns: tuple[tuple[Block, ...], ...]
-    widths: tuple[float, ...] = ()
-    heights: tuple[tuple[float, ...], ...] = ()
-    size: tuple[float, float] = (0.0, 0.0)
-    foot: str = ""
-
-    @classmethod
-    def of(
-        cls,
-        title: str,
-        blocks: Sequence[Block],
-        across: int,
-        panel: tuple[float, float],
-        border: tuple[float, float] = (0.0, 0.0),
-        foot: str = "",
-    ) -> Sheet:
-        """Return a sheet of equal blocks, row by row, of which at most `across` fill a row.
-
-        Parameters
-        ----------
-        panel, border : (float, float)
-            Width and height of a block, and what the sheet has beside them, inches.
-        """
-        count = max(min(len(blocks), across), 1)
-        columns = tuple(tuple(blocks[k::count]) for k in range(count))
-        height = panel[1] * max(map(len, columns)) + border[1]
-        widths = tuple(panel[0] + max(map(_names_width, column), default=0.0) for column in columns)
-        return cls(title, columns, widths, size=(sum(widths) + border[0], height), foot=foot)
-
-
-def _names_width(block: Block) -> float:
-    """Return the width of long names beside a chart, inches, which its title shall not lose."""
-    names = block.y.names if isinstance(block, Chart) and block.y.scale == "names" else ()
-    return LETTER * max((len(name) for name in names if len(name) > SHORT), default=0)
-
-
-@dataclass(frozen=True, slots=True)
 class Page:
     """A whole result.
 
@@ -411,8 +353,6 @@ class Page:
         In the order in which they are shown.
     foot : tuple of str
         The last lines in a terminal and in a notebook: cost and error.
-    sheet : function or None
-        Returns what the picture of the result shows.
     last_line : str
         What the terminal ends with; by default the outcome.
     """
@@ -424,7 +364,6 @@ class Page:
     lines: tuple[str, ...] = ()
     sections: tuple[Section, ...] = ()
     foot: tuple[str, ...] = ()
-    sheet: Callable[[], Sheet] | None = None
     last_line: str = ""
 
     def blocks(self, medium: str = PAGE) -> Iterator[Block]:

@@ -22,8 +22,8 @@ from taction.system.errors import EngineError, InputError
 from taction.verification.design import tune as tune_module
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuning, frontier
-from taction.verification.report.renderers.picture import draw_sheet
-from taction.verification.report.views.tune import sheet
+from taction.verification.report.renderers.picture import draw_blocks
+from taction.verification.report.views.tune import _tradeoff
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene
 from tests.support.running import taction as command
@@ -240,7 +240,7 @@ def test_a_picture_of_a_board_that_never_settled(tmp_path: Path) -> None:
     before = make_trial(found.before.values, left=("stability",))
     unsettled = replace(found, before=before)
     path = tmp_path / "t.svg"
-    draw_sheet(sheet(unsettled), path)
+    draw_blocks("t", [_tradeoff(unsettled)], path=path)
     assert "<svg" in path.read_text()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from taction.netlist_gen.kicad.sheet import GRID
-from taction.verification.report.blocks import Bars, Block, Drawing, Notes, Page, Sheet
+from taction.verification.report.blocks import PICTURE, Bars, Block, Drawing, Notes, Page
 from taction.verification.report.charts import OUTCOMES, Chart
 from taction.verification.report.renderers.figures import figure_file, wrapped
 from taction.verification.report.renderers.picture_chart import draw_chart
@@ -17,48 +17,74 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH, HEIGHT = 5.2, 3.6  # of a chart, inches, where the sheet has no size
+PANEL = (5.0, 3.5)  # width and height of a chart, inches
+ALONE = 1.8  # times the width of a chart: that of a single one
+PIXELS = 112.0  # of a page, for an inch of a chart with more rows than usual
+LEGEND = 1.5  # width of a legend beside a chart, inches
+MOST = 12  # blocks of a picture
+LETTER, SHORT = 0.085, 12  # width of a letter, inches; letters that have room beside any chart
 SMALL = 12.0  # letters of a small text per inch
 MOST_LINES = 12  # below the checks
 ROW = 0.27  # height of a row of the checks, inches
 
 
-def draw_sheet(sheet: Sheet, path: str | Path | None = None) -> Figure:
-    """Draw the charts of `sheet`, and write the figure to `path`, if there is one.
+def draw_page(page: Page, path: str | Path | None = None) -> Figure:
+    """Draw what a page has for a picture, and write the figure to `path`, if there is one.
+
+    The first charts stand on a grid, row by row; other blocks follow them.
 
     Raises
     ------
     InputError
         See `figure_file`.
     """
-    columns = [column for column in sheet.columns if column]
-    rows = max(map(len, columns))
-    width, height = sheet.size
-    width, height = width or WIDTH * len(columns), height or HEIGHT * rows + 0.5
-    with figure_file(path, width, height, sheet.title) as figure:
-        grid = figure.add_gridspec(1, len(columns), width_ratios=sheet.widths or None)
-        for place, column in enumerate(columns):
-            ratios: Any = sheet.heights[place] if sheet.heights else None
-            count = len(column) if ratios else rows
-            cells: Any = grid[place].subgridspec(count, 1, height_ratios=ratios)
-            for cell, block in zip(cells, column, strict=False):
-                draw_block(figure.add_subplot(cell), block)
-        if sheet.foot:
-            figure.supxlabel(wrapped(sheet.foot, SMALL * width), fontsize="small")
+    found = list(page.blocks(PICTURE))
+    drawn = [each for each in found if not isinstance(each, Notes)] or found
+    drawn = sorted(drawn or [Notes("", (page.summary,))], key=lambda each: each.kind == "bars")
+    leads = [each.lead for each in page.sections if PICTURE in each.media and each.lead]
+    foot = next(iter([*leads, *(getattr(each, "summary", "") for each in drawn)]), "")
+    title = ": ".join(filter(None, (page.title, page.summary)))
+    return draw_blocks(title, drawn[:MOST], foot, path)
+
+
+def draw_blocks(
+    title: str, blocks: Sequence[Block], foot: str = "", path: str | Path | None = None
+) -> Figure:
+    """Draw charts, drawings, `Bars` and `Notes` on a grid below a title, see `draw_page`."""
+    charts = [each for each in blocks if each.kind != "bars"]
+    across = 2 if len(charts) == 4 else max(min(len(charts), 3), 1)
+    lines = [charts[first : first + across] for first in range(0, len(charts), across)]
+    lines += [[each] for each in blocks if each.kind == "bars"]  # a table has a row of its own
+    columns = [PANEL[0] + max(map(_beside, charts[k::across]), default=0.0) for k in range(across)]
+    if across == 1:
+        columns = [ALONE * columns[0]]
+    rows = [max(_height(block, sum(columns)) for block in line) for line in lines]
+    with figure_file(path, sum(columns), sum(rows) + 0.6, title) as figure:
+        grid = figure.add_gridspec(len(rows), across, width_ratios=columns, height_ratios=rows)
+        for row, line in enumerate(lines):
+            for column, block in enumerate(line):
+                end = across if block.kind == "bars" else column + 1
+                draw_block(figure.add_subplot(grid[row, column:end]), block)
+        if foot:
+            figure.supxlabel(wrapped(foot, SMALL * sum(columns)), fontsize="small")
     return figure
 
 
-def draw_page(page: Page, path: str | Path | None = None) -> Figure:
-    """Draw the sheet of `page`, see `draw_sheet`.
+def _height(block: Block, width: float) -> float:
+    """Return the height of a block, inches; a drawing fills the width of the picture."""
+    if isinstance(block, Drawing):
+        left, top, right, bottom = block.strokes.frame
+        return width * (bottom - top) / (right - left)
+    return max(PANEL[1], (block.height if isinstance(block, Chart) else 0) / PIXELS)
 
-    Raises
-    ------
-    ValueError
-        The page has no picture.
-    """
-    if page.sheet is None:
-        raise ValueError(f"{page.command} has no picture")
-    return draw_sheet(page.sheet(), path)
+
+def _beside(block: Block) -> float:
+    """Return the width of a legend or of long names beside a chart, inches."""
+    if not isinstance(block, Chart):
+        return 0.0
+    names = block.y.names if block.y.scale == "names" else ()
+    letters = max((len(name) for name in names if len(name) > SHORT), default=0)
+    return LETTER * letters + (LEGEND if block.legend == "beside" else 0.0)
 
 
 def draw_block(axes: Axes, block: Block) -> None:

@@ -9,12 +9,12 @@ import numpy as np
 
 from taction.verification.report.blocks import (
     BOTH,
+    DRAWN,
     Block,
     Cell,
     Notes,
     Page,
     Section,
-    Sheet,
     Shown,
     Table,
 )
@@ -41,7 +41,7 @@ def view(study: WorkPrecisionStudy) -> Page:
     for name in study.problems:
         title = f"Error against run time: {PROBLEMS[name]}"
         sections += [
-            Section(title, partial(_charts, study, name)),
+            Section(title, partial(_charts, study, name), media=DRAWN),
             Section(f"Runs: {PROBLEMS[name]}", tuple(_runs(study, name)), media=BOTH),
         ]
     took = f"the study took {quantity(study.seconds, 's', 3)}"
@@ -59,7 +59,6 @@ def view(study: WorkPrecisionStudy) -> Page:
             origin_section(study.scene, (("the study took", quantity(study.seconds, "s", 3)),)),
         ),
         foot=("; ".join(filter(None, (", ".join(machine), took))),),
-        sheet=lambda: _sheet(study),
     )
 
 
@@ -101,13 +100,6 @@ def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
         return
     yield _work(study, problem)
     yield _steps(study, problem)
-
-
-def _sheet(study: WorkPrecisionStudy) -> Sheet:
-    problems = [name for name in PROBLEMS if name in study.problems]
-    charts = [draw(study, name) for name in problems for draw in (_work, _steps)]
-    title = f"{study.scene.name}: {_summary(study)}"
-    return Sheet.of(title, charts, 2, (6.0, 4.6), (0.0, 0.4))
 
 
 ERROR = Axis("largest error over time (of the step)", scale="log")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import textwrap
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from taction.system.quantities import readable, sizes
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.blocks import (
     NOTEBOOK,
+    PICTURE,
     Block,
     Code,
     Drawing,
@@ -26,7 +26,6 @@ from taction.verification.report.blocks import (
     Notes,
     Page,
     Section,
-    Sheet,
     Table,
 )
 from taction.verification.report.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
@@ -75,15 +74,7 @@ def schematic(circuit: Circuit) -> Drawing:
     return Drawing("One channel", schematic_strokes(circuit), schematic_summary(circuit))
 
 
-def schematic_sheet(circuit: Circuit) -> Sheet:
-    """Return the picture of one channel and one sensor row."""
-    drawing, title = schematic(circuit), f"{circuit.name}: one of {len(circuit.outputs)} channels"
-    left, top, right, bottom = drawing.strokes.frame
-    size = 11.0, 1.6 + 11.0 * (bottom - top) / (right - left)
-    return Sheet(title, ((drawing,),), size=size, foot=textwrap.fill(drawing.summary, 120))
-
-
-def problem_sheet(scene: StatedProblem) -> Sheet:
+def problem_view(scene: StatedProblem) -> Page:
     """Return the picture of a problem: the matrix with its signs, the strain, and the truth."""
     problem = make_problem(scene)
     rows, columns = problem.matrix.shape
@@ -99,9 +90,9 @@ def problem_sheet(scene: StatedProblem) -> Sheet:
     if problem.stress is not None:
         title = "true stress u: what the board shall recover"
         stems.append(_stems(title, "channel", problem.stress, GREY))
-    title = f"{scene.name}: eps = T u, {rows} sensors, {columns} channels"
-    heights = (1.0,), (1.0,) * len(stems)
-    return Sheet(title, ((matrix,), tuple(stems)), (1.3, 1.0), heights, (11.0, 4.6))
+    size = f"eps = T u, {rows} sensors, {columns} channels"
+    section = Section("", (matrix, *stems), media=(PICTURE,))
+    return Page(scene.name, "", summary=size, sections=(section,))
 
 
 def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
@@ -206,7 +197,8 @@ def deck_blocks(verdict: Verdict) -> tuple[Block, ...]:
 def view(circuit: Circuit) -> Page:
     """Return the card of a board, and its picture: the schematic of one channel."""
     facts = Section("Board", (Facts("", circuit_facts(circuit)),), media=(NOTEBOOK,))
-    return Page(circuit.name, "", "", "", (), (facts,), sheet=lambda: schematic_sheet(circuit))
+    drawn = Section("One channel", lambda: (schematic(circuit),), media=(PICTURE,))
+    return Page(circuit.name, "", "", f"one of {len(circuit.outputs)} channels", (), (facts, drawn))
 
 
 def circuit_facts(circuit: Circuit) -> tuple[tuple[str, str], ...]:

@@ -10,13 +10,13 @@ from typing import Any
 from taction.verification.engines.statespace.linearised.time_scales import Ringing
 from taction.verification.report.blocks import (
     BOTH,
+    DRAWN,
     Bars,
     Block,
     Cell,
     Notes,
     Page,
     Section,
-    Sheet,
     Table,
 )
 from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit, spread_colours
@@ -73,14 +73,13 @@ def view(found: BoardCheck) -> Page:
             Section("Checks", lambda: _checks(found), media=BOTH),
             Section("Outputs", lambda: _outputs(found), media=BOTH),
             Section("Poles", lambda: (_poles(found),), media=BOTH),
-            Section("Pole map", lambda: (pole_map(found.poles),)),
-            Section("Step response", lambda: (_response(found),)),
+            Section("Pole map", lambda: (pole_map(found.poles),), media=DRAWN),
+            Section("Step response", lambda: (_response(found),), media=DRAWN),
             Section("Parts", lambda: _parts(found), media=BOTH),
             *(section for each in found.sweeps for section in _swept(each, found)),
             *_varied(found),
         ),
         foot=(_witness(found),),
-        sheet=lambda: _sheet(found),
     )
 
 
@@ -235,7 +234,7 @@ def _parts(found: BoardCheck) -> Iterator[Block]:
 def _swept(found: Sweep, board: BoardCheck) -> Iterator[Section]:
     band, name = board.measurements.band, found.name
     yield Section(f"Over {name}", lambda: _sweep(found, band), media=BOTH)
-    yield Section(f"Step responses over {name}", lambda: (_family(found),))
+    yield Section(f"Step responses over {name}", lambda: (_family(found),), media=DRAWN)
 
 
 def _sweep(found: Sweep, band: float) -> Iterator[Block]:
@@ -353,10 +352,3 @@ def _witness(found: BoardCheck) -> str:
     if not small:
         return "one witness: the state-space engine"
     return f"ngspice's small signal (.ac) differs by at most {small[0].value:.1e} at any node"
-
-
-def _sheet(found: BoardCheck) -> Sheet:
-    families = map(_family, found.sweeps)
-    made = (_response(found), pole_map(found.poles), *families)
-    charts = tuple(chart for chart in made if chart is not None)
-    return Sheet.of(f"{found.name}: {_summary(found)}", charts, 2, (6.0, 4.2), (0.0, 0.6))

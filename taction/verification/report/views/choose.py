@@ -16,6 +16,7 @@ from taction.verification.design.choice_plan import CAPACITANCE, FEEDBACK, G0, G
 from taction.verification.design.choose import Choice, ChosenDesign, Confirmation
 from taction.verification.report.blocks import (
     BOTH,
+    DRAWN,
     PAGE,
     TERMINAL,
     Block,
@@ -23,7 +24,6 @@ from taction.verification.report.blocks import (
     Notes,
     Page,
     Section,
-    Sheet,
     Shown,
     Table,
 )
@@ -87,10 +87,9 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
     own = (
         Section("Best designs", tuple(_best(best, confirmations)), WORST, BOTH),
         Section("Op-amps", (_opamps(designs),), media=BOTH),
-        Section("Maps", lambda: _maps(designs, best), MAP, across=ACROSS),
+        Section("Maps", lambda: _maps(designs, best), MAP, DRAWN, ACROSS),
         Section("All designs", lambda: (_table(designs),), folded=True),
     )
-    title = f"{scene.name}: worst value over its limit, for {len(designs)} designs"
     lines = tuple(_moved(scene, designs))
     if not best:
         none = "No design passes; the table of op-amps has the nearest of each with its reason."
@@ -102,7 +101,6 @@ def view(choice: Choice, verdict: Verdict | None = None) -> Page:
         summary=summary,
         lines=lines,
         sections=own,
-        sheet=lambda: sheet(title, designs, best),
     )
     if verdict is None:
         return page
@@ -276,12 +274,6 @@ def _maps(designs: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Iter
             yield Notes("", (f"{text} has no parts that can be bought, or has no verdict.",))
     if names[MAPS:]:
         yield Notes("", (f"The tables have {len(names) - MAPS} op-amps more.",))
-
-
-def sheet(title: str, designs: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Sheet:
-    """Return what the picture of a choice shows: a map for each of the best op-amps."""
-    blocks = [block for block in _maps(designs, best) if isinstance(block, Chart)]
-    return Sheet.of(title, blocks, ACROSS, (3.6, 3.0), (0.6, 1.4), MAP)
 
 
 def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -> Chart:

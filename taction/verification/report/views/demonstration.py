@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from taction.verification.evidence.demonstration import Demonstration, DemonstrationStep
-from taction.verification.report.blocks import BOTH, Block, Notes, Page, Section, Sheet, Table
+from taction.verification.report.blocks import BOTH, DRAWN, Block, Notes, Page, Section, Table
 from taction.verification.report.texts import outcome_cell
 from taction.verification.report.views.answer import answer_text
 from taction.verification.report.views.checks import decisive_text
@@ -11,7 +11,6 @@ from taction.verification.report.views.origin import origin_section
 from taction.verification.report.views.waveforms import outputs_chart, stress_chart
 
 TITLE = "Seven sensors, one board"
-PANEL = (6.0, 4.0)  # inches
 NEXT = (
     "Your own board: taction new board.toml, then taction verify board.toml --report board.html,"
     " then taction explore board.toml."
@@ -34,9 +33,6 @@ def view(found: Demonstration) -> Page:
             ),
             Section("Next", (Notes("", (NEXT,)),), media=BOTH),
             origin_section(None),
-        ),
-        sheet=lambda: Sheet.of(
-            TITLE, [outputs_chart(step.verdict) for step in found.steps], 3, PANEL
         ),
     )
 
@@ -62,5 +58,5 @@ def _sections(number: int, step: DemonstrationStep) -> tuple[Section, ...]:
 
     return (
         Section(title, (Notes("", (step.text, *answers)), table), media=BOTH),
-        Section(f"{title}: outputs", charts),
+        Section(f"{title}: outputs", charts, media=DRAWN),
     )

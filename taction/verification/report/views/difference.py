@@ -7,15 +7,14 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.errors import Complaint, InputError
 from taction.verification.report.blocks import (
     BOTH,
+    DRAWN,
     Block,
     Cell,
     Notes,
     Page,
     Section,
-    Sheet,
     Shown,
     Table,
 )
@@ -62,9 +61,8 @@ def view(difference: VerdictDifference) -> Page:
         sections=(
             Section("Keys", (_keys(difference),), media=BOTH),
             Section("Readings", (_readings(difference),), media=BOTH),
-            Section("Waveforms", lambda: _waveforms(difference)),
+            Section("Waveforms", lambda: _waveforms(difference), media=DRAWN),
         ),
-        sheet=lambda: _sheet(difference),
     )
 
 
@@ -141,10 +139,12 @@ def _name(reading: Difference, outputs: tuple[str, ...]) -> str:
     return f"{outputs[reading.channel - 1] if outputs else f'u_{reading.channel}'} {name}"
 
 
-def _waveforms(difference: VerdictDifference) -> Iterator[Chart]:
+def _waveforms(difference: VerdictDifference) -> Iterator[Block]:
     """Yield the outputs of both over time, and B minus A, where both have waveforms."""
     first, second = (each and each() for each in difference.curves)
     if not first or not second:
+        text = "No waveforms: one of them is a stored verdict, or leaves the range of floats."
+        yield Notes("", (text,))
         return
     (time, u), (other, v) = first, second
     count = min(u.shape[1], v.shape[1])
@@ -185,16 +185,6 @@ def _waveforms(difference: VerdictDifference) -> Iterator[Chart]:
         "The outputs of B minus those of A.",
         height=300,
     )
-
-
-def _sheet(difference: VerdictDifference) -> Sheet:
-    charts = tuple(_waveforms(difference))
-    names = f"{difference.first}, {difference.second}"
-    if not charts:
-        text = "no waveforms: one of them is a stored verdict, or leaves the range of floats"
-        raise InputError("--plot", Complaint("A, B", names, text))
-    title = f"{difference.first} and {difference.second}: {_summary(difference)}"
-    return Sheet.of(title, charts, 1, (8.4, 3.4), (0.0, 0.6), charts[0].summary)
 
 
 def _text(value: object, unit: str, digits: int) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from taction.system.array_types import Floats
 from taction.verification.report.blocks import (
+    DRAWN,
     EVERYWHERE,
     NOTEBOOK,
     TERMINAL,
@@ -20,7 +21,6 @@ from taction.verification.report.blocks import (
     Ranges,
     Section,
     Shares,
-    Sheet,
     Table,
 )
 from taction.verification.report.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, View
@@ -37,8 +37,6 @@ from taction.verification.studies.tolerance.yield_report import (
 BINS = 40  # of a histogram, at most
 CULPRITS = 12  # parts of a chart
 SHOWN = 10  # sensitivities in a terminal
-ACROSS = 3  # charts side by side in a picture
-PANEL = (4.3, 2.9)  # of a chart of the picture, inches
 FAR = 1.5  # times the range of the values: a limit farther away is an arrow
 SAME = 1e-9  # relative: values that are one value
 UNITS = {"ratio": ""}
@@ -57,22 +55,14 @@ def view(result: YieldReport) -> Page:
             Section("Yield", (_interval(result),)),
             Section("Samples", (_shares(result),), media=(NOTEBOOK,)),
             Section("Checks that do not pass", tuple(failures(result)), media=EVERYWHERE),
-            Section("What costs yield", lambda: (_culprits(result),)),
+            Section("What costs yield", lambda: (_culprits(result),), media=DRAWN),
             Section("Spread and limits", (_ranges(result),)),
             Section("Quantities", (spreads(result),), media=EVERYWHERE),
-            Section("Histograms", lambda: histograms(result)),
+            Section("Histograms", lambda: histograms(result), media=DRAWN),
             Section("Causes", (causes(result),), media=EVERYWHERE),
             origin_section(result.scene, rows),
         ),
-        sheet=lambda: sheet(result),
     )
-
-
-def sheet(result: YieldReport) -> Sheet:
-    """Return what the picture of a yield shows: histograms with limits, and the parts behind."""
-    limited = (each for each in histograms(result) if isinstance(each, Chart) and each.legend)
-    blocks = [*limited, _culprits(result)]
-    return Sheet.of(f"{result.name}: {_summary(result)}", blocks, ACROSS, PANEL, (0.0, 0.5))
 
 
 def _summary(result: YieldReport) -> str:

@@ -11,13 +11,13 @@ from taction.system.array_types import Floats
 from taction.system.quantities import counted, readable, show
 from taction.verification.report.blocks import (
     BOTH,
+    DRAWN,
     Block,
     Cell,
     Facts,
     Notes,
     Page,
     Section,
-    Sheet,
     Table,
 )
 from taction.verification.report.charts import (
@@ -74,11 +74,10 @@ def view(onset: Onset) -> Page:
         summary=f"Stable for {name}: {stable}.",
         lines=(f"{name} from {examined}{default}, poles at {len(samples)} values.",),
         sections=(
-            Section("Poles", lambda: _poles(onset)),
+            Section("Poles", lambda: _poles(onset), media=DRAWN),
             Section("Crossings", tuple(_crossings(onset)), media=BOTH),
             origin_section(onset.scene),
         ),
-        sheet=lambda: _sheet(onset, stable),
     )
 
 
@@ -176,13 +175,6 @@ def _poles(onset: Onset) -> Sequence[Block]:
     if not len(modes[0]):
         return (Notes("", ("No pole of any value rings.",)),)
     return _damping(onset, modes), _frequency(onset, modes), _map(onset, modes)
-
-
-def _sheet(onset: Onset, stable: str) -> Sheet:
-    modes = _ringing(onset)
-    title = f"{onset.scene.name}: stable for {onset.axis.name} {stable}"
-    columns = ((_map(onset, modes),), (_damping(onset, modes), _frequency(onset, modes)))
-    return Sheet(title, columns, (1.2, 1.0), ((1.0,), (1.0, 1.0)), (11.5, 6.4))
 
 
 def _ringing(onset: Onset) -> Modes:

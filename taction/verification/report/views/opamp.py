@@ -13,12 +13,12 @@ from taction.system.foreign_text import visible
 from taction.system.quantities import show
 from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop, supply_of
 from taction.verification.report.blocks import (
+    DRAWN,
     EVERYWHERE,
     Cell,
     Notes,
     Page,
     Section,
-    Sheet,
     Table,
     cell,
 )
@@ -79,17 +79,13 @@ def view(result: OpAmpFigures) -> Page:
     if opamp.external_part:
         sources.append(f"every op-amp needs a {opamp.external_part}")
 
-    def charts() -> tuple[Chart, Chart]:
-        return _bode(open_loop(opamp))
-
     return Page(
         title=opamp.name,
         command="taction parts show",
         sections=(
             Section("Figures", (table, Notes("", tuple(sources))), "", EVERYWHERE),
-            Section("Open loop", charts),
+            Section("Open loop", lambda: _bode(open_loop(opamp)), media=DRAWN),
         ),
-        sheet=lambda: Sheet(f"{opamp.name}: open loop", (charts(),), size=(7.5, 6.6)),
     )
 
 

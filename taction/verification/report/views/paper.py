@@ -11,7 +11,7 @@ import numpy as np
 
 from taction.system.atomic_files import write_atomically
 from taction.verification.evidence.paper.findings import ClaimOutcome
-from taction.verification.evidence.paper.pictures import Panel, PaperCurve, Picture
+from taction.verification.evidence.paper.pictures import Panel, PaperCurve
 from taction.verification.evidence.paper.reproduce import Judged, Reproduction
 from taction.verification.evidence.paper.reproduce import PaperSection as Chapter
 from taction.verification.report.blocks import (
@@ -22,7 +22,6 @@ from taction.verification.report.blocks import (
     Notes,
     Page,
     Section,
-    Sheet,
     Table,
 )
 from taction.verification.report.charts import (
@@ -38,7 +37,7 @@ from taction.verification.report.charts import (
 from taction.verification.report.output_checks import PACKAGES
 from taction.verification.report.renderers.markdown import line, markdown
 from taction.verification.report.renderers.page import write_page
-from taction.verification.report.renderers.picture import draw_sheet
+from taction.verification.report.renderers.picture import draw_blocks
 from taction.verification.report.texts import outcome_cell
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.running.versions import describe_machine
@@ -55,7 +54,6 @@ OUTCOMES: dict[ClaimOutcome, Outcome] = {
     ClaimOutcome.FAILS: "fail",
     ClaimOutcome.NOT_RUN: "error",
 }
-PANEL, ACROSS = (4.2, 3.3), 3  # of one panel of a picture, inches; panels in a row
 MANY = 400  # points above which a line is thin
 # The parts of a style of the paper's curves: colour, mark and line, as in "C0o-".
 STYLE = re.compile(r"(?P<colour>C\d|k)?(?P<mark>[os*x])?(?P<line>--|-\.|-|:)?")
@@ -126,13 +124,6 @@ def _charts(chapter: Chapter) -> Iterator[Block]:
         yield from (panel_chart(panel, picture.caption) for panel in picture.panels)
 
 
-def sheet(picture: Picture) -> Sheet:
-    """Return a picture of the paper's reproduction."""
-    charts = [panel_chart(panel, picture.caption) for panel in picture.panels]
-    wider = 0.5 * PANEL[0] if len(charts) == 1 else 0.0
-    return Sheet.of(picture.caption, charts, ACROSS, PANEL, (wider, 0.5))
-
-
 def panel_chart(panel: Panel, caption: str) -> Chart:
     """Return one panel of a picture; `caption` is that of the whole picture."""
     x, y = (_scale(panel, name) for name in "xy")
@@ -194,7 +185,8 @@ def write_paper(result: Reproduction, folder: str) -> tuple[str, ...]:
     if importlib.util.find_spec("matplotlib") is not None:
         for section in result.sections:
             for picture in section.pictures:
-                draw_sheet(sheet(picture), Path(folder) / f"{picture.name}.png")
+                charts = [panel_chart(panel, picture.caption) for panel in picture.panels]
+                draw_blocks(picture.caption, charts, path=Path(folder) / f"{picture.name}.png")
                 names.append(f"{picture.name}.png")
                 images.setdefault(section.title, []).append((names[-1], picture.caption))
     text = markdown(page, medium=TERMINAL, images=images)

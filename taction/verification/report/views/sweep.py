@@ -18,7 +18,9 @@ from taction.system.errors import Complaint, InputError
 from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS
 from taction.verification.report.blocks import (
+    DRAWN,
     NOTEBOOK,
+    PICTURE,
     TERMINAL,
     Block,
     Cell,
@@ -27,7 +29,6 @@ from taction.verification.report.blocks import (
     Page,
     Section,
     Shares,
-    Sheet,
     Table,
     cell,
 )
@@ -73,6 +74,8 @@ def view(result: SweepResult) -> Page:
     names = " x ".join(f"{each.name} ({len(each)})" for each in plan.axes)
     shares = tuple((n, count.outcomes[n]) for n in OUTCOMES if count.outcomes.get(n))
     outcomes = ", ".join(f"{number} {name}" for name, number in shares)
+    text = f"{plan.points} points are too many for this page; see --plot."
+    many = (text,) if plan.points > MAPPED else ()
     foot = [f"{count.ran} computed now, {count.done - count.ran} from {path}"]
     if count.outcomes["error"]:
         foot.append("the same command computes the points without a verdict (error) again")
@@ -84,13 +87,13 @@ def view(result: SweepResult) -> Page:
         sections=(
             Section("Outcomes", (Shares("", shares),), media=(NOTEBOOK,)),
             Section("Axes", (Facts("", tuple(_axes(plan))),), media=(NOTEBOOK,)),
-            Section("Pictures", lambda: _charts(result)),
+            Section("Pictures", (Notes("", many),)),
+            Section("Pictures", lambda: _charts(result), media=(PICTURE,) if many else DRAWN),
             Section("Points", lambda: _listed(result), media=(TERMINAL,)),
             Section("Points", lambda: (_points(result),)),
             origin_section(plan.scene, (("database", path),)),
         ),
         foot=tuple(foot),
-        sheet=lambda: _sheet(result),
     )
 
 
@@ -153,9 +156,6 @@ def _charts(result: SweepResult) -> Iterator[Block]:
         text = f"{len(plan.groups)} axes: pictures have at most {MOST_AXES}; --export writes all."
         yield Notes("", (text,))
         return
-    if plan.points > MAPPED:
-        yield Notes("", (f"{plan.points} points are too many for this page; see --plot.",))
-        return
     data, names = _data(result)
     if len(plan.groups) == MOST_AXES:
         yield from itertools.chain.from_iterable(_multiples(plan, data, names))
@@ -198,25 +198,6 @@ def chosen_places(count: int) -> list[int]:
     """Return the places of the values of the third axis that have a map: first, last, between."""
     places = np.linspace(0, count - 1, min(count, MOST_MAPS)).round()
     return [int(place) for place in np.unique(places)]
-
-
-def _sheet(result: SweepResult) -> Sheet:
-    """Return the picture: all quantities and the outcome, or small maps over three axes."""
-    plan = result.plan
-    check_axes(len(plan.groups), None)
-    data, names = _data(result)
-    passing = int((names == "pass").sum())
-    title = f"{plan.scene.name}: {passing} of {plan.points} points pass, {ENGINES[plan.engine]}"
-    foot = "grey: no value" if len(plan.groups) > 1 else ""
-    if len(plan.groups) == MOST_AXES:
-        columns = tuple(_multiples(plan, data, names))
-        return Sheet(title, columns, size=(4.2 + 4.4 * len(columns), 8.2), foot=foot)
-    shown, lines = _worth(data)
-    drawn = list(_one_or_two(plan, data, names, shown))
-    if len(plan.groups) == 2:
-        foot = f"{drawn[0].summary.partition('all others. ')[2]} Grey: no value."
-    blocks: list[Block] = [*drawn, *[Notes("", lines)] * bool(lines)]
-    return Sheet.of(title, blocks, 3, (6.0, 0.0), (0.0, 8.6), foot)
 
 
 def _places(plan: Plan, values: Mapping[str, Value]) -> str:

@@ -14,6 +14,7 @@ from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned, Tuning
 from taction.verification.report.blocks import (
     BOTH,
+    DRAWN,
     Block,
     Cell,
     Code,
@@ -21,7 +22,6 @@ from taction.verification.report.blocks import (
     Notes,
     Page,
     Section,
-    Sheet,
     Table,
 )
 from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark, Text
@@ -44,14 +44,13 @@ def view(result: Tuned) -> Page:
     summary = f"{lead} in {figure(after, 's')}, before: {figure(before, 's')}. {verified.summary}"
     own = (
         Section("Tuning", tuple(_blocks(tuning, verdict)), media=BOTH),
-        Section("Trade-off", lambda: (_tradeoff(tuning),)),
+        Section("Trade-off", lambda: (_tradeoff(tuning),), media=DRAWN),
     )
     return replace(
         verified,
         summary=summary,
         sections=(*own, *on_screen(verified, verdict)),
         foot=(*verified.foot, "more: --report FILE"),
-        sheet=lambda: sheet(tuning),
     )
 
 
@@ -101,15 +100,6 @@ def _units(tuning: Tuning) -> dict[str, str]:
 
 def _key_name(path: str) -> str:
     return path.removeprefix("design.").replace("_", " ")
-
-
-def sheet(tuning: Tuning) -> Sheet:
-    """Return what the picture of a tuning shows: settling time against overshoot."""
-    after = figure(tuning.after.settling_time, "s")
-    overshoot = figure(tuning.after.overshoot, "step")
-    settled = banded("settled", tuning.scene.checks.settling_time.band)
-    title = f"{tuning.scene.name}: {settled} in {after}, overshoot {overshoot}"
-    return Sheet(title, ((_tradeoff(tuning),),), size=(8.5, 5.5))
 
 
 def _tradeoff(tuning: Tuning) -> Chart:

@@ -12,8 +12,10 @@ from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.report.blocks import (
     BOTH,
+    DRAWN,
     EVERYWHERE,
     PAGE,
+    PICTURE,
     Bar,
     Bars,
     Block,
@@ -22,7 +24,6 @@ from taction.verification.report.blocks import (
     Notes,
     Page,
     Section,
-    Sheet,
     Shown,
     Table,
 )
@@ -55,12 +56,10 @@ from taction.verification.report.views.waveforms import (
     deviation_chart,
     difference_chart,
     outputs_chart,
-    settled_text,
     stress_chart,
 )
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.answer_error import worst_channel
-from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Outcome
 from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
 from taction.verification.verdict.headroom import Load
@@ -104,11 +103,12 @@ def view(
         sections=(
             Section("Checks", lambda: _checks(verdict, notes), media=EVERYWHERE),
             _changes(changes),
-            Section("Waveforms", lambda: _records(verdict)),
+            Section("Waveforms", lambda: _records(verdict), media=DRAWN),
             Section("Waveforms", lambda: (_channels(verdict),), media=BOTH),
             Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
             Section("Active sets", lambda: active_set_blocks(verdict), media=detailed),
-            Section("Recovered stress", lambda: (stress_chart(verdict),)),
+            Section("Recovered stress", lambda: (stress_chart(verdict),), media=DRAWN),
+            Section("Checks", (Bars("", bars_of_a_picture(verdict)),), media=(PICTURE,)),
             Section("Error budget", lambda: _waterfall_of(verdict)),
             Section("Error budget", lambda: budget_blocks(verdict), media=detailed),
             Section("Headroom", lambda: headroom_blocks(verdict), media=BOTH),
@@ -120,36 +120,12 @@ def view(
             origin_section(verdict.scene, engine),
         ),
         foot=(_cost(verdict),),
-        sheet=lambda: _sheet(verdict),
     )
 
 
 def sample_view(found: VerifiedSample) -> Page:
     """Return what the verdict of one sample shows."""
     return view(found.verdict, f"taction yield montecarlo --sample {found.sample.number}")
-
-
-def _sheet(verdict: Verdict) -> Sheet:
-    """Return the waveforms beside the recovered stress and the checks."""
-    left = tuple(each for each in _records(verdict) if each is not None)
-    bars = Bars("", bars_of_a_picture(verdict))
-    settling, title = verdict.measurements.settling_time, title_of(verdict)
-    if verdict.outcome is Outcome.PASS:
-        title += ": pass"
-        title += "" if settling is None else f", {settled_text(verdict)}"
-    return Sheet(
-        title,
-        (left, (stress_chart(verdict), bars)),
-        widths=(1.7, 1.0),
-        heights=((1.0, 1.0, 0.55)[: len(left)], (1.0, 1.55 if left[2:] else 1.0)),
-        size=(13.0, 9.6 if left[2:] else 7.6),
-    )
-
-
-def title_of(verdict: Verdict) -> str:
-    """Return the name of the scene, with the cause of a verdict that is no pass."""
-    found = cause(verdict.checks)
-    return verdict.scene.name if found is None else readable(f"{verdict.scene.name}: {found.title}")
 
 
 def _cost(verdict: Verdict) -> str:

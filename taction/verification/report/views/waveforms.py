@@ -10,7 +10,7 @@ import numpy as np
 
 from taction.system.array_types import Floats
 from taction.system.waveforms import Waveforms
-from taction.verification.report.blocks import Sheet
+from taction.verification.report.blocks import PICTURE, Page, Section
 from taction.verification.report.charts import (
     Axis,
     Band,
@@ -279,16 +279,16 @@ def difference_chart(verdict: Verdict) -> Chart | None:
     )
 
 
-def nodes_sheet(wave: Waveforms, nodes: Sequence[str] | None = None) -> Sheet:
+def nodes_view(wave: Waveforms, nodes: Sequence[str] | None = None) -> Page:
     """Return the picture of node voltages over time; KeyError for a node that was not saved."""
     drawn = wave.nodes if nodes is None else tuple(nodes)
     pairs = zip(drawn, spread_colours(len(drawn)), strict=True)
     marks = tuple(Curve(wave.time, wave[node], node, colour, width=1.0) for node, colour in pairs)
     legend: Literal["beside", ""] = "beside" if len(drawn) <= LABELLED else ""
     time = Axis("time", "s", limits=(0.0, float(wave.time[-1])))
-    title = f"{wave.engine}: {counted(len(drawn), 'node')}"
     chart = Chart("Voltages", time, Axis("voltage", "V"), marks, legend=legend)
-    return Sheet(title, ((chart,),), size=(9.0, 4.6))
+    section = Section("", (chart,), media=(PICTURE,))
+    return Page(wave.engine, "", summary=counted(len(drawn), "node"), sections=(section,))
 
 
 def stress_chart(verdict: Verdict) -> Chart:

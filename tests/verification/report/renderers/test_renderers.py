@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from lxml import html
 
-from taction.verification.report.blocks import Cell, Page, Section, Sheet, Table
+from taction.verification.report.blocks import Cell, Page, Section, Table
 from taction.verification.report.charts import (
     MARKS,
     OUTCOMES,
@@ -30,7 +30,7 @@ from taction.verification.report.renderers import (
 )
 from taction.verification.report.renderers.figures import new_figure
 from taction.verification.report.renderers.page import FILES, page_html
-from tests.support.gallery import EVERYWHERE, charts, gallery, sheet
+from tests.support.gallery import EVERYWHERE, charts, drawn_blocks, gallery
 from tests.support.printed import words_of
 from tests.support.text_boxes import cut_off, overlapping, texts_of
 
@@ -176,7 +176,7 @@ def test_plotly_marks_each_result() -> None:
 
 
 def test_a_picture_has_no_text_over_another_or_beyond_its_edge() -> None:
-    figure = picture.draw_sheet(sheet())
+    figure = picture.draw_blocks("gallery: every chart", drawn_blocks(), "grey: no value")
     figure.draw_without_rendering()
     texts = texts_of(figure)
     assert not overlapping(texts)
@@ -185,10 +185,9 @@ def test_a_picture_has_no_text_over_another_or_beyond_its_edge() -> None:
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_a_picture_always_has_the_same_bytes(ending: str, tmp_path: Path) -> None:
-    small = Sheet("one chart", ((CHARTS["results"],),))
     files = [tmp_path / f"{name}.{ending}" for name in "ab"]
     for file in files:
-        picture.draw_sheet(small, file)
+        picture.draw_blocks("one chart", [CHARTS["results"]], path=file)
     assert files[0].read_bytes() == files[1].read_bytes()
 
 

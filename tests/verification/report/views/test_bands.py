@@ -12,7 +12,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.system.documents import plain
-from taction.verification.report.blocks import Table
+from taction.verification.report.blocks import PICTURE, Table
 from taction.verification.report.charts import Chart
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.junit import files_junit
@@ -52,7 +52,7 @@ def test_verdicts_in_every_medium(file: Path) -> None:
     whole = view(verdict)
     for text in (page_text(whole), page_text(screen(verdict)), markdown(whole), page_html(whole)):
         assert re.search(rf"[Ss]ettl\w* {BAND}", re.sub(r"\s+", " ", text))
-    assert BAND in whole.sheet().title
+    assert BAND in next(iter(whole.blocks(PICTURE))).heading
     slow = [replace(c, expected=1e-9) for c in verdict.checks if c.name == "settling_time"]
     late = cause([replace(c, outcome=Outcome.FAIL) for c in slow])
     assert late is not None

@@ -13,14 +13,22 @@ import pytest
 import taction
 from taction.netlist_gen.scene.axes import with_values
 from taction.system.quantities import readable
-from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Ranges, Table
+from taction.verification.report.blocks import (
+    PAGE,
+    Bars,
+    Block,
+    Notes,
+    Page,
+    Ranges,
+    Table,
+)
 from taction.verification.report.charts import Cells, Chart, Columns, Limit, Text, thinned
-from taction.verification.report.renderers.picture import draw_sheet
+from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.renderers.terminal import shown
 from taction.verification.report.texts import figure
 from taction.verification.report.views import montecarlo
-from taction.verification.report.views.montecarlo import _edges, sheet
+from taction.verification.report.views.montecarlo import _edges
 from taction.verification.report.views.sweep_maps import Plane
 from taction.verification.studies.sweep.result import grids
 from taction.verification.studies.tolerance.yield_report import (
@@ -191,8 +199,7 @@ def test_the_table_of_causes_fits_a_terminal() -> None:
 
 
 def charts(report: YieldReport) -> list[Any]:
-    (column, *more) = sheet(report).columns
-    return [*column, *(block for each in more for block in each)]
+    return [*montecarlo.histograms(report)]
 
 
 def histogram(spread: QuantitySpread) -> Chart:
@@ -278,6 +285,8 @@ def test_a_limit_among_the_values_is_an_edge(limits: list[float]) -> None:
 
 
 def test_a_study_without_samples_has_a_picture(tmp_path: Path) -> None:
-    empty = replace(REPORT, boards=(), samples=0, passed=0, quantities=(), sensitivities=())
-    draw_sheet(sheet(empty), tmp_path / "a.svg")
+    empty = replace(
+        REPORT, boards=(), samples=0, passed=0, quantities=(), sensitivities=(), failures={}
+    )
+    draw_page(montecarlo.view(empty), tmp_path / "a.svg")
     assert (tmp_path / "a.svg").read_text().count("<path") > 5
