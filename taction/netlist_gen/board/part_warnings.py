@@ -65,95 +65,63 @@ LIMITS = {
 its own has these in the place of the table's."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """Values that the same keys of the scene set: their limits, each with its remedy."""
+MATRIX, CAPACITORS, SUPPLY = "matrix resistors", "capacitors C", "supplies of op-amps"
+STRAIN, LARGEST_STRAIN = "strain currents", "largest strain currents"
+CURRENT, COMMON = "output currents of op-amps at rest", "common-mode voltages at rest"
+REMEDIES: dict[str, dict[str, str]] = {
+    CAPACITORS: {
+        "stray": "a larger design.capacitance, or a layout with a smaller design.stray_capacitance"
+    },
+    STRAIN: {"most strain": "a smaller design.unit_conductance or design.unit_voltage"},
+    # A small strain beside a large one needs no source that is accurate.
+    LARGEST_STRAIN: {"least strain": "a larger design.unit_conductance or design.unit_voltage"},
+    SUPPLY: {"most supply": "a smaller design.supply", "least supply": "a larger design.supply"},
+    CURRENT: {"output current": "a smaller design.unit_voltage or design.unit_conductance"},
+    COMMON: {"common mode": "a smaller design.unit_voltage or a larger design.supply"},
+}
+"""The limits of each kind of value that the same keys of the scene set, with their remedies."""
 
-    what: str
-    remedies: tuple[tuple[str, str], ...]
-
-
-def _resistors_kind(what: str, less: str, more: str) -> _Kind:
-    return _Kind(what, (("most ohms", less), ("least ohms", more)))
-
-
-_MATRIX = _resistors_kind(
-    "matrix resistors",
-    "a larger design.unit_conductance, or design.prune, which leaves out small entries of T",
-    "a smaller design.unit_conductance",
-)
-_FEEDBACK = _resistors_kind(
-    "resistors R", "a smaller design.resistance", "a larger design.resistance or a smaller lambda"
-)
-_GAIN = _resistors_kind("resistors s", "a smaller design.gain", "a larger design.gain")
-_INVERTER = _resistors_kind(
-    "inverter resistors",
-    "a smaller design.inverter_resistance",
-    "a larger design.inverter_resistance",
-)
-_OUTPUT_CONDUCTANCE = _resistors_kind(
-    "resistors 1/gf",
-    "a larger design.feedback_conductance",
-    "a smaller design.feedback_conductance",
-)
-_REGULARISING = _resistors_kind(
-    "resistors of the rows that add lambda",
-    "a larger design.unit_conductance or lambda",
-    "a smaller design.unit_conductance or lambda",
-)
-_OFFSET = _resistors_kind(
-    "resistors of the offset column",
-    "a larger design.unit_conductance",
-    "a smaller design.unit_conductance",
-)
-_STRAIN_RESISTORS = _resistors_kind(
-    "strain resistors", "a larger design.unit_conductance", "a smaller design.unit_conductance"
-)
-_DIVIDER = _resistors_kind(
-    "resistors of the antilog stages",
-    "a larger design.antilog.reference_current",
-    "a larger design.antilog.divider_resistance or emitter_resistance",
-)
-_CAPACITORS = _Kind(
-    "capacitors C",
-    (
-        (
-            "stray",
-            "a larger design.capacitance, or a layout with a smaller design.stray_capacitance",
-        ),
+_UNIT = "design.unit_conductance"
+RESISTORS: dict[str, tuple[tuple[str, ...], str, str]] = {
+    MATRIX: (
+        (),
+        f"a larger {_UNIT}, or design.prune, which leaves out small entries of T",
+        f"a smaller {_UNIT}",
     ),
-)
-_STRAIN = _Kind(
-    "strain currents",
-    (("most strain", "a smaller design.unit_conductance or design.unit_voltage"),),
-)
-_LARGEST_STRAIN = _Kind(  # a small strain beside a large one needs no source that is accurate
-    "largest strain currents",
-    (("least strain", "a larger design.unit_conductance or design.unit_voltage"),),
-)
-_SUPPLY = _Kind(
-    "supplies of op-amps",
-    (("most supply", "a smaller design.supply"), ("least supply", "a larger design.supply")),
-)
-_CURRENT = _Kind(
-    "output currents of op-amps at rest",
-    (("output current", "a smaller design.unit_voltage or design.unit_conductance"),),
-)
-_COMMON = _Kind(
-    "common-mode voltages at rest",
-    (("common mode", "a smaller design.unit_voltage or a larger design.supply"),),
-)
-_KINDS = {
-    Role.SIGNAL_RESISTOR: _FEEDBACK,
-    Role.BIAS_RESISTOR: _FEEDBACK,
-    Role.CONSTRAINT_RESISTOR: _GAIN,
-    Role.INVERTER_RESISTOR: _INVERTER,
-    Role.SUM: _INVERTER,
-    Role.OUTPUT_CONDUCTANCE: _OUTPUT_CONDUCTANCE,
-    Role.REGULARISING: _REGULARISING,
-    Role.OFFSET: _OFFSET,
-    Role.STRAIN_RESISTOR: _STRAIN_RESISTORS,
-    Role.STAGE: _DIVIDER,
+    "resistors R": (
+        (Role.SIGNAL_RESISTOR, Role.BIAS_RESISTOR),
+        "a smaller design.resistance",
+        "a larger design.resistance or a smaller lambda",
+    ),
+    "resistors s": ((Role.CONSTRAINT_RESISTOR,), "a smaller design.gain", "a larger design.gain"),
+    "inverter resistors": (
+        (Role.INVERTER_RESISTOR, Role.SUM),
+        "a smaller design.inverter_resistance",
+        "a larger design.inverter_resistance",
+    ),
+    "resistors 1/gf": (
+        (Role.OUTPUT_CONDUCTANCE,),
+        "a larger design.feedback_conductance",
+        "a smaller design.feedback_conductance",
+    ),
+    "resistors of the rows that add lambda": (
+        (Role.REGULARISING,),
+        f"a larger {_UNIT} or lambda",
+        f"a smaller {_UNIT} or lambda",
+    ),
+    "resistors of the offset column": ((Role.OFFSET,), f"a larger {_UNIT}", f"a smaller {_UNIT}"),
+    "strain resistors": ((Role.STRAIN_RESISTOR,), f"a larger {_UNIT}", f"a smaller {_UNIT}"),
+    "resistors of the antilog stages": (
+        (Role.STAGE,),
+        "a larger design.antilog.reference_current",
+        "a larger design.antilog.divider_resistance or emitter_resistance",
+    ),
+}
+"""The roles of each kind of resistor, and the remedies for too many ohms and for too few."""
+
+_KINDS = {role: kind for kind, (roles, *_) in RESISTORS.items() for role in roles}
+REMEDIES |= {
+    kind: {"most ohms": less, "least ohms": more} for kind, (_, less, more) in RESISTORS.items()
 }
 Rest = Callable[[str], float]  # the voltage of a node at rest, V
 
@@ -250,29 +218,29 @@ def broken_limits(circuit: Circuit, rest: Rest | None = None) -> dict[str, Broke
     }
     found = {}
     for kind, values, name in (*_by_kind(circuit), *_at_rest(circuit, rest)):
-        for key, remedy in kind.remedies:
+        for key, remedy in REMEDIES[kind].items():
             broken = _broken(kind, limits[key], values, name, remedy)
             if broken is not None:
                 label = LIMITS[key].label or show(LIMITS[key].value, LIMITS[key].unit)
-                found[f"{kind.what} {LIMITS[key].way} {label}"] = broken
+                found[f"{kind} {LIMITS[key].way} {label}"] = broken
     return found
 
 
-_Values = tuple[_Kind, Floats, Callable[[int], str]]
+_Values = tuple[str, Floats, Callable[[int], str]]
 
 
-def _named(kind: _Kind, values: dict[str, float]) -> _Values:
+def _named(kind: str, values: dict[str, float]) -> _Values:
     return kind, np.array(list(values.values())), list(values).__getitem__
 
 
 def _by_kind(circuit: Circuit) -> Iterator[_Values]:
     """Yield the values of each kind, infinite where there is no part, and their names."""
     yield (
-        _MATRIX,
+        MATRIX,
         np.concatenate([matrix.ohms.ravel() for matrix in circuit.matrices]),
         lambda place: _card(circuit, place),
     )
-    kinds: dict[_Kind, list[Resistor]] = {}
+    kinds: dict[str, list[Resistor]] = {}
     for part in circuit.resistors:
         for role, kind in _KINDS.items():
             if part.card in circuit.named(role):
@@ -280,21 +248,21 @@ def _by_kind(circuit: Circuit) -> Iterator[_Values]:
     for kind, parts in kinds.items():
         yield _named(kind, {part.card: part.ohms for part in parts})
     signal = circuit.capacitors_of(Role.SIGNAL_CAPACITOR)
-    yield _named(_CAPACITORS, {part.card: part.farads for part in signal})
+    yield _named(CAPACITORS, {part.card: part.farads for part in signal})
     amps = {source.card: abs(source.amps) for source in circuit.currents if source.amps}
-    yield _named(_LARGEST_STRAIN, dict(sorted(amps.items(), key=lambda item: -item[1])[:1]))
+    yield _named(LARGEST_STRAIN, dict(sorted(amps.items(), key=lambda item: -item[1])[:1]))
     volts = {source.node: source for source in circuit.voltages if source.switched}
     for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
         if (source := volts.get(part.a)) is not None:
             amps[source.card] = abs(source.volts) / part.ohms
-    yield _named(_STRAIN, amps)
+    yield _named(STRAIN, amps)
     supplied = {
         cell.card: circuit.supply
         for cell in circuit.opamps
         if math.isinf(circuit.models[cell.model].most_supply)
         and circuit.models[cell.model].is_limited
     }
-    yield _named(_SUPPLY, supplied)
+    yield _named(SUPPLY, supplied)
 
 
 def _at_rest(circuit: Circuit, rest: Rest | None) -> Iterator[_Values]:
@@ -312,9 +280,9 @@ def _at_rest(circuit: Circuit, rest: Rest | None) -> Iterator[_Values]:
         for near, far in ((a, b), (b, a)):
             if near in judged:
                 amps[judged[near]] += (rest(near) - rest(far)) / ohms
-    yield _named(_CURRENT, {name: abs(value) for name, value in amps.items()})
+    yield _named(CURRENT, {name: abs(value) for name, value in amps.items()})
     common = {c.card: c.noninverting for c in circuit.opamps if c.noninverting != "0"}
-    yield _named(_COMMON, {name: abs(rest(n)) / circuit.supply for name, n in common.items()})
+    yield _named(COMMON, {name: abs(rest(n)) / circuit.supply for name, n in common.items()})
 
 
 def _card(circuit: Circuit, place: int) -> str:
@@ -328,7 +296,7 @@ def _card(circuit: Circuit, place: int) -> str:
 
 
 def _broken(
-    kind: _Kind, limit: PartLimit, values: Floats, name: Callable[[int], str], remedy: str
+    kind: str, limit: PartLimit, values: Floats, name: Callable[[int], str], remedy: str
 ) -> BrokenLimit | None:
     """Return what breaks a limit; None if nothing does."""
     present = np.isfinite(values) & (values > 0.0)
@@ -341,7 +309,7 @@ def _broken(
     beyond = f"{limit.way} {limit.label or show(limit.value, limit.unit)}"
     direction = "up" if limit.way == "above" else "down"
     text = (
-        f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {kind.what} are {beyond},"
+        f"{np.count_nonzero(wrong)} of {np.count_nonzero(present)} {kind} are {beyond},"
         f" {direction} to {show(float(values[place]), limit.unit)} ({name(place)});"
         f" remedy: {remedy}"
     )
