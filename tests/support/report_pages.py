@@ -51,7 +51,6 @@ from taction.verification.studies.regression.baseline import Commit
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import grid_points
-from taction.verification.studies.sweep.point import failure
 from taction.verification.studies.sweep.result import SweepResult
 from taction.verification.studies.sweep.run import SweepCounts
 from taction.verification.studies.tolerance.corners import worst_of
@@ -187,7 +186,8 @@ def _choice(settling: str = "1ms") -> Page:
             try:
                 result = Record.of(verify(with_values(plan.scene, point.values)))
             except InputError as error:
-                result = failure(error, str(error), "statespace")
+                name = type(error).__name__
+                result = Record.without_verdict(name, str(error), "statespace")
             store.put(point.key, result)
         ranked = designs(plan, store)
     best = best_designs(ranked)
