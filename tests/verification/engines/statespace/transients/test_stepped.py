@@ -1,19 +1,29 @@
-"""Transients of exponential boards, against SciPy's Radau at 1e-12 and closed forms."""
+"""Transients of exponential and of straight amplifiers, against independent integrations."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.polynomial.legendre import legval
 from scipy.integrate import solve_ivp
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.parts import Capacitor, CurrentSource, Resistor
+from taction.netlist_gen.board.circuit import Circuit, Output
+from taction.netlist_gen.board.parts import (
+    Capacitor,
+    CurrentSource,
+    OpAmpCell,
+    Resistor,
+    SignalAmplifier,
+)
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.deck.deck import write_deck
+from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats
 from taction.system.errors import DivergesError, EngineError
 from taction.system.waveforms import Waveforms
@@ -22,6 +32,8 @@ from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.transients import integrator
+from taction.verification.engines.statespace.transients.amplifiers import StraightPieces
+from taction.verification.engines.statespace.transients.radau import STAGES
 from taction.verification.engines.statespace.transients.simulate import simulate
 from taction.verification.engines.statespace.transients.stepped import (
     SteppedCurve,
@@ -29,10 +41,19 @@ from taction.verification.engines.statespace.transients.stepped import (
     Task,
     halved,
 )
+from taction.verification.engines.statespace.transients.straight_pieces import (
+    first_passage,
+    hull,
+    limit_cycle,
+    shortened,
+)
 from taction.verification.engines.statespace.transients.structured_steps import StructuredBoard
 from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.verdict.design import large_signal
-from tests.support.boards import board, kernel, lone_amplifier, strain, two_pole
+from taction.verification.verdict.simulation import on_curve, state_space_error
+from tests.support.boards import bare, board, kernel, lone_amplifier, strain, two_pole
+from tests.support.kinked import kinked_transient
+from tests.support.piecewise_boards import compare_board
 
 
 def breadboard(**design: float) -> Circuit:
@@ -216,3 +237,180 @@ def test_a_board_without_a_solution_is_named(monkeypatch: pytest.MonkeyPatch) ->
     circuit = replace(breadboard(), name="seven")
     with pytest.raises(EngineError, match=r"'seven': no solution after 0.0 s: .*--engine"):
         simulate(circuit, Transient(2e-5, 1e-7))
+
+
+SCENES = Path(__file__).parents[5] / "scenes"
+RC = 1e-5  # s
+OPAMP = {"base": "ideal", "dc_gain": 1e5, "gbw": 718e3, "second_pole": 2.154e6}
+
+
+def one_channel(strain: float, capacitance: float, amplifier: str = "saturation") -> LinearBoard:
+    """A board of one channel, which rings."""
+    scene = Scene.from_arrays(
+        np.eye(1), np.array([strain]), amplifier=amplifier, exponential_slope=0.1, opamp=OPAMP,
+        capacitance=capacitance, resistance=2e6, gain=1e6, unit_conductance=1e-6,
+        stray_capacitance=2e-12,
+    )  # fmt: skip
+    return LinearBoard(synthesise(scene))
+
+
+def curve_of(board: LinearBoard, stop: float) -> SteppedCurve:
+    curve = simulate(board, Transient(stop, stop), times=np.array([0.0, stop])).curve
+    assert isinstance(curve, SteppedCurve)
+    return curve
+
+
+def segments_of(curve: SteppedCurve) -> list[tuple[int, ...]]:
+    return [switch.segments for switch in curve.dense.switches]
+
+
+@pytest.mark.parametrize("seed", [0, 3, 30, 41])
+def test_random_boards_are_within_their_bound_of_another_transient(seed: int) -> None:
+    found = compare_board(seed, points=251)
+    assert not found.outside, found
+
+
+@pytest.mark.parametrize(("name", "stop"), [("lasso", 4e-3), ("non-negative", 1e-4), ("box", 2e-3)])
+def test_the_shipped_scenes_are_within_their_bound(name: str, stop: float) -> None:
+    board = LinearBoard(synthesise(load_scene(SCENES / f"{name}.toml")))
+    times, transient = np.linspace(0.0, stop, 51), Transient(stop, stop / 50)
+    record = simulate(board, transient, times=times[[0, -1]], tolerance=1e-6, resolved=True)
+    found = state_space_error(board, record)
+    truth, doubt, _ = kinked_transient(board, transient, times, board.reported(None))
+    assert isinstance(record.curve, SteppedCurve)
+    assert len(record.curve.dense.switches) > 1
+    assert np.all(np.abs(on_curve(found.record, times) - truth) <= found.volts + doubt + 1e-9)
+    assert found.volts < 1e-5
+
+
+def test_first_passages_are_those_of_the_polynomials_roots() -> None:
+    """Drawn polynomials of the degree of a step, against their values on a fine grid."""
+    draw, t = np.random.default_rng(7), np.linspace(0.0, 1.0, 20_001)
+    passed = 0
+    for _ in range(400):
+        piece = draw.standard_normal((2, STAGES + 1)) * 0.4 ** np.arange(STAGES + 1)
+        level = draw.uniform(0.0, 1.5)
+        values = legval(2.0 * t - 1.0, piece.T)
+        if (values[:, 0] >= level).any():
+            continue
+        beyond = (values > level).any(axis=0)
+        found = first_passage(1e9 * (hull(piece) - level))
+        if not beyond.any():
+            assert found == 1.0 or values.max() > level - 1e-6
+            continue
+        passed += 1
+        assert t[beyond.argmax()] - t[1] <= found <= t[beyond.argmax()] + 1e-12
+        left, ends, _ = shortened(piece, found)
+        assert ends == pytest.approx(legval(2.0 * found - 1.0, piece.T), abs=1e-12)
+        middle = legval(2.0 * 0.5 * found - 1.0, piece.T)
+        assert legval(0.0, left.T) == pytest.approx(middle, abs=1e-12)
+    assert passed > 20
+
+
+def test_pieces_are_those_of_the_functions() -> None:
+    kinds = ("deadzone", "tanh", "rectifier", "saturation")
+    pieces = StraightPieces(kinds)
+    y = np.array([[-3.0, 0.2, 2.0, 0.5], [0.0, 0.0, -1.0, 7.0]])
+    segments = pieces.at(y)
+    assert segments.tolist() == [[0, 0, 1, 1], [1, 0, 0, 2]]
+    rise, offset = pieces.lines(segments)
+    assert (rise * y + offset)[:, [0, 2, 3]].tolist() == [[-2.0, 2.0, 0.5], [0.0, 0.0, 1.0]]
+    low, high = pieces.ends(segments)
+    assert low[0].tolist() == [-np.inf, -np.inf, 0.0, -1.0]
+    assert high[0].tolist() == [-1.0, np.inf, np.inf, 1.0]
+
+
+def test_channels_that_mirror_each_other_switch_together() -> None:
+    curve = curve_of(LinearBoard(synthesise(load_scene(SCENES / "lasso.toml"))), 1e-3)
+    segments = np.array(segments_of(curve))
+    times = np.array([switch.time for switch in curve.dense.switches])
+    apart = (segments != segments[:, ::-1]).any(axis=1)
+    assert np.diff(np.append(times, 1e-3))[apart].sum() <= 1e-9 * 1e-3
+    assert segments[-1].tolist() == [1, 1, 2, 2, 2, 1, 1]
+
+
+def test_an_input_that_only_touches_a_break_changes_nothing_at_once() -> None:
+    """Just below and just above a grazing contact the records are alike, with and without it."""
+    stop, low, high = 1e-4, 0.6, 0.99
+    for _ in range(25):
+        middle = 0.5 * (low + high)
+        few = len(segments_of(curve_of(one_channel(middle, 20e-12), stop))) == 1
+        low, high = (middle, high) if few else (low, middle)
+    below, above = (curve_of(one_channel(strain, 20e-12), stop) for strain in (low, high))
+    assert len(segments_of(below)) == 1
+    times = np.linspace(0.0, stop, 2001)
+    assert below.at(times) == pytest.approx(above.at(times), abs=1e-7)
+    farther = curve_of(one_channel(1.01 * high, 20e-12), stop).dense.switches
+    assert len(farther) > 1
+    assert 0.0 < farther[1].time < farther[2].time < stop  # behind the break, and back
+
+
+def test_an_unstable_board_that_saturates_has_a_limit_cycle() -> None:
+    board = one_channel(0.3, 3e-12)
+    assert board.state_space.modes.poles[0].real > 0.0
+    record = simulate(board, Transient(2e-5, 1e-7))
+    assert any("a limit cycle" in flag for flag in record.flags)
+    curve = simulate(board, Transient(2e-4, 1e-6), times=np.array([0.0, 2e-4])).curve
+    assert isinstance(curve, SteppedCurve)
+    cycle = limit_cycle(curve.dense.switches)
+    assert cycle is not None
+    # The period again, by the crossings of the mean output in another transient.
+    times = np.linspace(0.0, 3.0 * cycle.begin + 6.0 * cycle.period, 601)
+    truth, _, _ = kinked_transient(board, Transient(times[-1], 1e-6), times, board.reported(None))
+    late = truth[300:, 0] - 0.5 * (truth[300:, 0].max() + truth[300:, 0].min())
+    rising = np.flatnonzero((late[:-1] < 0.0) & (late[1:] >= 0.0))
+    period = (rising[-1] - rising[0]) * times[1] / (len(rising) - 1)
+    assert period == pytest.approx(cycle.period, rel=1e-2)
+    assert limit_cycle(curve_of(one_channel(0.3, 500e-12), 1e-3).dense.switches) is None
+
+
+def own_driver(loop: float, kind: str, amps: float, farads: float = 0.0) -> LinearBoard:
+    """``v = (1 - s) x + s y``, y = 10 (g(v) of 0.1 V): a loop gain of ``loop = 10 s`` at once.
+
+    x is a capacitor that `amps` charge through a resistor, both of 1 / `RC`; `farads` delay v.
+    """
+    ohms, share = 1e4, 0.1 * loop
+    delays = (Capacitor("Cv", "v", "0", farads),) if farads else ()
+    circuit = bare(
+        models={"op": OpAmp("op", 1e9)},
+        amplifier=kind,
+        opamps=(OpAmpCell("Xb", "op", "x", "b", "b"), OpAmpCell("Xi", "op", "0", "j", "y")),
+        amplifiers=(SignalAmplifier("B", kind, "v", "m", 1.0, 0.1),),
+        resistors=(
+            Resistor("R", "x", "0", ohms), Resistor("R1", "m", "j", ohms),
+            Resistor("R2", "j", "y", ohms), Resistor("Ra", "b", "v", ohms / (1.0 - share)),
+            Resistor("Rb", "y", "v", ohms / share),
+        ),
+        capacitors=(Capacitor("C", "x", "0", RC / ohms), *delays),
+        currents=(CurrentSource("I", "x", amps),),
+        outputs=(Output("y", 1.0),),
+    )  # fmt: skip
+    return LinearBoard(circuit)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_board_that_would_jump_at_a_break_is_refused_in_words(sign: float) -> None:
+    """Up to a loop gain of 1 there is one voltage for each state; above 1 a delay decides."""
+    stop, amps = 30.0 * RC, sign * 1e-5
+    x = sign * 0.1 * -np.expm1(-np.linspace(0.0, 30.0, 61))
+    for loop in (0.3, 0.99):
+        share = 0.1 * loop
+        record = simulate(
+            own_driver(loop, "saturation", amps), Transient(stop, RC),
+            times=np.linspace(0.0, stop, 61),
+        )  # fmt: skip
+        inner = 10.0 * (1.0 - share) * x / (1.0 - loop)
+        assert record.values[:, 0] == pytest.approx(np.clip(inner, -1.0, 1.0), abs=1e-6)
+    jumping = own_driver(1.1, "saturation", 10.0 * amps)
+    with pytest.raises(EngineError, match=r"amplifiers drive .* by a gain above 1: .* and jumps"):
+        simulate(jumping, Transient(stop, RC))
+    delayed = own_driver(1.1, "saturation", 10.0 * amps, farads=1e-12)
+    assert simulate(delayed, Transient(stop, RC)).values[-1] == pytest.approx([sign])
+
+
+def test_an_amplifier_may_start_on_its_break_and_drive_itself() -> None:
+    """It was refused: the voltages beside which a jump counts were still zero."""
+    board = own_driver(0.5, "rectifier", -1e-5)
+    curve = curve_of(board, 10.0 * RC)
+    assert segments_of(curve)[-1] == (0,)
+    assert np.abs(curve.at(np.linspace(0.0, 10.0 * RC, 50))).max() < 1e-8
