@@ -43,16 +43,9 @@ def with_analysis(circuit: Any, deck: Deck) -> Deck:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "paper-breadboard",
-        "paper-exponential",
-        "paper-exponential-devices",
-        "tangential-exponential",
-        "errors",
-    ],
+    ("name", "matrix_file"),
+    [("paper-breadboard", "m.inc"), ("paper-exponential-devices", None), ("errors", None)],
 )
-@pytest.mark.parametrize("matrix_file", [None, "m.inc"])
 def test_its_text_is_the_same_board(
     name: str, matrix_file: str | None, ngspice: str, tmp_path: Path
 ) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from taction.netlist_gen.scene.axes import parse_axes, with_settings
-from taction.netlist_gen.scene.scene import Scene, parse_scene, scene_type
+from taction.netlist_gen.scene.scene import Scene, parse_scene
 from taction.netlist_gen.scene.writing import scene_text
 from taction.system.errors import InputError
 from taction.verification.studies.running.versions import digest
@@ -89,17 +89,6 @@ def test_a_scene_with_plugins_can_be_sent_stored_written_and_varied(plugin: Plug
     moved = with_settings(scene, ["checks.droop.after=5ms", "design.ladder.sections=7"])
     assert moved.checks.droop.after == 5e-3  # type: ignore[attr-defined]
     assert moved.design.ladder.sections == 7  # type: ignore[attr-defined]
-
-
-def test_the_schema_has_what_plugins_add(plugin: Plugin) -> None:
-    plugin("acme", GROUPS, SOURCE)
-    schema = scene_type().model_json_schema(by_alias=True)
-    parts = schema["$defs"]
-    assert "droop" in parts["Checks"]["properties"]
-    assert "quiet" not in parts["Checks"]["properties"]
-    assert parts["Design"]["properties"]["topology"]["enum"][-2:] == ["ladder", "mesh"]
-    assert parts["AnalysisChoice"]["properties"]["engine"]["enum"][-1] == "spectre"
-    assert parts["LadderKeys"]["properties"].keys() == {"sections", "rung"}
 
 
 def test_mistakes_in_keys_of_plugins_have_the_nearest_key(plugin: Plugin) -> None:
