@@ -11,7 +11,7 @@ from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed, alone
 from taction.verification.engines.statespace.equations.mirror_symmetry import DenseBlock
-from taction.verification.engines.statespace.linearised.limited_states import differentiated
+from taction.verification.engines.statespace.linearised.limited_states import limits_of
 from taction.verification.engines.statespace.linearised.scaled_inverse import (
     SINGULAR,
     ScaledInverse,
@@ -111,28 +111,30 @@ def eliminate(
     chargeless = [names[k] for k in a] if basis is None else names
     inner_factor, limits = ScaledInverse(K[:, n:, n + inputs :]), None
     if has_branches and count == 1 and not inner_factor.largest[0] < SINGULAR:
-        K, limits = differentiated(K, mass, n, inputs)
-        inner_factor = ScaledInverse(K[:, n:, n + inputs :])
-    passive = inner_factor.solve(
-        K[:, n:, : n + inputs], chargeless, "nodes without capacitance stay undetermined"
-    )
-    rates = K[:, :n, : n + inputs] - K[:, :n, n + inputs :] @ passive
+        limits = limits_of(K, mass, n, inputs)
+    if limits is None:
+        passive = fixing = inner_factor.solve(
+            K[:, n:, : n + inputs], chargeless, "nodes without capacitance stay undetermined"
+        )
+    else:
+        passive, fixing = limits.passive[None], limits.fixing[None]
+    rates = K[:, :n, : n + inputs] - K[:, :n, n + inputs :] @ fixing
     charged = [names[k] for k in d] if basis is None else [f"charge{k + 1}" for k in range(n)]
     if limits is None:
         charge = _with_impulses(charge, K[:, :n, n + inputs :], inner_factor, chargeless, d, a)
     else:  # it is limited below; what has no charge has none here
         charge = charge.take(d, axis=1)
     right = np.concatenate([rates, charge], axis=2)
-    terms = np.abs(K[:, :n, :n]) + np.abs(K[:, :n, n + inputs :]) @ np.abs(passive[:, :, :n])
+    terms = np.abs(K[:, :n, :n]) + np.abs(K[:, :n, n + inputs :]) @ np.abs(fixing[:, :, :n])
     sizes = np.abs(mass.solve(terms, charged, "the capacitances do not determine the states"))
     rates = mass.solve(right, charged, "the capacitances do not determine the states")
     sizes = np.stack([sizes, np.zeros_like(sizes)], axis=1)
     exact = found is not None or split.left is not None
-    if exact or has_branches:
+    if limits is None and (exact or has_branches):
         cancelling = within.sizes(d, a, mass, inner_factor, passive)
         cancelling[:, 0] += mass.spread(rates[:, :, :n])
         sizes = np.maximum(sizes, cancelling if exact else cancelling / SPARE)
-    if has_branches:
+    if has_branches and limits is None:
         decided = decided & (not split.singular) & within.decide(d, a, mass, inner_factor)
     outer = _recovery(passive, basis, d, a)
     if o.size:

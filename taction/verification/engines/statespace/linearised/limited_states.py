@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.system.array_types import EPS, Floats
+from taction.system.array_types import EPS, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.scaled_inverse import (
     SINGULAR,
@@ -22,12 +22,15 @@ class Limits:
     """States x (n,) that equations without charge limit: ``x = free y + fixed u``, y = kept x.
 
     A coil in series with a current source is such a limit, and a loop of capacitors and sources. An
-    impulse that a step makes there does not change y.
+    impulse that a step makes there does not change y. The unknowns without charge are
+    ``-passive [x, u]``, and as far as they move y ``-fixing [x, u]``.
     """
 
     free: Floats
     fixed: Floats
     kept: Floats
+    fixing: Floats
+    passive: Floats
 
     def restricted(
         self, rates: Floats, outer: Floats, sizes: Floats
@@ -55,38 +58,59 @@ def _scales(A: Floats) -> tuple[Floats, Floats]:
     return rows, columns
 
 
-def differentiated(
-    K: Floats, mass: ScaledInverse, n: int, inputs: int
-) -> tuple[Floats, Limits | None]:
-    """Put the derivative of what limits the states in the place of each equation that only does.
+def _pivoted(A: Floats) -> tuple[Floats, Floats, Ints, Ints, int]:
+    """Return L, U, p, q and the rank r of A: ``A[p][:, q] = L U`` by complete pivoting.
 
-    The equations without charge are those below the first n; where they are singular for another
-    reason, K comes back as it is.
+    What is zero stays zero, where singular vectors have rounding, times the largest elements.
     """
-    from scipy.linalg import qr
+    L, U, size = np.eye(len(A)), A.copy(), len(A)
+    p, q = np.arange(size), np.arange(size)
+    for r in range(size):
+        i, j = (r + place for place in divmod(int(np.abs(U[r:, r:]).argmax()), size - r))
+        if abs(U[i, j]) * SINGULAR <= abs(U[0, 0]):
+            return L, U, p, q, r
+        for X in (U, p):
+            X[[r, i]] = X[[i, r]]
+        L[[r, i], :r] = L[[i, r], :r]
+        U[:, [r, j]], q[[r, j]] = U[:, [j, r]], q[[j, r]]
+        L[r + 1 :, r] = U[r + 1 :, r] / U[r, r]
+        U[r + 1 :] -= np.outer(L[r + 1 :, r], U[r])
+    return L, U, p, q, size
+
+
+def limits_of(K: Floats, mass: ScaledInverse, n: int, inputs: int) -> Limits | None:
+    """Return what limits the states; None where the equations are singular for another reason.
+
+    The equations without charge are those below the first n. They leave directions of their
+    unknowns open, which the derivative of what limits the states determines. These move no y, and
+    do not enter its rates, else these would be differences of large numbers.
+    """
+    from scipy.linalg import qr, solve_triangular
 
     rows, columns = _scales(K[0, n:, n + inputs :])
     own = K[0, n:] / rows[:, None]
-    U, S, Vt = np.linalg.svd(own[:, n + inputs :] / columns)
-    k = int(np.sum(S[0] >= S * SINGULAR))
-    left, right = U[:, len(S) - k :], Vt[len(S) - k :].T / columns[:, None]
-    limit = left.T @ own[:, : n + inputs]
+    L, U, p, q, r = _pivoted(own[:, n + inputs :] / columns)
+    first = solve_triangular(L[:r, :r], own[p[:r], : n + inputs], lower=True, unit_diagonal=True)
+    limit, k = own[p[r:], : n + inputs] - L[r:, :r] @ first, len(p) - r
+    fixing, right = np.zeros((len(p), n + inputs)), np.zeros((len(p), k))
+    fixing[q[:r]] = solve_triangular(U[:r, :r], first)
+    right[q] = np.vstack([-solve_triangular(U[:r, :r], U[:r, r:]), np.eye(k)])
+    fixing, right = fixing / columns[:, None], right / columns[:, None]
     rates = mass.solve(K[:, :n], [str(i) for i in range(n)], "singular capacitances")[0]
     through = rates[:, n + inputs :] @ right
     pivots = qr(limit[:, :n], mode="r", pivoting=True)[1][:k]
     others = np.setdiff1d(np.arange(n), pivots)
     try:
-        if k > n or np.linalg.cond(limit[:, :n] @ through) > 1.0 / EPS:
-            return K, None
+        moved = limit[:, :n] @ through
+        if k > n or np.linalg.cond(moved) > 1.0 / EPS:
+            return None
         free = np.zeros((n, n - k))
         free[others, np.arange(n - k)] = 1.0
         free[pivots] = -np.linalg.solve(limit[:, pivots], limit[:, others])
-        fixed = -through @ np.linalg.solve(limit[:, :n] @ through, limit[:, n:])
+        fixed = -through @ np.linalg.solve(moved, limit[:, n:])
         whole = np.hstack([free, through])
         kept = ScaledInverse(whole[None]).solve(np.eye(n)[None], ["state"], "states")[0, : n - k]
+        after = limit[:, :n] @ (rates[:, : n + inputs] - rates[:, n + inputs :] @ fixing)
+        return Limits(free, fixed, kept, fixing, fixing + right @ np.linalg.solve(moved, after))
     except (np.linalg.LinAlgError, EngineError):
-        return K, None
-    after = limit[:, :n] @ rates
-    after /= np.abs(after[:, n + inputs :]).max(axis=1, keepdims=True)
-    made = np.vstack([K[0, :n], U[:, : len(S) - k].T @ own, after])
-    return made[None], Limits(free, fixed, kept)
+        return None
