@@ -75,7 +75,9 @@ def imported_opamp(scene: Scene, file: str) -> OpAmp:
         found = f"±{scene.design.supply:g} V"
         text = f"{file} was measured at ±{imported.supply:g} V; import it again with --supply"
         raise InputError(scene.file, Complaint("design.supply", found, text))
-    if scene.analysis.initial != "rest":
+    if scene.design.opamp.model == "figures":
+        opamp = replace(opamp, imported=None)
+    elif scene.analysis.initial != "rest":
         text = "a vendor's model starts at its operating point; expected 'rest'"
         raise InputError(scene.file, Complaint("analysis.initial", "'zero'", text))
     lacking = changes(opamp, {}, "typical", {}, scene.design.surroundings)[1]

@@ -112,6 +112,11 @@ class OpAmpChoice(Model):
     file: FileName | None = Field(
         None, description="an imported op-amp (`taction parts import`), in the place of a preset"
     )
+    model: Literal["cards", "figures"] = Field(
+        "cards",
+        description="of an imported op-amp: the vendor's cards, or a macromodel with its measured"
+        " figures",
+    )
     level: Literal["auto", "small-signal", "large-signal"] = Field(
         "auto",
         description="of the macromodel; auto: with slew rate and swing, and with the largest output"
@@ -174,7 +179,9 @@ class OpAmpChoice(Model):
 
     @model_validator(mode="after")
     def _file_alone(self) -> OpAmpChoice:
-        others = sorted(self.model_fields_set - {"file"})
+        others = sorted(self.model_fields_set - {"file", "model"})
+        if self.file is None and self.model == "figures":
+            raise ValueError("'model' is of an imported op-amp; expected 'file' beside it")
         if self.file is not None and others:
             raise ValueError(f"'file' excludes {others[0]!r}: an imported op-amp is as measured")
         return self

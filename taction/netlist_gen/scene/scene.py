@@ -270,7 +270,7 @@ def opamp_words(choice: OpAmpChoice) -> str:
 
 def own_figures(choice: OpAmpChoice) -> set[str]:
     """Return the figures of an op-amp that are not those of its preset."""
-    return choice.model_fields_set - {"base", "file", "level", "input_errors"}
+    return choice.model_fields_set - {"base", "file", "model", "level", "input_errors"}
 
 
 def check_words(checks: Checks) -> Iterator[str]:

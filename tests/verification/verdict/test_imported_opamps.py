@@ -209,3 +209,19 @@ def test_a_linear_part_that_cannot_be_is_refused(
     parts = [*linear["parts"], part | changed]
     with pytest.raises(ValueError, match=text):
         from_document(document | {"linear": linear | {"parts": parts}})
+
+
+def test_a_scene_takes_the_measured_figures_where_it_says_so(write: Callable[..., Scene]) -> None:
+    cards, figures = (
+        synthesise(write(design={"opamp": {"file": "fet100.opamp.json", "model": model}}))
+        for model in ("cards", "figures")
+    )
+    (vendor,), (macromodel,) = cards.models.values(), figures.models.values()
+    assert vendor.imported is not None
+    assert macromodel == replace(vendor, imported=None)
+    assert macromodel.dc_gain == vendor.imported.figures.dc_gain
+
+
+def test_figures_are_those_of_a_file(write: Callable[..., Scene]) -> None:
+    with pytest.raises(InputError, match="expected 'file' beside it"):
+        write(design={"opamp": {"base": "ua741", "model": "figures"}})

@@ -328,4 +328,4 @@ def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, rows: Bools) -> Spl
     left, basis = left[order], basis[:, order]
     mass = ScaledInverse(np.diag(D[::-1])[None])
     parts = (np.arange(n), np.arange(n, size), basis, mass, left @ K @ basis)
-    return Split((*parts, left @ b, left @ charge), left, n < np.count_nonzero(rows))
+    return Split((*parts, left @ b, left @ charge), left, bool(n < np.count_nonzero(rows)))
