@@ -18,10 +18,12 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import EngineError, TactionError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges
 from taction.verification.stability.margin import (
     REACH,
+    Families,
     find_margin,
     stable_values,
 )
@@ -52,6 +54,29 @@ def test_c_may_shrink_to_its_crossing() -> None:
     assert margin.uncertainty == pytest.approx(1e-6 * margin.factor)
     assert margin.text == "C can shrink by the factor 2.419, to 4.134 pF"
     assert margin.doubt == ""
+
+
+def test_boards_that_differ_in_c_alone_are_confirmed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted = []
+    count = module.Family.count
+
+    def counting(family: module.Family, value: float, edges: Edges) -> int:
+        counted.append(value)
+        return count(family, value, edges)
+
+    monkeypatch.setattr(module.Family, "count", counting)
+    families = Families()
+    for farads in (10e-12, 15e-12, 8e-12, 25e-12):
+        each = board("design.capacitance", farads)
+        before = len(counted)
+        shared = find_margin(each, families=families)
+        assert len(counted) - before == (2 if farads == 10e-12 else 0)
+        assert shared == find_margin(each)  # the same digits as alone
+        assert shared.factor == pytest.approx(farads / 4.1337463e-12, rel=1e-7)
+    other = board("design.gain", "1Mohm")
+    before = len(counted)
+    assert find_margin(other, families=families) == find_margin(other)
+    assert len(counted) - before == 4
 
 
 def test_the_gain_may_grow_to_its_crossing() -> None:

@@ -144,8 +144,9 @@ def test_a_program_that_never_answers(
     monkeypatch.setattr(module, "PATIENCE", 0.5)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         place = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(InputError, match="no Dask scheduler answers"), cluster(place):
-            pass
+        for each in (place, "tcp://127.0.0.1:9"):  # it is silent; nobody is there
+            with pytest.raises(InputError, match="no Dask scheduler answers"), cluster(each):
+                pass
     assert capfd.readouterr() == ("", "")
 
 
