@@ -93,7 +93,7 @@ class Plane:
         marks: list[Mark] = [Cells(self.across, self.down, names.T, looks)]
         summary = (
             "The result of every point. Of several checks that fail the first one is shown,"
-            f" stability before all others.{self.note}"
+            f" stability before all others.{self.note} A grey or empty cell has no value."
         )
         marks += [self.edge] if self.edge is not None else []
         passing, total = int((names == "pass").sum()), int((names != "").sum())
