@@ -113,6 +113,7 @@ def _imported(circuit: Circuit) -> Iterator[tuple[str, ImportedOpAmp]]:
 
 ROUNDED = 1e-9  # relative difference of two formulas for one number; rounding is far below
 START = 0.1  # of the step amplitude: rounded resistors move the rest of a board by less
+UNSEEN = 1e-12  # V: far below the noise of any board, and above the rounding of a start at 0 V
 
 
 def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> str:
@@ -143,7 +144,7 @@ def find_contradiction(circuit: Circuit, ideal: IdealAnswer, start: Floats) -> s
         return ""
     away = np.abs(start - ideal.start)
     n = int(np.argmax(away))
-    if away[n] > START * np.abs(ideal.target - ideal.start).max():
+    if away[n] > max(START * np.abs(ideal.target - ideal.start).max(), UNSEEN):
         here, there = (show(float(u[n]), "V") for u in (start, ideal.start))
         return f"channel {n + 1} starts at {here}, in the reference at {there}"
     return ""

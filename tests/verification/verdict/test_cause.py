@@ -250,6 +250,13 @@ def test_without_a_step_to_judge_no_start_is_compared(changes: dict[str, Any]) -
     assert find_contradiction(circuit, replace(ideal, **changes), ideal.start + 1.0) == ""
 
 
+def test_the_rounding_of_a_start_at_zero_is_no_contradiction() -> None:
+    circuit, ideal = made(**{"lambda": 0.3})
+    still = replace(ideal, target=ideal.start)  # nothing moves: no step to compare with
+    assert find_contradiction(circuit, still, ideal.start + 3e-18) == ""
+    assert find_contradiction(circuit, still, ideal.start + 1e-9).startswith("channel 1 starts at")
+
+
 @pytest.mark.parametrize(("away", "found"), [(0.09, False), (0.11, True)])
 def test_a_record_starts_where_the_reference_starts(away: float, found: bool) -> None:
     circuit, ideal = made(amplifier="exponential", **{"lambda": 0.3})
