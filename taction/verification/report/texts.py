@@ -19,7 +19,7 @@ from taction.verification.report.blocks import Cell
 from taction.verification.report.charts import Outcome
 
 NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
-UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;]?(?:\s|$))")
+UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;:.]?(?:\s|$))")
 LEAST_SHARE = 1e-6  # of the step: smaller parts have no number
 LEAST_AMOUNT = 1e-15  # of any other unit: smaller errors of 0 are rounding
 LEAST_ERROR = 1e-6  # of a value: smaller errors have no number
