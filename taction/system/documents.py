@@ -31,16 +31,7 @@ import types
 from collections.abc import Mapping
 from functools import cache
 from pathlib import PurePath
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    TypeVar,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from taction.system.errors import listed
 from taction.system.foreign_text import shortened, visible

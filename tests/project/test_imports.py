@@ -9,17 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.rooms import (
-    ENTRY,
-    FLOORS,
-    FOLDERS,
-    ROOMS,
-    arrows,
-    below,
-    imports,
-    modules,
-    room_of,
-)
+from scripts.rooms import ENTRY, FLOORS, FOLDERS, ROOMS, arrows, below, imports, modules, room_of
 from tests.support.paths import ROOT
 
 # The three witnesses of a verdict. None may reach another one's modules, however long the way, else

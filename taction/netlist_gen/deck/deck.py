@@ -16,12 +16,7 @@ from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.parts import VoltageSource
 from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, board_text
 from taction.netlist_gen.deck.checks import check_circuit, check_request, tolerances
-from taction.netlist_gen.deck.dialects import (
-    DIALECTS,
-    NATIVE,
-    Dialect,
-    starts_from_rest,
-)
+from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE, Dialect, starts_from_rest
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import Circuit as PySpiceCircuit

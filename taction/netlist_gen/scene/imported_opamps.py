@@ -7,12 +7,7 @@ from typing import Any
 
 from taction.netlist_gen.board.linear_models import check_parts
 from taction.netlist_gen.deck.vendor_subcircuit import stored_subcircuit
-from taction.spice_models.imported import (
-    Figures,
-    ImportedOpAmp,
-    LinearModel,
-    check_pins,
-)
+from taction.spice_models.imported import Figures, ImportedOpAmp, LinearModel, check_pins
 from taction.system.documents import plain, read, taken
 from taction.system.errors import InputError, listed
 

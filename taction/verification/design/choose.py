@@ -22,11 +22,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.questions import value_questions
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.scene.writing import write_scene
-from taction.system.errors import (
-    NoVerdictError,
-    SimulatorNotFound,
-    SimulatorTooOld,
-)
+from taction.system.errors import NoVerdictError, SimulatorNotFound, SimulatorTooOld
 from taction.system.output_files import check_empty_folder, make_folder
 from taction.system.progress import Progress, ask
 from taction.system.reading_definitions import READINGS
@@ -39,12 +35,7 @@ from taction.verification.design.choice_plan import (
     choice_plan,
     request_of,
 )
-from taction.verification.design.trials import (
-    KEPT,
-    Trial,
-    accepted_parts,
-    broken_at_rest,
-)
+from taction.verification.design.trials import KEPT, Trial, accepted_parts, broken_at_rest
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.store import Store

@@ -17,12 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.part_warnings import (
-    ANY_PART,
-    LEAST_OHMS,
-    MOST_OHMS,
-    AcceptedParts,
-)
+from taction.netlist_gen.board.part_warnings import ANY_PART, LEAST_OHMS, MOST_OHMS, AcceptedParts
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.problem_tables import ProblemTable, shape_text
 from taction.netlist_gen.scene.scene import Scene, parse_scene

@@ -17,12 +17,7 @@ from taction.system.quantities import show, show_rate
 from taction.system.reading_definitions import FAINT, READINGS, SETTLING_BAND, SMALL_STEP
 from taction.verification.readings.readings import Reading, Readings, Step, largest, read, unread
 from taction.verification.readings.ringing import ChannelRinging, Mode, RecordRinging, find_ringing
-from taction.verification.readings.settling import (
-    ChannelState,
-    Drift,
-    Settlement,
-    prove,
-)
+from taction.verification.readings.settling import ChannelState, Drift, Settlement, prove
 from taction.verification.readings.signals import (
     FEWEST_POINTS,
     ContinuousSignal,

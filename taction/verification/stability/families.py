@@ -24,12 +24,7 @@ from taction.system.errors import EngineError, InputError, TactionError
 from taction.verification.engines.statespace.equations.exact_count import characteristic
 from taction.verification.engines.statespace.linearised.board import LinearBoard, stamp_boards
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.stability.certificate import (
-    EdgeClaim,
-    ExactCount,
-    certify,
-    counted_edges,
-)
+from taction.verification.stability.certificate import EdgeClaim, ExactCount, certify, counted_edges
 from taction.verification.stability.edges import Edges, Scan
 from taction.verification.stability.loci import LociSearch, trace_together
 from taction.verification.stability.poles import (

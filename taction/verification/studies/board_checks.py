@@ -16,14 +16,7 @@ from taction.verification.studies.measured_board import LATCH, WANTED, MeasuredB
 from taction.verification.studies.questions import QUESTIONS
 from taction.verification.studies.wanted_checks import Expected, Wanted
 from taction.verification.verdict.cause import cause
-from taction.verification.verdict.checks import (
-    Check,
-    Evidence,
-    Outcome,
-    at_most,
-    doubtful,
-    overall,
-)
+from taction.verification.verdict.checks import Check, Evidence, Outcome, at_most, doubtful, overall
 from taction.verification.verdict.companion import Agreement, step_error
 from taction.verification.verdict.planned_board import SteadyState
 from taction.verification.verdict.record import (

@@ -18,11 +18,7 @@ from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
 from taction.verification.studies.foreign_board import RELATIVE
 from taction.verification.studies.measured_board import WANTED, MeasuredBoard
-from taction.verification.verdict.companion import (
-    Agreement,
-    compare_engines,
-    state_space_companion,
-)
+from taction.verification.verdict.companion import Agreement, compare_engines, state_space_companion
 from taction.verification.verdict.step_forecast import StepModel
 
 MOST_STEPS = 200_000.0  # of ngspice: a longer record is cut, and says so

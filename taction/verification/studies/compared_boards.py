@@ -40,11 +40,7 @@ from taction.verification.studies.difference import (
     key_differences,
 )
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
-from taction.verification.studies.measured_board import (
-    Start,
-    measure_board,
-    step_response,
-)
+from taction.verification.studies.measured_board import Start, measure_board, step_response
 from taction.verification.verdict.companion import state_space_companion
 from taction.verification.verdict.compare import Difference, compare, relative, within_uncertainties
 from taction.verification.verdict.deck import deck_of

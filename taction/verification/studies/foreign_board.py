@@ -35,12 +35,7 @@ from taction.netlist_gen.deck.foreign_deck import (
     unbraced_expression,
 )
 from taction.netlist_gen.deck.ltspice import missing_cards
-from taction.netlist_gen.deck.macromodels import (
-    check_size,
-    is_plain,
-    ltspice_opamps,
-    ready_lines,
-)
+from taction.netlist_gen.deck.macromodels import check_size, is_plain, ltspice_opamps, ready_lines
 from taction.netlist_gen.deck.stimuli import FIXED, REMARKS
 from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
 from taction.spice_models.foreign_expressions import number

@@ -16,9 +16,7 @@ from taction.system.progress import Clock, Progress
 from taction.system.quantities import sizes
 from taction.system.results import RENDERERS, Result, load
 from taction.system.waveforms import Waveforms
-from taction.verification.engines.statespace.linearised.board import (
-    LinearBoard,
-)
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import (
     EnergyRise,
@@ -26,42 +24,20 @@ from taction.verification.reference.ideal_answer import (
     energy_rise,
     ideal_answer,
 )
-from taction.verification.stability.margin import (
-    REACH,
-    Margin,
-    MarginSearch,
-    find_margin,
-)
+from taction.verification.stability.margin import REACH, Margin, MarginSearch, find_margin
 from taction.verification.stability.poles import Poles
 from taction.verification.verdict.answer_error import AnswerError
 from taction.verification.verdict.checks import Check, Evidence, Outcome, overall
-from taction.verification.verdict.companion import (
-    Agreement,
-    StepError,
-)
-from taction.verification.verdict.design import (
-    design_board,
-)
+from taction.verification.verdict.companion import Agreement, StepError
+from taction.verification.verdict.design import design_board
 from taction.verification.verdict.error_budget import ErrorBudget, error_budget
 from taction.verification.verdict.headroom import PartLoads
 from taction.verification.verdict.output_noise import OutputNoise
 from taction.verification.verdict.planned_board import PlannedBoard, SteadyState
-from taction.verification.verdict.recording import (
-    Accuracy,
-    Recording,
-    finest,
-    record_and_measure,
-)
+from taction.verification.verdict.recording import Accuracy, Recording, finest, record_and_measure
 from taction.verification.verdict.run_checks import could_be_finer, run_checks
-from taction.verification.verdict.simulation import (
-    Pending,
-    begin,
-)
-from taction.verification.verdict.warnings import (
-    all_warnings,
-    find_contradiction,
-    missing_witness,
-)
+from taction.verification.verdict.simulation import Pending, begin
+from taction.verification.verdict.warnings import all_warnings, find_contradiction, missing_witness
 
 if TYPE_CHECKING:
     from taction.verification.verdict.active_sets import VisitedSet

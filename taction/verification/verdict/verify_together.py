@@ -31,12 +31,7 @@ from taction.verification.verdict.design import (
     synthesised_board,
 )
 from taction.verification.verdict.planned_board import PlannedBoard, UnplannedBoard
-from taction.verification.verdict.simulation import (
-    ENGINES,
-    Pending,
-    begin_together,
-    choose_engine,
-)
+from taction.verification.verdict.simulation import ENGINES, Pending, begin_together, choose_engine
 from taction.verification.verdict.verify import (
     FULL,
     Effort,

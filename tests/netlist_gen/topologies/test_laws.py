@@ -9,13 +9,7 @@ import pytest
 
 from taction.netlist_gen.scene.questions import questions
 from taction.system.errors import InputError
-from tests.netlist_gen.topologies.test_loops import (
-    G0,
-    pseudo_matrix,
-    scene,
-    signed,
-    stacked,
-)
+from tests.netlist_gen.topologies.test_loops import G0, pseudo_matrix, scene, signed, stacked
 
 
 def test_the_fastest_gf_is_near_the_fastest_board(rng: np.random.Generator) -> None:

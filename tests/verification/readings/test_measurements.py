@@ -11,12 +11,7 @@ from scipy.optimize import brentq
 from taction.verification.readings.measurements import measure
 from taction.verification.readings.readings import Reading, rise_times, settling_times
 from taction.verification.readings.ringing import ChannelRinging, Mode
-from taction.verification.readings.settling import (
-    ChannelState,
-    Drift,
-    prove,
-    sustained,
-)
+from taction.verification.readings.settling import ChannelState, Drift, prove, sustained
 from taction.verification.readings.signals import SampledSignal
 from tests.support.measured import channel, measured
 

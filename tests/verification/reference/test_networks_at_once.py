@@ -15,11 +15,7 @@ from scipy.optimize import brentq, lsq_linear, nnls
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError, SolverError
 from taction.verification.reference.dynamics import IdealNetwork, lambda_times_resistance
-from taction.verification.reference.ideal_answer import (
-    energy_rise,
-    ideal_answer,
-    ideal_network,
-)
+from taction.verification.reference.ideal_answer import energy_rise, ideal_answer, ideal_network
 from taction.verification.reference.networks import solve_square
 from taction.verification.reference.problem import Problem
 from taction.verification.reference.smooth import solve_smooth

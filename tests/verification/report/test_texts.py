@@ -19,9 +19,7 @@ from taction.system.picture import time_unit
 from taction.system.raw_file import read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.readings.readings import Reading
-from taction.verification.report.documents.verdict import (
-    verdict_document,
-)
+from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.output_checks import check_folder, check_separate
 from taction.verification.report.renderers.markdown import table as markdown_table
 from taction.verification.report.texts import KNOWN, value_text, with_error

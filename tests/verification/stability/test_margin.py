@@ -21,12 +21,7 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability import families as module
 from taction.verification.stability import margin as margin_module
 from taction.verification.stability.edges import Edges
-from taction.verification.stability.margin import (
-    REACH,
-    Families,
-    find_margin,
-    stable_values,
-)
+from taction.verification.stability.margin import REACH, Families, find_margin, stable_values
 from taction.verification.stability.poles import Poles, poles
 from taction.verification.stability.port_response import PortResponse
 from taction.verification.studies.onset.onset import onset

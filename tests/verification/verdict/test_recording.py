@@ -32,16 +32,8 @@ from taction.verification.verdict.recording import (
     better_plan,
     record_and_measure,
 )
-from taction.verification.verdict.simulation import (
-    Pending,
-    StateSpaceError,
-    choose_engine,
-)
-from taction.verification.verdict.transient_plan import (
-    AIM,
-    TransientPlan,
-    state_space_tolerance,
-)
+from taction.verification.verdict.simulation import Pending, StateSpaceError, choose_engine
+from taction.verification.verdict.transient_plan import AIM, TransientPlan, state_space_tolerance
 from taction.verification.verdict.verify import verify
 from tests.support.making import make_scene, ringing_scene
 from tests.support.paths import SCENES

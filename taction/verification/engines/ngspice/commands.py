@@ -22,12 +22,7 @@ from taction.system.time_limit import time_left
 from taction.system.waveforms import PHYSICAL_BOUND
 from taction.verification.engines.ngspice.evidence import Ending, check_end
 from taction.verification.engines.ngspice.executable import Simulator
-from taction.verification.engines.ngspice.process import (
-    STREAMS,
-    Run,
-    command_line,
-    make_folder,
-)
+from taction.verification.engines.ngspice.process import STREAMS, Run, command_line, make_folder
 
 SECONDS = 20.0
 MEMORY = 1000 * MEGABYTE  # addresses of ngspice: an expansion of 20,000 devices takes 100 MB

@@ -20,11 +20,7 @@ from taction.system.array_types import Floats
 from taction.system.documents import INLINE
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import banded, fraction
-from taction.verification.studies.running.collecting import (
-    attempted,
-    collected_together,
-    together,
-)
+from taction.verification.studies.running.collecting import attempted, collected_together, together
 from taction.verification.studies.running.versions import check_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.verdict.checks import Outcome

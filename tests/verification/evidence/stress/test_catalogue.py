@@ -10,12 +10,7 @@ import pytest
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.errors import InputError
-from taction.verification.evidence.stress.catalogue import (
-    TRUE_VALUES,
-    Case,
-    load_catalogue,
-    select,
-)
+from taction.verification.evidence.stress.catalogue import TRUE_VALUES, Case, load_catalogue, select
 from taction.verification.evidence.stress.matrices import make_array
 from tests.support.paths import CASES
 from tests.support.true_values import deck_digest

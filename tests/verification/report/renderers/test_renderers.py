@@ -21,13 +21,7 @@ from taction.verification.report.charts import (
     looks_of,
     spread_colours,
 )
-from taction.verification.report.renderers import (
-    notebook,
-    picture,
-    picture_chart,
-    plotly,
-    terminal,
-)
+from taction.verification.report.renderers import notebook, picture, picture_chart, plotly, terminal
 from taction.verification.report.renderers.figures import new_figure
 from taction.verification.report.renderers.page import FILES, page_html
 from tests.support.gallery import EVERYWHERE, charts, drawn_blocks, gallery

@@ -13,15 +13,7 @@ import pytest
 import taction
 from taction.netlist_gen.scene.axes import with_values
 from taction.system.quantities import readable
-from taction.verification.report.blocks import (
-    PAGE,
-    Bars,
-    Block,
-    Notes,
-    Page,
-    Ranges,
-    Table,
-)
+from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Ranges, Table
 from taction.verification.report.charts import Cells, Chart, Columns, Limit, Text, thinned
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout

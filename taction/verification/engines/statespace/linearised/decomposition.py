@@ -8,11 +8,7 @@ from typing import Any
 import numpy as np
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
-from taction.verification.engines.statespace.linearised.block import (
-    Block,
-    complex_form,
-    diagonal,
-)
+from taction.verification.engines.statespace.linearised.block import Block, complex_form, diagonal
 from taction.verification.engines.statespace.linearised.real_modes import (
     Joined,
     both,

@@ -23,9 +23,7 @@ from taction.verification.engines.statespace.linearised.count_unstable import (
     count_right,
 )
 from taction.verification.engines.statespace.linearised.rest_sensitivity import RestSensitivity
-from taction.verification.engines.statespace.linearised.rightmost_poles import (
-    rightmost_poles,
-)
+from taction.verification.engines.statespace.linearised.rightmost_poles import rightmost_poles
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.stability.poles import count_unstable, poles
