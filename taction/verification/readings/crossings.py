@@ -27,13 +27,6 @@ _SIGNS = np.array([0.0, -1.0, 1.0])[:, None]
 _NEAR = 0.5
 
 
-class Crossing(NamedTuple):
-    """Instant of a crossing and its uncertainty, s."""
-
-    time: float
-    uncertainty: float
-
-
 class Crossings(NamedTuple):
     """Instants and uncertainties of many crossings, s, of one shape; NaN for no crossing."""
 
@@ -218,10 +211,3 @@ def first_crossings(time: Floats, y: Floats, levels: Floats) -> Crossings:
     """Find the first instants above; `last_crossings` with time reversed."""
     found = last_crossings(-time[::-1], y[:, ::-1], levels)
     return Crossings(-found.time, found.uncertainty)
-
-
-def first_above(time: Floats, y: Floats, level: float) -> Crossing | None:
-    """Find the first instant at which one waveform (P,) is above `level`, or None."""
-    crossings = first_crossings(time, y[None], np.array([[level]]))
-    at = crossings.time.item()
-    return None if np.isnan(at) else Crossing(at, crossings.uncertainty.item())

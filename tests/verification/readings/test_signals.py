@@ -1,4 +1,4 @@
-"""Crossings and peaks between points, resampling and signals, against closed forms."""
+"""Crossings and peaks between points, and signals, against closed forms."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taction.verification.readings.crossings import (
-    Crossing,
+    Crossings,
     first_crossings,
     highest,
     interpolate,
@@ -19,8 +19,6 @@ from taction.verification.readings.signals import (
     ContinuousSignal,
     SampledSignal,
     lagrange,
-    resample,
-    typical_step,
 )
 
 
@@ -38,35 +36,6 @@ def test_polynomials_of_the_stencils_degree_are_exact(rng, points):
     at = np.concatenate([rng.uniform(time[0], time[-1], 100), time[[0, 7, -1]]])
     found = lagrange(time, time[:, None] ** powers, at, points)
     np.testing.assert_allclose(found, at[:, None] ** powers, atol=1e-12)
-
-
-def test_the_usual_step():
-    assert typical_step(simulator_times()) == pytest.approx(1e-6, rel=1e-12)
-    even = np.linspace(0, 3, 1001)
-    assert typical_step(even) == 3 / 1000
-    uneven = np.cumsum(np.arange(1.0, 12.0))
-    assert typical_step(uneven) == min(np.median(np.diff(uneven)), np.diff(uneven).mean())
-
-
-def test_points_that_are_met_are_taken_as_they_are(rng):
-    time = simulator_times()
-    noise = rng.standard_normal((time.size, 3))  # nothing between the points would be exact
-    at, found = resample(time, noise, 3e-6, typical_step(time), time.size - 3, 50, 6)
-    picked = np.arange(time.size - 3 - 3 * 49, time.size - 2, 3)
-    assert at.size == 50
-    np.testing.assert_allclose(at, time[picked], rtol=1e-12)
-    np.testing.assert_array_equal(found, noise[picked])
-
-
-def test_the_rest_is_interpolated():
-    time = simulator_times()
-    usual = typical_step(time)
-    at, found = resample(time, np.sin(3e5 * time)[:, None], usual / 2, usual, 60, 10_000, 6)
-    assert at[0] >= time[0]
-    assert at[0] - time[0] < usual / 2
-    assert time[-1] - at[-1] < usual / 2
-    assert np.abs(at - time[60]).min() == 0
-    np.testing.assert_allclose(found[:, 0], np.sin(3e5 * at), atol=1e-5)
 
 
 DECAY, OMEGA = 1.0, 6.0
@@ -181,7 +150,7 @@ def last_above(time, y, level):
     """The last crossing of one waveform and one level, or None."""
     found = last_crossings(time, y[None], np.array([[level]]))
     at, doubt = found.time.item(), found.uncertainty.item()
-    return None if np.isnan(at) else Crossing(at, doubt)
+    return None if np.isnan(at) else Crossings(at, doubt)
 
 
 def test_a_cubic_is_interpolated_exactly_on_uneven_points(rng):
