@@ -18,6 +18,7 @@ from taction.verification.engines.statespace.linearised.board import (
     parts_of,
     solve_together,
 )
+from taction.verification.engines.statespace.linearised.modes import find_share_errors
 from taction.verification.engines.statespace.transients.exact import is_exact
 from taction.verification.readings.exact_measures import ExactResponse, measure_responses
 from taction.verification.readings.measurements import Measurements
@@ -133,6 +134,8 @@ def _planned(made: Mapping[int, tuple[Request, UnplannedBoard, Clock]]) -> dict[
             if design.plan.seconds < BRIEF or ENGINES[design.engine].together is not None:
                 planned[place] = _Planned(request, design, clock)
             clock.pause()
+    boards = [one.design.board for one in planned.values()]
+    find_share_errors([board.state_space.modes for board in boards if is_exact(board)])
     return planned
 
 

@@ -136,18 +136,11 @@ def _solve(
 ) -> Exact:
     space = board.state_space
     C, D = space.rows(reported)
-    begin = initial_unknowns(board, initial, voltages)
-    start = C @ space.state_of(begin) + D.sum(axis=1)
+    x0 = space.state_of(initial_unknowns(board, initial, voltages))
+    deviation = x0 - space.state_of(board.equilibrium.values)
+    start = C @ x0 + D.sum(axis=1)
     final, rest_error = _at_rest(board, reported)
-    doubt = _unseen(board, reported)
-    return _exact(board, reported, C, begin, doubt, start, final, rest_error)
-
-
-def _unseen(board: LinearBoard, reported: tuple[str, ...]) -> Floats:
-    """Return bounds on the errors of the modes in the rows of nodes, (K, n)."""
-    unseen, descriptor = board.state_space.modes.unseen, board.descriptor
-    rows = [0.0 * unseen[0] if n == "0" else unseen[descriptor.place(n)] for n in reported]
-    return np.array(rows).reshape(len(reported), unseen.shape[1])
+    return _exact(board, reported, C, deviation, start, final, rest_error)
 
 
 def _at_rest(board: LinearBoard, reported: tuple[str, ...]) -> tuple[Floats, Floats]:
@@ -163,15 +156,14 @@ def _exact(
     board: LinearBoard,
     names: tuple[str, ...],
     C: Floats,
-    begin: Floats,
-    doubt: Floats,
+    deviation: Floats,
     start: Floats,
     final: Floats,
     rest_error: Floats,
 ) -> Exact:
-    """Return ``final + C exp(A t)`` times the deviation of the unknowns `begin` from rest."""
+    """Return ``final + C exp(A t) deviation``."""
     modes = board.state_space.modes
-    flow = ModalFlow(modes, C, begin - board.equilibrium.values, doubt)
+    flow = ModalFlow(modes, C, deviation)
     if not flow.error < math.inf:
         raise EngineError("rounding hides the solution")
     return Exact(names, start, final, modes.poles, rest_error, flow)
@@ -207,15 +199,11 @@ def combinations(
     """
     space = board.state_space
     C, D = space.rows(nodes)
-    begin = initial_unknowns(board, initial, None)
-    x0 = space.state_of(begin)
+    x0 = space.state_of(initial_unknowns(board, initial, None))
+    deviation = x0 - space.state_of(board.equilibrium.values)
     moving = rates @ C @ space.A
     rest, error = _at_rest(board, nodes)
     final = volts @ rest
-    moved = moving @ (x0 - space.state_of(board.equilibrium.values))
-    start = volts @ (C @ x0 + D.sum(axis=1)) + moved
+    start = volts @ (C @ x0 + D.sum(axis=1)) + moving @ deviation
     names = tuple(map(str, range(len(volts))))
-    unseen, speed = _unseen(board, nodes), np.abs(space.modes.centres)
-    doubt = np.abs(volts) @ unseen + (np.abs(rates) @ unseen) * speed
-    rows, off = volts @ C + moving, np.abs(volts) @ error
-    return _exact(board, names, rows, begin, doubt, start, final, off)
+    return _exact(board, names, volts @ C + moving, deviation, start, final, np.abs(volts) @ error)
