@@ -97,7 +97,7 @@ def test_a_verdict_of_version_1_is_read(tmp_path: Path) -> None:
         "design.negative_entries",  # a key of later versions, as the others
         *("design.ridge_share", "design.strain_input"),
         *(f"wires.{name}" for name in WiresTable.model_fields if name != "file"),
-        "design.opamp.input_errors",
+        *("design.opamp.input_errors", "design.opamp.model"),
         *(f"design.opamp.{name}" for name in NONE),
         *(f"design.opamp.{name}" for name in ("offset_drift", "bias_drift", "bias_doubling")),
         *("design.opamp.supply_rejection", "design.supply_tolerance"),

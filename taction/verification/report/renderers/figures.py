@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 METADATA = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 LETTERS = 9.0  # of the title in an inch
-MARGIN = 0.1  # around every chart, inches
+MARGIN = 0.1  # beside every chart, inches
 DPI = 100  # of the picture in a notebook
 CYCLE = [BLUE, ORANGE, "#009e73", PURPLE, "#e69f00", "#56b4e9"]
 STYLE: dict[Any, Any] = {
@@ -80,7 +80,7 @@ def new_figure(width: float, height: float) -> Iterator[Figure]:
 
     with mpl.rc_context(STYLE):
         figure = NotebookFigure(figsize=(width, height))
-        figure.set_layout_engine("constrained", w_pad=MARGIN, h_pad=MARGIN)
+        figure.set_layout_engine("constrained", w_pad=MARGIN)
         FigureCanvasAgg(figure)
         yield figure
 

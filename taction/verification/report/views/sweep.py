@@ -158,10 +158,14 @@ def _charts(result: SweepResult) -> Iterator[Block]:
         return
     data, names = _data(result)
     if len(plan.groups) == MOST_AXES:
-        yield from itertools.chain.from_iterable(_multiples(plan, data, names))
-        return
-    shown, lines = _worth(data)
-    yield from _one_or_two(plan, data, names, shown)
+        lines: tuple[str, ...] = ()
+        charts = itertools.chain.from_iterable(_multiples(plan, data, names))
+    else:
+        shown, lines = _worth(data)
+        charts = itertools.chain(_one_or_two(plan, data, names, shown))
+    for first in itertools.islice(charts, 1):
+        yield replace(first, summary=f"{first.summary} Engine: {ENGINES[plan.engine]}.".strip())
+    yield from charts
     yield from [Notes("", lines)] * bool(lines)
 
 

@@ -169,9 +169,11 @@ def test_another_version_at_the_worker_is_named(monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(OtherVersionsError, match=text):
         compute(job)
     monkeypatch.setenv("TACTION_NGSPICE", "/missing/ngspice")
+    own_version.cache_clear()
     text = "has no usable ngspice .no executable '/missing/ngspice'. instead of taction, ngspice-46"
     with pytest.raises(OtherVersionsError, match=text):
         compute(replace(job, version="taction, ngspice-46"))
+    own_version.cache_clear()
 
 
 def failing(error: Exception, *broken: type[Exception]) -> Workers:

@@ -30,6 +30,7 @@ from tests.support.studying import DAMPED, QUIET, one_thread, scene_file, small_
 WORN = {"resistor": 0.05, "capacitor": 0.1, "distribution": "uniform"}
 FEW = QUIET | {"capacitor": 0.1, "temperature": 30.0}
 CHECKS = {"steady_state": {"tolerance": 0.05}, "settling_time": {"band": 0.3}}
+ROUNDING = 1e-12  # of an excursion that is 0
 QUANTITIES = ("settling_time", "overshoot", "undershoot", "steady_state", "growth_rate")
 
 
@@ -66,7 +67,8 @@ def test_the_worst_corner_is_worse_than_any_random_sample() -> None:
         list(run_samples(study, range(60), 1, workers, tally))
     for quantity in QUANTITIES:
         values = [sample.value(quantity) for sample in tally.samples]
-        assert worst(found, quantity) >= max(value for value in values if value is not None)
+        worst_drawn = max(value for value in values if value is not None)
+        assert worst(found, quantity) >= worst_drawn - ROUNDING
     # Most resistors count for the steady state: random samples stay away from the corner.
     steady = [sample.value("steady_state") or 0.0 for sample in tally.samples]
     assert worst(found, "steady_state") > 1.25 * max(steady)
