@@ -63,8 +63,8 @@ def test_the_ranges_of_a_sweep_agree_with_its_table() -> None:
 
 def test_a_crossing_has_a_bound_that_holds_the_true_one() -> None:
     (edge,) = swept(case("over-d213"), "RF0=1k:100k:5").crossings
-    true = 6775.517208214921  # det K = 0 in rational numbers; double-precision poles: 2.2e-7 above
-    assert abs(edge.value - true) <= edge.bound < 2e-6 * true
+    true = 6775.517208214921  # det K = 0 in rational numbers
+    assert abs(edge.value - true) <= edge.bound < 1e-8 * true
 
 
 def test_noise_has_a_bound_that_holds_the_true_one() -> None:
