@@ -15,6 +15,7 @@ from taction.verification.engines.statespace.linearised.limited_states import li
 from taction.verification.engines.statespace.linearised.scaled_inverse import (
     SINGULAR,
     ScaledInverse,
+    pivoted,
 )
 
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
@@ -291,80 +292,40 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     """Find the unknowns that carry charge.
 
     Usually they are the nodes with a capacitor. See `_graded` for capacitances of very different
-    sizes. Where capacitors float, or an ideal amplifier joins both ends of a capacitor, they are
-    combinations of nodes, found by a singular value decomposition of the equilibrated M.
+    sizes, and where capacitors float, or an ideal amplifier joins both ends of a capacitor.
     """
     filled = M != 0.0
     rows, columns = (agreed(filled.any(axis=axis)) for axis in (2, 1))
-    d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
     if np.array_equal(rows, columns):
+        d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
         mass = ScaledInverse(taken(M, d, d))
         if agreed(mass.condition < GRADED):
             return Split((d, a, None, mass, K, b, charge))
-        alone(len(M))
-        if mass.condition[0] < SINGULAR:
-            return _graded(M, K, b, charge, d, a)
     alone(len(M))
-    return _decomposed(M, K, b, charge, rows)
+    return _graded(M, K, b, charge, rows)
 
 
-def _decomposed(M: Floats, K: Floats, b: Floats, charge: Floats, rows: Bools) -> Split:
-    """Change to the singular vectors of the equilibrated M, whose rows are zero without `rows`."""
-    weight, pull = np.abs(M[0]).max(axis=1), np.abs(K[0]).max(axis=1)
-    rate = np.median(pull[rows] / weight[rows]) or 1.0
-    scale = np.where(rows, weight, np.where(pull > 0.0, pull, rate) / rate)[:, None]
-    U, S, Vt = _parts_decomposed(M[0] / scale)
-    rank = int(np.sum(S[0] / SINGULAR < S))
-    places = np.arange(len(S))
-    d, a = places[:rank], places[rank:]
-    mass = ScaledInverse(np.diag(S[:rank])[None])
-    turned = U.T @ (K / scale) @ Vt.T
-    parts = (d, a, Vt.T, mass, turned, U.T @ (b / scale), U.T @ (charge / scale))
-    return Split(parts, U.T / scale.T, True)
-
-
-def _parts_decomposed(A: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the singular value decomposition of A, each connected part by itself.
-
-    One of the whole would mix all unknowns without charge at will, and their scales with them: of
-    a node behind 1e12 ohm beside a current of amperes nothing would be left.
-    """
-    from scipy.sparse.csgraph import connected_components
-
-    size, begin = len(A), 0
-    U, S, Vt = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
-    count, labels = connected_components(A != 0.0, directed=False)
-    for k in range(count):
-        own = np.flatnonzero(labels == k)
-        places = slice(begin, begin := begin + len(own))
-        U[own, places], S[places], Vt[places, own] = np.linalg.svd(A[np.ix_(own, own)])
-    order = np.argsort(-S, kind="stable")
-    U, Vt = (np.where(np.abs(X) < ROUNDING, 0.0, X) for X in (U, Vt))  # else rounding couples
-    return U[:, order], S[order], Vt[order]
-
-
-def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, d: Ints, a: Ints) -> Split:
+def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, rows: Bools) -> Split:
     """Change to unknowns in which M is diagonal, by elimination with complete pivoting.
 
-    A large capacitor between two nodes with small ones moves both nodes at nearly the same rate.
-    In node voltages its own slow rate is the difference of two fast rates, and lost in their
-    rounding. In the new unknowns every capacitance has its own equation, the fastest first.
+    Its rows are zero without `rows`. A large capacitor between two nodes with small ones moves both
+    nodes at nearly the same rate. In node voltages its own slow rate is the difference of two fast
+    rates, and lost in their rounding. In the new unknowns every capacitance has its own equation,
+    the fastest first. Singular vectors would mix unknowns of all sizes within their rounding.
     """
-    n, size = len(d), M.shape[1]
-    left, D, basis = np.eye(n), taken(M, d, d)[0], np.eye(n)
-    for k in range(n):
-        i, j = (place + k for place in divmod(int(np.abs(D[k:, k:]).argmax()), n - k))
-        for matrix in (D, left):
-            matrix[[k, i]] = matrix[[i, k]]
-        for matrix in (D, basis):
-            matrix[:, [k, j]] = matrix[:, [j, k]]
-        down, right = D[k + 1 :, k] / D[k, k], D[k, k + 1 :] / D[k, k]
-        D[k + 1 :] -= np.outer(down, D[k])
-        left[k + 1 :] -= np.outer(down, left[k])
-        basis[:, k + 1 :] -= np.outer(basis[:, k], right)
-        D[k, k + 1 :] = 0.0
-    order = np.arange(n)[::-1]
-    outer, inner = np.eye(size), np.eye(size)
-    outer[d[:, None], d], inner[d[:, None], d] = left[order], basis[:, order]
-    mass = ScaledInverse(np.diag(D.diagonal()[order])[None])
-    return Split((d, a, inner, mass, outer @ K @ inner, outer @ b, outer @ charge), outer)
+    from scipy.linalg import solve_triangular
+
+    size = M.shape[1]
+    scale = np.where(rows, np.abs(M[0]).max(axis=1), 1.0)
+    L, U, p, q, n = pivoted(M[0] / scale[:, None])
+    left, basis, D = np.zeros((size, size)), np.zeros((size, size)), U.diagonal()[:n]
+    left[:, p] = solve_triangular(L, np.eye(size), lower=True, unit_diagonal=True)
+    left /= scale
+    basis[q[:n, None], np.arange(n)] = solve_triangular(U[:n, :n], np.diag(D))
+    basis[q[:n, None], np.arange(n, size)] = -solve_triangular(U[:n, :n], U[:n, n:])
+    basis[q[n:], np.arange(n, size)] = 1.0
+    order = np.r_[np.arange(n)[::-1], n:size]
+    left, basis = left[order], basis[:, order]
+    mass = ScaledInverse(np.diag(D[::-1])[None])
+    parts = (np.arange(n), np.arange(n, size), basis, mass, left @ K @ basis)
+    return Split((*parts, left @ b, left @ charge), left, bool(n < np.count_nonzero(rows)))

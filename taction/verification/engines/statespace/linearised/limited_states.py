@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taction.system.array_types import EPS, Floats, Ints
+from taction.system.array_types import EPS, Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.scaled_inverse import (
-    SINGULAR,
     ScaledInverse,
     matching_scales,
+    pivoted,
 )
 
 ROUNDS = 20  # of scaling rows and columns by the roots of their largest elements
@@ -58,26 +58,6 @@ def _scales(A: Floats) -> tuple[Floats, Floats]:
     return rows, columns
 
 
-def _pivoted(A: Floats) -> tuple[Floats, Floats, Ints, Ints, int]:
-    """Return L, U, p, q and the rank r of A: ``A[p][:, q] = L U`` by complete pivoting.
-
-    What is zero stays zero, where singular vectors have rounding, times the largest elements.
-    """
-    L, U, size = np.eye(len(A)), A.copy(), len(A)
-    p, q = np.arange(size), np.arange(size)
-    for r in range(size):
-        i, j = (r + place for place in divmod(int(np.abs(U[r:, r:]).argmax()), size - r))
-        if abs(U[i, j]) * SINGULAR <= abs(U[0, 0]):
-            return L, U, p, q, r
-        for X in (U, p):
-            X[[r, i]] = X[[i, r]]
-        L[[r, i], :r] = L[[i, r], :r]
-        U[:, [r, j]], q[[r, j]] = U[:, [j, r]], q[[j, r]]
-        L[r + 1 :, r] = U[r + 1 :, r] / U[r, r]
-        U[r + 1 :] -= np.outer(L[r + 1 :, r], U[r])
-    return L, U, p, q, size
-
-
 def limits_of(K: Floats, mass: ScaledInverse, n: int, inputs: int) -> Limits | None:
     """Return what limits the states; None where the equations are singular for another reason.
 
@@ -89,7 +69,7 @@ def limits_of(K: Floats, mass: ScaledInverse, n: int, inputs: int) -> Limits | N
 
     rows, columns = _scales(K[0, n:, n + inputs :])
     own = K[0, n:] / rows[:, None]
-    L, U, p, q, r = _pivoted(own[:, n + inputs :] / columns)
+    L, U, p, q, r = pivoted(own[:, n + inputs :] / columns)
     first = solve_triangular(L[:r, :r], own[p[:r], : n + inputs], lower=True, unit_diagonal=True)
     limit, k = own[p[r:], : n + inputs] - L[r:, :r] @ first, len(p) - r
     fixing, right = np.zeros((len(p), n + inputs)), np.zeros((len(p), k))

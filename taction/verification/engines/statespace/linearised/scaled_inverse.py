@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from taction.system.array_types import Complexes, Floats
+from taction.system.array_types import Complexes, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed
 
@@ -105,6 +105,26 @@ def matching_scales(A: Floats) -> tuple[Floats, Floats]:
             break
         potentials = shorter
     return np.exp(-(own - potentials[match])), np.exp(-potentials)
+
+
+def pivoted(A: Floats) -> tuple[Floats, Floats, Ints, Ints, int]:
+    """Return L, U, p, q and the rank r of A: ``A[p][:, q] = L U`` by complete pivoting.
+
+    What is zero stays zero, where singular vectors have rounding, times the largest elements.
+    """
+    L, U, size = np.eye(len(A)), A.copy(), len(A)
+    p, q = np.arange(size), np.arange(size)
+    for r in range(size):
+        i, j = (r + place for place in divmod(int(np.abs(U[r:, r:]).argmax()), size - r))
+        if abs(U[i, j]) * SINGULAR <= abs(U[0, 0]):
+            return L, U, p, q, r
+        for X in (U, p):
+            X[[r, i]] = X[[i, r]]
+        L[[r, i], :r] = L[[i, r], :r]
+        U[:, [r, j]], q[[r, j]] = U[:, [j, r]], q[[j, r]]
+        L[r + 1 :, r] = U[r + 1 :, r] / U[r, r]
+        U[r + 1 :] -= np.outer(L[r + 1 :, r], U[r])
+    return L, U, p, q, size
 
 
 def inverses(A: Matrices) -> Matrices:
