@@ -294,30 +294,34 @@ def _separate(M: Floats, K: Floats, b: Floats, charge: Floats) -> Split:
     Usually they are the nodes with a capacitor. See `_graded` for capacitances of very different
     sizes, and where capacitors float, or an ideal amplifier joins both ends of a capacitor.
     """
-    filled = M != 0.0
+    filled, singular = M != 0.0, True
     rows, columns = (agreed(filled.any(axis=axis)) for axis in (2, 1))
     if np.array_equal(rows, columns):
         d, a = np.flatnonzero(rows), np.flatnonzero(~rows)
         mass = ScaledInverse(taken(M, d, d))
         if agreed(mass.condition < GRADED):
             return Split((d, a, None, mass, K, b, charge))
+        singular = not bool(mass.condition[0] < SINGULAR)
     alone(len(M))
-    return _graded(M, K, b, charge, rows)
+    return _graded(M, K, b, charge, rows, singular)
 
 
-def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, rows: Bools) -> Split:
+def _graded(M: Floats, K: Floats, b: Floats, charge: Floats, rows: Bools, singular: bool) -> Split:
     """Change to unknowns in which M is diagonal, by elimination with complete pivoting.
 
-    Its rows are zero without `rows`. A large capacitor between two nodes with small ones moves both
-    nodes at nearly the same rate. In node voltages its own slow rate is the difference of two fast
-    rates, and lost in their rounding. In the new unknowns every capacitance has its own equation,
-    the fastest first. Singular vectors would mix unknowns of all sizes within their rounding.
+    Its rows are zero without `rows`. Where M is `singular` on them, small pivots beside the scales
+    of their rows are rounding; elsewhere every pivot is a capacitance.
+
+    A large capacitor between two nodes with small ones moves both nodes at nearly the same rate. In
+    node voltages its own slow rate is the difference of two fast rates, and lost in their rounding.
+    In the new unknowns every capacitance has its own equation, the fastest first. Singular vectors
+    would mix unknowns of all sizes within their rounding.
     """
     from scipy.linalg import solve_triangular
 
     size = M.shape[1]
-    scale = np.where(rows, np.abs(M[0]).max(axis=1), 1.0)
-    L, U, p, q, n = pivoted(M[0] / scale[:, None])
+    scale = np.where(rows, np.abs(M[0]).max(axis=1), 1.0) if singular else np.ones(size)
+    L, U, p, q, n = pivoted(M[0] / scale[:, None], 1.0 / SINGULAR if singular else 0.0)
     left, basis, D = np.zeros((size, size)), np.zeros((size, size)), U.diagonal()[:n]
     left[:, p] = solve_triangular(L, np.eye(size), lower=True, unit_diagonal=True)
     left /= scale

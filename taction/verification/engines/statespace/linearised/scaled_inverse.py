@@ -107,16 +107,17 @@ def matching_scales(A: Floats) -> tuple[Floats, Floats]:
     return np.exp(-(own - potentials[match])), np.exp(-potentials)
 
 
-def pivoted(A: Floats) -> tuple[Floats, Floats, Ints, Ints, int]:
+def pivoted(A: Floats, least: float = 1.0 / SINGULAR) -> tuple[Floats, Floats, Ints, Ints, int]:
     """Return L, U, p, q and the rank r of A: ``A[p][:, q] = L U`` by complete pivoting.
 
-    What is zero stays zero, where singular vectors have rounding, times the largest elements.
+    Pivots up to `least` times the first one count as zero. What is zero stays zero, where singular
+    vectors have rounding, times the largest elements.
     """
     L, U, size = np.eye(len(A)), A.copy(), len(A)
     p, q = np.arange(size), np.arange(size)
     for r in range(size):
         i, j = (r + place for place in divmod(int(np.abs(U[r:, r:]).argmax()), size - r))
-        if abs(U[i, j]) * SINGULAR <= abs(U[0, 0]):
+        if abs(U[i, j]) <= least * abs(U[0, 0]):
             return L, U, p, q, r
         for X in (U, p):
             X[[r, i]] = X[[i, r]]
