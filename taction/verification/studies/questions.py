@@ -14,7 +14,7 @@ from typing import Any
 
 from taction.netlist_gen.scene.checks import Checks
 from taction.system.errors import Complaint, InputError
-from taction.system.quantities import fraction, parse
+from taction.system.quantities import fraction, number, parse
 from taction.system.reading_definitions import READINGS
 from taction.verification.readings.readings import Reading
 from taction.verification.studies.measured_board import MeasuredBoard
@@ -108,7 +108,7 @@ class Question:
             raise InputError("--check", Complaint(self.asked, repr(extra), accepted))
         if not self.is_of_scenes:
             try:
-                return {"limit": parse(text, self.unit) if self.unit else float(text)}
+                return {"limit": parse(text, self.unit) if self.unit else number(text)}
             except ValueError as error:
                 raise InputError("--check", Complaint(self.asked, repr(text), str(error))) from None
         keys: dict[str, Any] = {"max": share_of(text) if self.unit == "step" else text}

@@ -352,7 +352,7 @@ def _witness(found: BoardCheck) -> str:
     if not small:
         return "one witness: the state-space engine"
     if small[0].value == 0.0:
-        return "ngspice's small signal (.ac) is the same at every node, to what rounding leaves"
+        return "ngspice's small signal (.ac) agrees at every node within rounding"
     return (
         f"ngspice's small signal (.ac) differs by at most {small[0].value:.1e} at any node, beyond"
         " rounding"
