@@ -395,7 +395,12 @@ def _doubts(periods: float, residual: float, growth: float, sigma: float) -> str
 
 
 def _line(t: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
-    """Return the slope of a line through points (M,), its standard uncertainty, and y at 0."""
+    """Return the slope of a line through points (M,), its standard uncertainty, and y at 0.
+
+    One point has no slope: any one may be true.
+    """
+    if np.count_nonzero(weight) < 2:
+        return 0.0, math.inf, float(y[weight.argmax()])
 
     def slope(some: slice) -> tuple[float, float, float]:
         x, w = t[some], weight[some] / weight[some].sum()
@@ -406,7 +411,8 @@ def _line(t: Floats, y: Floats, weight: Floats) -> tuple[float, float, float]:
         return found, math.sqrt(scatter / max(len(x) - 2, 1)), level
 
     quarter = len(t) // 4
-    parts = [slope(slice(quarter, None))[0], slope(slice(len(t) - quarter))[0]]
+    parts = [slope(each)[0] for each in (slice(quarter, None), slice(len(t) - quarter))
+             if np.count_nonzero(weight[each]) > 1]  # fmt: skip
     found, sigma, level = slope(slice(None))
     return found, max(sigma, *(abs(part - found) for part in parts)), level
 

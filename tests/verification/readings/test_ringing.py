@@ -132,6 +132,13 @@ def test_a_faded_ringing_is_fitted_where_it_was_still_there(rng):
     assert mode.growth_rate == pytest.approx(-2e4, rel=1e-3)
 
 
+@pytest.mark.parametrize("gone", [2e-5, 1e-4, 4e-4])
+def test_the_rate_of_what_vanishes_in_one_window_is_not_known(gone):
+    time = np.linspace(0, 1e-3, 20001)
+    mode = find_growth(time, np.where(time < gone, np.exp(-2e4 * time), 0.0)[:, None])
+    assert mode is None or mode.decays or "sign of the growth rate" in mode.doubt
+
+
 def test_an_aperiodic_growth_has_frequency_zero():
     time = np.linspace(0, 1.0, 500)
     mode = find_growth(time, np.exp(3 * time)[:, None] + [[0.0, 5.0]])
