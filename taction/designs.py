@@ -25,7 +25,6 @@ def netlist(
     explain: bool = False,
     split: bool = False,
     dialect: str = "ngspice",
-    parameters: bool = False,
     measure: bool = False,
 ) -> Netlist:
     """Write the deck of SCENE; `ngspice -b -r out.raw FILE` runs it.
@@ -48,8 +47,6 @@ def netlist(
         The simulator that reads the deck.
 
         ``"ngspice"``, ``"ltspice"``, ``"hspice"``, ``"xyce"`` or ``"spectre"``.
-    parameters : bool
-        Write C, gain and lambda as .param cards, and R as an expression of them.
     measure : bool
         Add .meas cards of rise time, settling time, overshoot; `ngspice -b FILE` prints them.
 
@@ -69,19 +66,19 @@ def netlist(
     >>> deck = taction.netlist("scenes/paper-breadboard.toml")
     >>> deck.saved
     ('v_1', 'v_2', 'v_3', 'v_4', 'v_5', 'v_6', 'v_7')
-    >>> deck = taction.netlist("scenes/paper-breadboard.toml", dialect="hspice", parameters=True)
-    >>> "Rr_1 v_1 x_1 'R'" in deck.text
+    >>> deck = taction.netlist("scenes/paper-breadboard.toml", dialect="hspice")
+    >>> ".probe tran v(v_1)" in deck.text
     True
     """
     from taction.netlist_gen.deck.dialects import refuse_unable
 
-    refuse_unable(dialect, parameters=parameters, measures=measure)
+    refuse_unable(dialect, measures=measure)
     from taction.netlist_gen.board.part_warnings import part_warnings
     from taction.verification.reference.lambda_rule import read_scene
     from taction.verification.verdict.deck import DeckChoice, Netlist, deck_of, write_files
 
     scene = read_scene(scene)
-    choice = DeckChoice(dialect, split, parameters, measure)
+    choice = DeckChoice(dialect, split, measure)
     circuit, deck = deck_of(scene, output=output, choice=choice)
     pruning = None
     if explain:

@@ -230,7 +230,6 @@ NETLIST = Command(
         option("explain", is_flag=True),
         option("split", is_flag=True),
         option("dialect", type=click.Choice(DIALECTS), show_default=True),
-        option("parameters", is_flag=True),
         option("measure", is_flag=True),
     ),
 )

@@ -70,6 +70,8 @@ WITHDRAWN = {
     "choose --topology": "A choice is of one topology: set design.topology of the scene.",
     "montecarlo --remedy": "Set a better grade in [tolerances] for parts of the table of causes.",
     "montecarlo --no-remedy": "Leave it out: no samples are drawn again.",
+    "netlist --parameters": "Change the number in the scene and write the deck again; 'taction"
+    " sweep' and 'taction yield montecarlo' run many boards.",
     "sweep --retry": "The same command computes points without a verdict again.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }

@@ -205,13 +205,16 @@ def test_a_deck_in_a_dialect_is_printed(dialect: str) -> None:
     assert "1047197.5511965977" in result.stdout  # Rf_1_1, a sixth of pi times 2 Mohm
 
 
-def test_parameters_and_measures_are_asked_for() -> None:
-    plain = taction("netlist", SCENE).stdout
-    assert ".param" not in plain
-    assert ".meas" not in plain
-    made = document(taction("netlist", SCENE, "--parameters", "--measure", "--json"))["deck"]
-    assert "\n.param gain=1000000.0\n" in made
+def test_measures_are_asked_for() -> None:
+    assert ".meas" not in taction("netlist", SCENE).stdout
+    made = document(taction("netlist", SCENE, "--measure", "--json"))["deck"]
     assert "\n.meas tran t_rise_2 TRIG V(v_2) " in made
+
+
+def test_a_withdrawn_option_says_what_to_do_in_its_place() -> None:
+    refused = taction("netlist", SCENE, "--parameters")
+    assert refused.exit_code == 2
+    assert "Change the number in the scene and write the deck again" in refused.stderr
 
 
 def test_a_split_deck_of_a_dialect_is_two_files(tmp_path: Path) -> None:

@@ -5,8 +5,7 @@ equations. Node ``"0"`` is ground. Matrices are arrays, never N² objects. A top
 
 - `Circuit.roles`: which parts do what, by their names in the deck (`Role`),
 - `Circuit.facts`: the numbers of the design (`Fact`),
-- `Circuit.knobs`: the keys of a scene that can be moved, with the parts that they scale (`Knob`),
-- `Circuit.expressions`: the values of parts as expressions of the facts, for decks with parameters.
+- `Circuit.knobs`: the keys of a scene that can be moved, with the parts that they scale (`Knob`).
 """
 
 from __future__ import annotations
@@ -86,8 +85,6 @@ class Fact:
         Its definition, where the title does not say it.
     role : str
         The parts whose nominal value it is; empty for a scale of the whole board.
-    follows : tuple of float and names, optional
-        The value is this number divided by these facts: ``R = number / (lambda gain)``.
     """
 
     name: str
@@ -98,7 +95,6 @@ class Fact:
     key: str = field(metadata=FOLLOWS)
     sentence: str = field(default="", metadata=FOLLOWS)
     role: str = field(default="", metadata=FOLLOWS)
-    follows: tuple[float, tuple[str, ...]] | None = field(default=None, metadata=FOLLOWS)
 
     @property
     def label(self) -> str:
@@ -257,8 +253,6 @@ class Circuit(Result):
     # Names in the deck, by role; with the facts, these follow from the code of the topology.
     roles: Mapping[str, Collection[str]] = field(default_factory=dict, metadata=FOLLOWS)
     knobs: tuple[Knob, ...] = field(default=(), metadata=FOLLOWS)
-    # Values as expressions of the facts, with their numbers before rounding, by names in the deck.
-    expressions: Mapping[str, tuple[str, float]] = field(default_factory=dict, metadata=FOLLOWS)
 
     def value(self, name: str) -> float:
         """Return the number of a fact.
@@ -416,10 +410,6 @@ class Circuit(Result):
             facts={
                 name: replace(fact, value=changed[name]) if name in changed else fact
                 for name, fact in self.facts.items()
-            },
-            expressions={
-                card: (text, number * factor if card in names else number)
-                for card, (text, number) in self.expressions.items()
             },
         )
 

@@ -1,11 +1,9 @@
-"""The cards of a board: header, parameters, and all parts but the sources of the strain."""
+"""The cards of a board: header, and all parts but the sources of the strain."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import groupby
 
@@ -99,114 +97,17 @@ def _written(fact: Fact) -> str:
     return f"{text}   ({fact.sentence})" if fact.sentence else text
 
 
-ROUNDING = 1e-12  # relative: above it a value of the board is not what its expression gives
-
-
-@dataclass(frozen=True, slots=True)
-class Parameters:
-    """The head of a deck with parameters, and the expressions of its parts.
-
-    Attributes
-    ----------
-    lines : tuple of str
-        Cards ``.param`` and comments, in the words of ngspice.
-    expressions : dict of str to str
-        Expression in the place of the number, by the name of the card.
-    """
-
-    lines: tuple[str, ...]
-    expressions: Mapping[str, str]
-
-
-NO_PARAMETERS = Parameters((), {})
-
-
-def parameters_of(circuit: Circuit, *, fixed_lambda: bool = False) -> Parameters:
-    """Return C, gain and lambda of `circuit` as parameters.
-
-    The parameters are the facts that are knobs with a margin, and lambda, as far as parts depend on
-    them; R follows from them. The topology states the expressions of the parts, of which G0 is no
-    parameter.
-
-    Parameters
-    ----------
-    fixed_lambda : bool
-        Whether lambda stays the number that it is, for a deck whose measures hold for it alone.
-
-    Raises
-    ------
-    ValueError
-        A part of the board has another value than its expression.
-
-    Examples
-    --------
-    >>> import taction
-    >>> found = parameters_of(taction.synthesise(taction.load_scene("scenes/known-readings.toml")))
-    >>> found.lines[1:4]
-    ('.param C=1.5e-11', '.param gain=1000000.0', '.param lambda=0.05')
-    >>> found.expressions["Rs_1"], found.expressions["Cc_1"], found.expressions["Rr_1"]
-    ('gain', 'C', 'R')
-    """
-    free = [knob.name for knob in circuit.knobs if knob.margin]
-    free += [] if fixed_lambda else ["lambda"]
-    free = [name for name in free if _counts(circuit, name)]
-    lines = [
-        "* edit these numbers; the values of all other parts stay as they are",
-        *(f".param {name}={circuit.value(name)!r}" for name in free),
-        *(f".param {fact.name}={{{_law(circuit, fact, free)}}}" for fact in _following(circuit)),
-        "* the stop time and the steps hold for the numbers that taction wrote",
-    ]
-    values = {part.card: part.ohms for part in circuit.resistors}
-    values |= {part.card: part.farads for part in circuit.capacitors}
-    expressions: dict[str, str] = {}
-    for card, (text, number) in circuit.expressions.items():
-        if not math.isclose(number, values[card], rel_tol=ROUNDING):
-            raise ValueError(
-                f"{card} is {values[card]!r}, but its expression {text} gives {number!r}"
-            )
-        expressions[card] = text
-    return Parameters(tuple(lines), expressions)
-
-
-def _counts(circuit: Circuit, name: str) -> bool:
-    """Whether a part, or a fact that follows, depends on a fact."""
-    texts = [text for text, _ in circuit.expressions.values()]
-    laws = (fact.follows[1] for fact in circuit.facts.values() if fact.follows is not None)
-    named = re.compile(rf"\b{re.escape(name)}\b")
-    return any(map(named.search, texts)) or any(name in law for law in laws)
-
-
-def _following(circuit: Circuit) -> list[Fact]:
-    return [fact for fact in circuit.facts.values() if fact.follows is not None]
-
-
-def _law(circuit: Circuit, fact: Fact, free: Sequence[str]) -> str:
-    """Return the expression of a fact that follows from others; those not `free` are numbers."""
-    number, over = fact.follows or (fact.value, ())
-    for name in over:
-        if name not in free:
-            number /= circuit.value(name)
-    names = "*".join(name for name in over if name in free)
-    return f"{number!r}/({names})" if "*" in names else f"{number!r}/{names}"
-
-
 def board_text(
-    circuit: Circuit,
-    matrix_file: str | None,
-    noisy: bool,
-    parameters: Parameters = NO_PARAMETERS,
+    circuit: Circuit, matrix_file: str | None, noisy: bool
 ) -> tuple[str, dict[str, str]]:
     """Return the text of all parts but the sources of the strain, and the text of further files."""
     if matrix_file is not None:
-        return _split(circuit, matrix_file, noisy, parameters)
+        return _split(circuit, matrix_file, noisy)
     lines = [*_amplifiers(circuit), *matrix_lines(circuit.matrices)]
-    parts = _parts(circuit, parameters)
-    return _text(circuit, [*parameters.lines, *lines], parts, noisy), {}
+    return _text(circuit, lines, _parts(circuit), noisy), {}
 
 
-def _split(
-    circuit: Circuit, matrix_file: str, noisy: bool, parameters: Parameters
-) -> tuple[str, dict[str, str]]:
+def _split(circuit: Circuit, matrix_file: str, noisy: bool) -> tuple[str, dict[str, str]]:
     """Return the same with two subcircuits: amplifiers and, in `matrix_file`, matrices."""
     pads = _pads(circuit)
     nodes = [*circuit.signal_nodes, *circuit.constraint_nodes, *(o.node for o in circuit.outputs)]
@@ -214,7 +115,7 @@ def _split(
     ports = list(dict.fromkeys([*pads, *nodes]))
     parts = [
         *([""] if circuit.opamps else []),
-        *_subcircuit("amplifiers", ports, [*_amplifiers(circuit), *_parts(circuit, parameters)]),
+        *_subcircuit("amplifiers", ports, [*_amplifiers(circuit), *_parts(circuit)]),
         " ".join(["Xamplifiers", *ports, "amplifiers"]),
         " ".join(["Xmatrix", *pads, "matrix"]),
     ]
@@ -223,7 +124,7 @@ def _split(
         *_subcircuit("matrix", pads, matrix_lines(circuit.matrices)),
         "",
     ]
-    board = _text(circuit, [*parameters.lines, f".include {matrix_file}"], parts, noisy)
+    board = _text(circuit, [f".include {matrix_file}"], parts, noisy)
     return board, {matrix_file: "\n".join(text)}
 
 
@@ -271,14 +172,13 @@ class _Texts(dict[float, str]):
         return self.setdefault(number, repr(number))
 
 
-def _parts(circuit: Circuit, parameters: Parameters) -> list[str]:
+def _parts(circuit: Circuit) -> list[str]:
     """Return the lines of op-amps, resistors, capacitors and transistors."""
     text = _Texts()
-    own = {card: f"{{{value}}}" for card, value in parameters.expressions.items()}.get
     return [
         *(f"X{c.name} {c.noninverting} {c.inverting} {c.output} {c.model}" for c in circuit.opamps),
-        *(f"R{r.name} {r.a} {r.b} {own(f'R{r.name}', text[r.ohms])}" for r in circuit.resistors),
-        *(f"C{c.name} {c.a} {c.b} {own(f'C{c.name}', text[c.farads])}" for c in circuit.capacitors),
+        *(f"R{r.name} {r.a} {r.b} {text[r.ohms]}" for r in circuit.resistors),
+        *(f"C{c.name} {c.a} {c.b} {text[c.farads]}" for c in circuit.capacitors),
         *(f"Q{q.name} {q.collector} {q.base} {q.emitter} {q.model}" for q in circuit.transistors),
     ]
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from taction.netlist_gen.analysis import Analysis, NoiseAnalysis, Transient
 from taction.netlist_gen.board.circuit import GROUND, Circuit
 from taction.netlist_gen.board.parts import VoltageSource
-from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, board_text
+from taction.netlist_gen.deck.board_cards import board_text
 from taction.netlist_gen.deck.checks import check_circuit, check_request, tolerances
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE, Dialect, starts_from_rest
 
@@ -37,7 +37,7 @@ class Deck:
     def to_pyspice(self) -> PySpiceCircuit:
         """Return the board as a ``PySpice.Spice.Netlist.Circuit`` to go on with.
 
-        It has subcircuits, models and elements by name, parameters and options; analysis and saved
+        It has subcircuits, models and elements by name, and options; analysis and saved
         nodes are PySpice's. ``str(circuit)`` is a deck without an analysis.
 
         Raises
@@ -69,7 +69,6 @@ def write_deck(
     saved: Iterable[str] | None = None,
     matrix_file: str | None = None,
     dialect: str = NATIVE,
-    parameters: Parameters = NO_PARAMETERS,
     measures: Measures | None = None,
 ) -> Deck:
     """Write the deck of `circuit` for `analysis`.
@@ -88,8 +87,6 @@ def write_deck(
         replaced; the amplifiers are a second subcircuit.
     dialect : str
         Key of `DIALECTS`; all but ngspice's have transients only.
-    parameters : Parameters, optional
-        Numbers of the design as ``.param`` cards.
     measures : Measures, optional
         Rise time, settling time and overshoot as ``.meas`` cards of a transient.
 
@@ -97,7 +94,7 @@ def write_deck(
     ------
     ValueError
         A name or a value that must not reach a simulator: only a circuit that was not made from a
-        scene can cause it. Or the dialect cannot express the board, parameters or measures.
+        scene can cause it. Or the dialect cannot express the board or measures.
 
     Examples
     --------
@@ -110,9 +107,9 @@ def write_deck(
     check_circuit(circuit)
     nodes = tuple(saved) if saved is not None else tuple(o.node for o in circuit.outputs)
     check_request(analysis, nodes, solver, matrix_file)
-    language = _language(dialect, circuit, parameters, measures)
+    language = _language(dialect, circuit, measures)
     noisy = isinstance(analysis, NoiseAnalysis)
-    parts, files = board_text(circuit, matrix_file, noisy, parameters)
+    parts, files = board_text(circuit, matrix_file, noisy)
     added = [*_strains(circuit, analysis), *_measures(circuit, analysis, measures)]
     board = language.cards(parts + "\n".join(added))
     limits = tolerances(circuit, relative)
@@ -121,16 +118,12 @@ def write_deck(
     return Deck(text, nodes, analysis, files, dialect)
 
 
-def _language(
-    dialect: str, circuit: Circuit, parameters: Parameters, measures: Measures | None
-) -> Dialect:
+def _language(dialect: str, circuit: Circuit, measures: Measures | None) -> Dialect:
     """Return the dialect of a name, which can express all that the deck is to have."""
     language = DIALECTS[dialect]
     refused = [str(complaint) for complaint in language.refusals(circuit)]
     if measures is not None and not language.measures:
         refused.append("measures")
-    if parameters.lines and not language.parameters:
-        refused.append("parameters")
     if refused:
         raise ValueError(f"dialect {dialect!r} cannot express: {'; '.join(refused)}")
     return language

@@ -49,8 +49,8 @@ class Dialect:
         What a transient has that begins with no charge.
     refused : tuple of str
         Keys of `_UNCHECKED`: no program could check the deck of a board with them.
-    measures, parameters : bool
-        Whether the dialect has ``.meas`` and ``.param``, and a program that checks them.
+    measures : bool
+        Whether the dialect has ``.meas``, and a program that checks it.
     language : str
         First line of an included file.
     """
@@ -65,7 +65,6 @@ class Dialect:
     uncharged: str = " uic"
     refused: tuple[str, ...] = ()
     measures: bool = True
-    parameters: bool = True
     language: str = ""
 
     def refusals(self, circuit: Circuit) -> Iterator[Complaint]:
@@ -86,7 +85,7 @@ class Dialect:
                 yield Complaint(key, repr(value), _UNCHECKED[key].format(self.name))
 
     def cards(self, text: str) -> str:
-        """Return cards of parts, parameters and measures, given as ngspice has them."""
+        """Return cards of parts and measures, given as ngspice has them."""
         if self.name == NATIVE:
             return text
         patterns = [(re.compile(pattern), made) for pattern, made in self.cards_as]
@@ -238,7 +237,6 @@ HSPICE = Dialect(  # with its classic step control
         "* HSPICE itself: runlvl, delmax, post and probe are from its manual",
     ),
     (
-        (r"\{([^{}]*)\}", r"'\1'"),
         (r"^\.include (\S+)", r".include '\1'"),
         (r"^B(\S+ \S+ \S+) [Vv]=(.*)$", r"E_\1 VOL='\2'"),  # B is a buffer of IBIS
         (r"\bln\(", "log("),  # the natural logarithm
@@ -305,15 +303,14 @@ SPECTRE = Dialect(  # of linear parts: what gnucap can read and simulate, too
     " skipdc=yes",
     ("design.amplifier", "design.opamp.level"),
     measures=False,
-    parameters=False,
     language="simulator lang=spectre",
 )
 DIALECTS = {each.name: each for each in (NGSPICE, LTSPICE, HSPICE, XYCE, SPECTRE)}
 """The table of dialects."""
 
 
-def refuse_unable(name: str, *, parameters: bool, measures: bool) -> None:
-    """Refuse a name that is no dialect, and what a dialect does not have.
+def refuse_unable(name: str, *, measures: bool) -> None:
+    """Refuse a name that is no dialect, and measures that a dialect does not have.
 
     Raises
     ------
@@ -323,14 +320,7 @@ def refuse_unable(name: str, *, parameters: bool, measures: bool) -> None:
     if name not in DIALECTS:
         text = f"expected one of {', '.join(DIALECTS)}"
         raise InputError("netlist", Complaint("dialect", repr(name), text))
-    complaints = list[Complaint]()
-    for option, asked, what in (
-        ("--parameters", parameters, "parameters"),
-        ("--measure", measures, "measures"),
-    ):
-        if asked and not getattr(DIALECTS[name], what):
-            able = [other for other, each in DIALECTS.items() if getattr(each, what)]
-            text = f"no free program checks the {what} of this dialect; expected {', '.join(able)}"
-            complaints.append(Complaint("--dialect", name, f"{option}: {text}"))
-    if complaints:
-        raise InputError("netlist", *complaints)
+    if measures and not DIALECTS[name].measures:
+        able = ", ".join(other for other, each in DIALECTS.items() if each.measures)
+        text = f"--measure: no free program checks the measures of this dialect; expected {able}"
+        raise InputError("netlist", Complaint("--dialect", name, text))

@@ -62,8 +62,7 @@ def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str
         raise ValueError("no channel has a step, so there is nothing to measure")
     width = measures.band * measures.amplitude
     lines = [
-        f"* targets: the numerical solution at lambda = {circuit.value('lambda')!r}; a lambda"
-        " that is edited needs a new deck",
+        f"* targets: the numerical solution at lambda = {circuit.value('lambda')!r}",
         f"* step amplitude A = {measures.amplitude!r} V; settling band {measures.band!r} A;"
         f" {NOT_SETTLED!r} s: not settled",
     ]

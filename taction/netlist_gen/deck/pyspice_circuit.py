@@ -17,7 +17,7 @@ _PARTS = {*_TWO_ENDED, *_CONTROLLED, "B", "X", "Q"}
 
 
 def pyspice_circuit(text: str, files: Mapping[str, str]) -> Circuit:
-    """Return the parts, models, parameters and options of a deck of ngspice.
+    """Return the parts, models and options of a deck of ngspice.
 
     The analysis, what is saved and what is measured are left to PySpice's simulator. A subcircuit
     with cards that taction does not write, a vendor's, stays text (``raw_spice``).
@@ -38,9 +38,6 @@ def pyspice_circuit(text: str, files: Mapping[str, str]) -> Circuit:
                 circuit.subcircuit(cell)
             else:
                 circuit.raw_spice += "\n".join([line, *body, f".ends {words[1]}", ""])
-        elif words[0] == ".param":
-            name, _, value = words[1].partition("=")
-            circuit.parameter(name, value)
         elif found := _MODEL.fullmatch(line):
             figures = dict(figure.split("=") for figure in found[3].split())
             circuit.model(found[1], found[2], **figures)

@@ -30,12 +30,12 @@ class Integrator(Planes):
         parts, x, v, scene = board.parts, f"x_{n}", f"v_{n}", board.scene
         ohms = board.facts["R"].value
         parts.opamp(f"v_{n}", x, v)
-        parts.resistor(Role.SIGNAL_RESISTOR, f"r_{n}", (v, x), ohms, "R")
-        parts.capacitor(Role.SIGNAL_CAPACITOR, f"c_{n}", (v, x), board.facts["C"].value, "C")
+        parts.resistor(Role.SIGNAL_RESISTOR, f"r_{n}", (v, x), ohms)
+        parts.capacitor(Role.SIGNAL_CAPACITOR, f"c_{n}", (v, x), board.facts["C"].value)
         if scene.design.biased:
             if n == 1:
                 parts.voltages.append(VoltageSource(BIAS, BIAS, slope_of(scene)))
-            parts.resistor(Role.BIAS_RESISTOR, f"bias_{n}", (BIAS, x), ohms, "R")
+            parts.resistor(Role.BIAS_RESISTOR, f"bias_{n}", (BIAS, x), ohms)
         return x
 
 

@@ -44,9 +44,8 @@ class Passive(Planes):
             )
             value = f"{resistance:.6g} ohm"
             raise InputError(scene.file, Complaint("design.resistance", value, text))
-        expression = f"1/(1/R-{load!r})"
-        parts.resistor(Role.SIGNAL_RESISTOR, f"r_{n}", (v, GROUND), 1.0 / left, expression)
-        parts.capacitor(Role.SIGNAL_CAPACITOR, f"c_{n}", (v, GROUND), board.facts["C"].value, "C")
+        parts.resistor(Role.SIGNAL_RESISTOR, f"r_{n}", (v, GROUND), 1.0 / left)
+        parts.capacitor(Role.SIGNAL_CAPACITOR, f"c_{n}", (v, GROUND), board.facts["C"].value)
         parts.stray_at(v)
         if scene.design.biased:
             text = "topology 'passive' has no virtual ground for a bias current; set bias = false"

@@ -27,11 +27,10 @@ class Ridge(PseudoInverse):
         """Place the rows that add lambda."""
         conductance = board.facts["G0"].value
         ohms = 1.0 / (math.sqrt(board.facts["lambda"].value) * conductance)
-        text = f"1/(sqrt(lambda)*{conductance!r})"
         for n, stage in columns.items():
             board.first_stage(f"l_{n}", Inputs(f"l_{n}", GROUND), f"y_{n}")
             for end, nodes in (("in", (f"v_{n}", f"l_{n}")), ("out", (f"y_{n}", stage.first))):
-                board.parts.resistor(Role.REGULARISING, f"l_{n}_{end}", nodes, ohms, text)
+                board.parts.resistor(Role.REGULARISING, f"l_{n}_{end}", nodes, ohms)
 
 
 TOPOLOGY = Ridge()

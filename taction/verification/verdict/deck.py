@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.deck.board_cards import NO_PARAMETERS, Parameters, parameters_of
 from taction.netlist_gen.deck.checks import FILE_NAME
 from taction.netlist_gen.deck.deck import Deck, write_deck
 from taction.netlist_gen.deck.dialects import DIALECTS, NATIVE
@@ -36,15 +35,12 @@ class DeckChoice:
         Key of `DIALECTS`.
     split : bool
         Whether the resistor matrices go into a second file.
-    parameters : bool
-        Whether C, gain and lambda are ``.param`` cards.
     measures : bool
-        Whether the deck measures rise time, settling time and overshoot; lambda is then fixed.
+        Whether the deck measures rise time, settling time and overshoot.
     """
 
     dialect: str = NATIVE
     split: bool = False
-    parameters: bool = False
     measures: bool = False
 
     @property
@@ -105,13 +101,13 @@ def deck_of(
         scene = _with_even_steps(scene)
     design = design_board(scene.with_engine("ngspice"), Clock(lambda stage: None))
     circuit = design.circuit
-    _check(scene, circuit, choice)
+    if complaints := list(DIALECTS[choice.dialect].refusals(circuit)):
+        raise InputError(scene.file, *complaints)
     return circuit, write_deck(
         circuit,
         design.transient,
         matrix_file=matrix_file,
         dialect=choice.dialect,
-        parameters=_parameters(circuit, choice),
         measures=_measures(design) if choice.measures else None,
     )
 
@@ -122,24 +118,6 @@ def _with_even_steps(scene: Scene) -> Scene:
         return scene
     even = {"points_per_period": EVEN_POINTS, "error": "auto"}
     return scene.model_copy(update={"analysis": scene.analysis.model_copy(update=even)})
-
-
-def _check(scene: Scene, circuit: Circuit, choice: DeckChoice) -> None:
-    """Raise an InputError for what a deck cannot have, all mistakes at once."""
-    complaints = list(DIALECTS[choice.dialect].refusals(circuit))
-    for key in ("resistor_series", "capacitor_series"):
-        series = getattr(scene.design, key)
-        if choice.parameters and series != "exact":
-            text = "a value in a series does not follow a parameter; expected 'exact'"
-            complaints.append(Complaint(f"design.{key}", repr(series), f"--parameters: {text}"))
-    if complaints:
-        raise InputError(scene.file, *complaints)
-
-
-def _parameters(circuit: Circuit, choice: DeckChoice) -> Parameters:
-    if not choice.parameters:
-        return NO_PARAMETERS
-    return parameters_of(circuit, fixed_lambda=choice.measures)
 
 
 def _measures(design: PlannedBoard) -> Measures:

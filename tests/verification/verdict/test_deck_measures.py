@@ -86,8 +86,8 @@ def test_the_results_of_results_are_in_the_words_of_ltspice() -> None:
 
 
 def test_an_edited_capacitor_has_the_readings_of_its_override(ngspice: str, tmp_path: Path) -> None:
-    deck = measured("known-readings", parameters=True)
-    text = deck.text.replace(".param C=1.5e-11\n", ".param C=2.2e-11\n")
+    deck = measured("known-readings")
+    text = re.sub(r"(?m)^(Cc_\d .*) 1.5e-11$", r"\1 2.2e-11", deck.text)
     found = results(replace(deck, text=text), tmp_path)
     scene = load_scene(SCENES / "known-readings.toml")
     data = scene.model_dump(by_alias=True, exclude_unset=True)
@@ -95,15 +95,6 @@ def test_an_edited_capacitor_has_the_readings_of_its_override(ngspice: str, tmp_
     expected = taction.verify(parse_scene(data, scene.file), engine="statespace").measurements
     assert found["t_settle"] == pytest.approx(value(expected.settling_time), rel=2e-3)
     assert found["t_rise_2"] == pytest.approx(value(expected.channels[1].rise_time), rel=1e-3)
-
-
-def test_lambda_is_no_parameter_of_a_deck_that_measures() -> None:
-    assert ".param lambda=" in taction.netlist(SCENES / "known-readings.toml", parameters=True).text
-    text = measured("known-readings", parameters=True).text
-    assert ".param lambda=" not in text
-    assert (
-        "* targets: the numerical solution at lambda = 0.05; a lambda that is edited needs" in text
-    )
 
 
 def test_a_record_that_ends_too_early_has_not_settled(ngspice: str, tmp_path: Path) -> None:
@@ -133,17 +124,6 @@ def test_measures_that_no_free_program_checks_are_refused(dialect: str) -> None:
         InputError, match=rf"--dialect = {dialect}: --measure: .*expected ngspice, ltspice, hspice$"
     ):
         taction.netlist(SCENES / "known-readings.toml", dialect=dialect, measure=True)
-
-
-@pytest.mark.parametrize("key", ["resistor_series", "capacitor_series"])
-def test_parameters_of_values_in_a_series_are_refused(key: str) -> None:
-    scene = load_scene(SCENES / "known-readings.toml")
-    data = scene.model_dump(by_alias=True, exclude_unset=True)
-    data["design"][key] = "E24"
-    with pytest.raises(
-        InputError, match=rf"design.{key} = 'E24': --parameters: .*expected 'exact'"
-    ):
-        taction.netlist(parse_scene(data, scene.file), parameters=True)
 
 
 @pytest.mark.parametrize(

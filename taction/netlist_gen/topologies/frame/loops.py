@@ -86,9 +86,9 @@ class LoopBoard(Numbered):
         """
         self.parts.stage(name, stage.other, stage.first, output)
         role, ohms = Role.OUTPUT_CONDUCTANCE, 1.0 / self.facts["gf"].value
-        self.parts.resistor(role, f"g_{output}", (output, stage.first), ohms, "1/gf")
+        self.parts.resistor(role, f"g_{output}", (output, stage.first), ohms)
         if stage.other != GROUND:
-            self.parts.resistor(role, f"go_{output}", (stage.other, GROUND), ohms, "1/gf")
+            self.parts.resistor(role, f"go_{output}", (stage.other, GROUND), ohms)
 
     def pad(self) -> None:
         """Load both inputs of every op-amp alike, by a resistor to ground at the lighter one.
@@ -226,7 +226,6 @@ class Loop(Topology):
             noises=tuple(parts.noises),
             roles={role: frozenset(names) for role, names in parts.roles.items()},
             knobs=self.knobs(scene),
-            expressions=parts.expressions,
         )
 
     def array(

@@ -41,26 +41,18 @@ class Parts:
     noises: list[NoiseCurrent] = field(default_factory=list)
     voltages: list[VoltageSource] = field(default_factory=list)
     roles: defaultdict[str, set[str]] = field(default_factory=lambda: defaultdict(set))
-    expressions: dict[str, tuple[str, float]] = field(default_factory=dict)
 
-    def resistor(
-        self, role: str, name: str, ends: tuple[str, str], ohms: float, expression: str = ""
-    ) -> None:
-        """Place a resistor of the nearest value of the series.
-
-        Its `expression` of the facts, which gives `ohms`, is for decks with parameters.
-        """
+    def resistor(self, role: str, name: str, ends: tuple[str, str], ohms: float) -> None:
+        """Place a resistor of the nearest value of the series."""
         part = Resistor(name, *ends, preferred(ohms, self.series))
         self.resistors.append(part)
-        self._state(role, part.card, expression, ohms)
+        self.roles[role].add(part.card)
 
-    def capacitor(
-        self, role: str, name: str, ends: tuple[str, str], farads: float, expression: str = ""
-    ) -> None:
-        """Place a capacitor of this value; see `resistor`."""
+    def capacitor(self, role: str, name: str, ends: tuple[str, str], farads: float) -> None:
+        """Place a capacitor of this value."""
         part = Capacitor(name, *ends, farads)
         self.capacitors.append(part)
-        self._state(role, part.card, expression, farads)
+        self.roles[role].add(part.card)
 
     def matrix(self, role: str, matrix: ResistorMatrix) -> None:
         """Place a matrix of resistors."""
@@ -81,11 +73,6 @@ class Parts:
         yield
         for kind, count in zip(kinds, counts, strict=True):
             self.roles[role].update(part.card for part in kind[count:])
-
-    def _state(self, role: str, card: str, expression: str, value: float) -> None:
-        self.roles[role].add(card)
-        if expression:
-            self.expressions[card] = expression, value
 
     def opamp(self, name: str, summing: str, output: str) -> None:
         """Place an op-amp that holds node `summing` at virtual ground, and its stray."""

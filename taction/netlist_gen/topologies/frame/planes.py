@@ -121,7 +121,6 @@ class Planes(Topology):
             temperature=design.antilog.temperature,
             roles={role: frozenset(names) for role, names in parts.roles.items()},
             knobs=self.knobs(scene),
-            expressions=parts.expressions,
         )
 
     def _signal_plane(self, board: PlanesBoard) -> tuple[str, ...]:
@@ -140,12 +139,8 @@ class Planes(Topology):
         """Place the resistor that adds a share of ``u Ve/(R U0)`` to the current of channel `n`."""
         if board.ridge_ohms < math.inf:
             source = f"a_{n}" if self.feedback_inverts else board.plus_u[n]
-            share = 1.0 - board.scene.design.ridge_share
-            expression = f"R*U0/(Ve*{share!r})"
             ends = source, sink
-            board.parts.resistor(
-                Role.RIDGE_RESISTOR, f"ridge_{n}", ends, board.ridge_ohms, expression
-            )
+            board.parts.resistor(Role.RIDGE_RESISTOR, f"ridge_{n}", ends, board.ridge_ohms)
 
     def _amplifier(self, board: PlanesBoard, n: int, *, minus: bool, plus: bool) -> None:
         """Place the signal amplifier of channel `n`, with an inverter where both signs are used."""
@@ -176,9 +171,8 @@ class Planes(Topology):
         needs_inverter = np.any(board.present & inverted, axis=1).tolist()
         for k in board.sensors:
             parts.opamp(f"c_{k}", f"c_{k}", f"w_{k}")
-            parts.resistor(
-                Role.CONSTRAINT_RESISTOR, f"s_{k}", (f"w_{k}", f"c_{k}"), design.gain, "gain"
-            )
+            ends = f"w_{k}", f"c_{k}"
+            parts.resistor(Role.CONSTRAINT_RESISTOR, f"s_{k}", ends, design.gain)
             place_strain(parts, board.scene, board.facts, k, f"c_{k}", float(strain[k - 1]))
             if needs_inverter[k - 1]:
                 parts.inverting(f"z_{k}", f"w_{k}", f"z_{k}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -45,7 +44,7 @@ class Topology(ABC):
 
     @abstractmethod
     def synthesise(self, scene: Scene, problem: InverseProblem) -> Circuit:
-        """Design the board of `scene` for `problem`, with its roles, facts, knobs, expressions.
+        """Design the board of `scene` for `problem`, with its roles, facts and knobs.
 
         Raises
         ------
@@ -93,11 +92,7 @@ class Topology(ABC):
             "gain": design.gain,
             "lambda": lam,
         }
-        facts = common_facts(**numbers, **({} if linear else {"Ve": slope}))
-        product = 1.0 / design.unit_conductance**2
-        if not linear:
-            product *= 2.0 * slope / design.unit_voltage
-        return {**facts, "R": replace(facts["R"], follows=(product, ("lambda", "gain")))}
+        return common_facts(**numbers, **({} if linear else {"Ve": slope}))
 
     def knobs(self, scene: Scene) -> tuple[Knob, ...]:
         """Return the keys of `scene` that can be moved, with the parts that they scale."""
