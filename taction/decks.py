@@ -116,7 +116,7 @@ def check(
     """
     _refuse_scene(deck)
     _refuse_half(matrix, strain)
-    from taction.verification.studies.wanted_checks import wanted
+    from taction.verification.studies.wanted_checks import reference_values, wanted
 
     asked = wanted(_listed(checks), _listed(expect))
     from taction.verification.studies.foreign_board import read_board
@@ -130,8 +130,6 @@ def check(
         for each in _listed(over)
     ]
     if matrix is not None and strain is not None:
-        from taction.verification.studies.board_reference import reference_values
-
         nodes = [out.node for out in board.circuit.outputs]
         values, notes = reference_values(nodes, matrix, strain, lam, unit, accept)
         asked = replace(asked, expected=(*asked.expected, *values))

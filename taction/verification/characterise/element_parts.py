@@ -6,7 +6,7 @@ rests. All counts from its last terminal, so that a device between floating node
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -22,17 +22,27 @@ from taction.netlist_gen.board.branches import (
 )
 from taction.netlist_gen.board.circuit import GROUND
 from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
-from taction.netlist_gen.deck.flat_cards import Flat, card_of
+from taction.netlist_gen.deck.flat_cards import Flat, card_of, read_cards
 from taction.netlist_gen.deck.stimuli import FIXED, Stimulus
-from taction.verification.characterise.element_bench import MeasuredElement
+from taction.verification.characterise.element_bench import MeasuredElement, measured
+from taction.verification.characterise.operating_point import DeckPoint
+from taction.verification.engines.ngspice.executable import Simulator
 
 SMALL = 1e-9  # of the largest capacitance of an element: a difference below is rounding
 SAME = 1e-12  # of two gains with opposite signs: they are one of a difference
 
 
-def add_measured(flat: Flat, found: Iterable[MeasuredElement]) -> None:
-    """Add the parts of measured elements to those of a deck; they are no knobs."""
-    for each in found:
+def linear_flat(point: DeckPoint, simulator: Simulator) -> Flat:
+    """Return the linear parts of a deck at its operating point; those measured are no knobs.
+
+    Raises
+    ------
+    CardError
+        An element is not of the form ``G + s C``, or ngspice does not measure it.
+    """
+    assert point.found is not None  # noqa: S101 - `find_point` sorts them
+    flat = read_cards(point.found.linear)
+    for each in measured(point.found, point.volts, point.options, simulator):
         name = each.element.name
         for outer, inner, ohms in each.resistors:
             flat.resistors.append(Resistor(inner, outer, inner, ohms))
@@ -45,6 +55,7 @@ def add_measured(flat: Flat, found: Iterable[MeasuredElement]) -> None:
             if isinstance(part, VoltageBetween | CurrentBetween):
                 flat.stimuli[part.card] = Stimulus(part.value, part.value, kind=FIXED)
             flat.branches.append(part)
+    return flat
 
 
 def _device(flat: Flat, each: MeasuredElement) -> None:

@@ -3,7 +3,7 @@
 ngspice expands the deck and finds a first point as it does by itself, then a tight one from there.
 The text of the second run is kept: whoever asks ngspice about the point sends the same text, so
 that ngspice repeats this point to the last bit. It has a source of current into every node, which
-`studies.ac_witness` drives.
+`studies.witnesses` drives.
 """
 
 from __future__ import annotations
@@ -53,43 +53,48 @@ class DeckPoint:
         The deck's text, as ngspice reads it in `mode`.
     cards : tuple of str
         Its flat cards.
+    weights : mapping of str to float
+        The current into each node, A for 1 V of the source `PROBE`.
+    options : str
+        Of the deck, such as gmin.
+    mode : str
+        Of ngspice: see `MODES`.
     found : SortedCards
-        These cards, sorted.
+        The flat cards, sorted; None of a linear deck, whose points are all alike.
     volts : mapping of str to float
         Voltages by node, V, currents by ``name#branch``, A, and what transistors say of themselves.
     limits : str
         Tolerances of ngspice with which it was found.
-    options : str
-        Of the deck, such as gmin.
-    weights : mapping of str to float
-        The current into each node, A for 1 V of the source `PROBE`.
     text : tuple of str
         With this text, after `AT_ONCE`, ngspice finds the point again; empty where it does not.
     """
 
     lines: tuple[str, ...]
     cards: tuple[str, ...]
-    found: SortedCards
-    volts: Mapping[str, float]
-    limits: str
+    weights: Mapping[str, float]
     options: str
     mode: str
-    weights: Mapping[str, float]
+    found: SortedCards | None
+    volts: Mapping[str, float]
+    limits: str
     text: tuple[str, ...] = ()
 
     @classmethod
-    def linear(
+    def of(
         cls,
         lines: Sequence[str],
         cards: Sequence[str],
         nodes: Sequence[str],
-        options: str,
+        options: str = "",
         mode: str = "",
+        found: SortedCards | None = None,
     ) -> DeckPoint:
-        """Return any point of a linear deck, which is the same everywhere."""
-        weights, found = _weights(nodes), sorted_cards(cards)
-        text = (*lines, *_probes(weights), f".options {TIGHT} {options}")
-        return cls(tuple(lines), tuple(cards), found, {}, TIGHT, options, mode, weights, text)
+        """Return any point of a linear deck: it is the same everywhere."""
+        drawn = np.random.default_rng(3)
+        signs, sizes = drawn.choice([-1.0, 1.0], len(nodes)), drawn.uniform(0.5, 1.0, len(nodes))
+        weights = dict(zip(nodes, (signs * sizes).tolist(), strict=True))
+        point = cls(tuple(lines), tuple(cards), weights, options, mode, found, {}, TIGHT)
+        return replace(point, text=(*point.probed, f".options {TIGHT} {options}"))
 
     @property
     def is_tight(self) -> bool:
@@ -99,14 +104,20 @@ class DeckPoint:
     @property
     def unresolved(self) -> float:
         """The smallest current that ngspice resolves, A."""
-        match = re.search(r"abstol=(\S+)", f"{self.limits} abstol=1e-12")
-        assert match is not None  # noqa: S101 - ngspice's own is the last one
-        return float(match[1])
+        given = re.search(r"abstol=(\S+)", self.limits)
+        return float(given[1]) if given else 1e-12  # ngspice's own
 
     @property
     def starts(self) -> list[str]:
         """Cards that make ngspice start at this point."""
         return [f".nodeset v({node})={self.volts[node]!r}" for node in self.weights]
+
+    @property
+    def probed(self) -> Iterator[str]:
+        """The lines, a source, which is off, and the currents into all nodes that it controls."""
+        yield from (*self.lines, f"v{PROBE} {PROBE} 0 dc 0 ac 0", f"r{PROBE} {PROBE} 0 1")
+        for k, (node, weight) in enumerate(self.weights.items()):
+            yield f"g{PROBE}{k} 0 {node} {PROBE} 0 {weight!r}"
 
 
 def find_point(
@@ -119,70 +130,62 @@ def find_point(
     CardError
         ngspice does not expand it, or finds no point; or a card is not read.
     """
-    first, mode, said = Answers((), "", ""), "", ""
-    cards: tuple[str, ...] = ()
+    first, said = Answers((), "", ""), ""
     commands = [f"listing expand > {TEXT}", "save all", "op", f"write {RESULT}"]
+    given = [f".options {options}"] if options else []
     for mode in modes:
-        first = run_commands([*lines, *_given(options)], commands, simulator, mode=mode)
+        first = run_commands([*lines, *given], commands, simulator, mode=mode)
         said = said or first.complaint
         if cards := listed_cards(first.listed):
             break
-    if not cards:
+    else:
         raise CardError(f"ngspice does not expand the deck: {said}")
-    found = sorted_cards(cards)
-    volts = read_volts(first)
+    found, volts = sorted_cards(cards), read_volts(first)
     words = {word for card in cards for word in card.split()}
     nodes = [name for name in volts if name in words]
+    linear = DeckPoint.of(lines, cards, nodes, options, mode, found)
     if not found.elements:
-        return DeckPoint.linear(lines, cards, nodes, options, mode)
+        return linear
     if not volts:
         raise CardError(f"ngspice finds no operating point: {first.complaint}")
+    return _tight(replace(linear, volts=volts, limits=OWN, text=()), simulator)
+
+
+def _tight(point: DeckPoint, simulator: Simulator) -> DeckPoint:
+    """Return a point with as many digits as ngspice finds from there, or by itself."""
+    assert point.found is not None  # noqa: S101 - a deck with elements
     asked = [
-        f"@{each.name}[{key}]" for each in found.elements if each.name[0] == "q" and 1 in each.inner
+        f"@{each.name}[{key}]"
+        for each in point.found.elements
+        if each.name[0] == "q" and 1 in each.inner
         for key in ("gx", "cbx")
-    ]  # fmt: skip
-    point = DeckPoint(tuple(lines), cards, found, volts, OWN, options, mode, _weights(nodes))
-    shared = [*lines, *_probes(point.weights)]
+    ]
+    shared = tuple(point.probed)
     commands = [AT_ONCE, f"save all {' '.join(asked)}", "op", f"write {RESULT}"]
     for limits, near in itertools.product(TRIED, (True, False)):
         for _ in range(1 + near):  # again: ngspice's last step, which junctions lack, is nearly 0
-            text = (*shared, f".options {limits} {options}", *(point.starts if near else ()))
-            answers = run_commands(text, commands, simulator, mode=mode, seconds=TRIED_SECONDS)
-            if not (again := read_volts(answers)):
+            starts = point.starts if near else ()
+            text = (*shared, f".options {limits} {point.options}", *starts)
+            answers = run_commands(
+                text, commands, simulator, mode=point.mode, seconds=TRIED_SECONDS
+            )
+            if not (volts := read_volts(answers)):
                 break
-            point = replace(point, text=text, volts=again, limits=limits)
+            point = replace(point, text=text, volts=volts, limits=limits)
         if point.text:
             break
     return point
 
 
-def _weights(nodes: Sequence[str]) -> dict[str, float]:
-    drawn = np.random.default_rng(3)
-    signs, sizes = drawn.choice([-1.0, 1.0], len(nodes)), drawn.uniform(0.5, 1.0, len(nodes))
-    return dict(zip(nodes, (signs * sizes).tolist(), strict=True))
-
-
-def _probes(weights: Mapping[str, float]) -> Iterator[str]:
-    """Yield a source, which is off, and the currents into all nodes that it controls."""
-    yield from (f"v{PROBE} {PROBE} 0 dc 0 ac 0", f"r{PROBE} {PROBE} 0 1")
-    for k, (node, weight) in enumerate(weights.items()):
-        yield f"g{PROBE}{k} 0 {node} {PROBE} 0 {weight!r}"
-
-
-def _given(options: str) -> list[str]:
-    return [f".options {options}"] if options else []
-
-
 def read_volts(answers: Answers) -> dict[str, float]:
-    """Return the last operating point that ngspice wrote; nothing where it failed."""
-    found = [
-        (names, values) for names, values in answers.plots if any(n.startswith("v(") for n in names)
-    ]
-    if not found:
-        return {}
-    names, values = found[-1]
-    plain = [_plain(name) for name in names]
-    return dict(zip(plain, values[-1].real.tolist(), strict=True))
+    """Return the last operating point that ngspice wrote; nothing where it failed.
+
+    By the name of a node, ``name#branch`` of a current, or ``name[key]``.
+    """
+    for names, values in reversed(answers.plots):
+        if any(name.startswith("v(") for name in names):
+            return dict(zip(map(_plain, names), values[-1].real.tolist(), strict=True))
+    return {}
 
 
 def _plain(name: str) -> str:

@@ -1,15 +1,14 @@
 """Check a deck: what `taction check` says.
 
 A deck is read and linearised (`foreign_board`), measured (`measured_board`), asked (`questions`),
-compared with ngspice (`ac_witness`, `board_witness`) and judged (`board_checks`). Worst cases and
-the yield are those of `verification.studies.tolerance`.
+compared with ngspice (`witnesses`) and judged (`board_checks`). Worst cases and the yield are those
+of `verification.studies.tolerance`.
 """
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Annotated
@@ -22,10 +21,9 @@ from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.board_checks import judge
 from taction.verification.studies.board_sweep import Sweep, sweep_board
-from taction.verification.studies.board_witness import witnessed
 from taction.verification.studies.foreign_board import ForeignBoard
 from taction.verification.studies.measured_board import FAR, MeasuredBoard, measure_board
-from taction.verification.studies.other_points import point_notes
+from taction.verification.studies.other_points import points_note, step_note
 from taction.verification.studies.part_influence import PartRow, influences
 from taction.verification.studies.questions import QUESTIONS, units
 from taction.verification.studies.swept_values import SweptValue
@@ -33,6 +31,7 @@ from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.yield_report import YieldReport
 from taction.verification.studies.varied_deck import varied_outcomes
 from taction.verification.studies.wanted_checks import Wanted
+from taction.verification.studies.witnesses import compare_ac, compare_transient
 from taction.verification.verdict.checks import Check, Outcome, overall, undecided
 from taction.verification.verdict.companion import Agreement
 
@@ -76,10 +75,8 @@ class BoardCheck(MeasuredBoard, Result):
     notes: tuple[str, ...]
     parts: tuple[PartRow, ...]
     record: Agreement | None
-    unwitnessed: str
     checks: tuple[Check, ...]
     sweeps: tuple[Sweep, ...]
-    seconds: Mapping[str, float]
     corners: CornerStudy | None = None
     yields: YieldReport | None = None
 
@@ -177,25 +174,26 @@ def check_board(
     EngineError
         No equilibrium, or no state-space form.
     """
-    clock = time.process_time
-    began = clock()
     progress("poles")
     board, band = LinearBoard(deck.circuit), asked.limits.settling_time.band
     found = measure_board(board, deck.initial, band, asked.lowest)
     progress("parts")
     margin, rows = influences(board, found.poles, asked.limits.stability.margin > 1.0)
-    _ = found.noise
-    seconds = {"statespace": clock() - began}
     progress("ngspice")
-    record, why, small = None, "without ngspice", None
+    record, why, small, left = None, "without ngspice", None, [""]
     moves = transient or deck.has_transient or "engines_agree" in asked.names
     if ngspice and deck.point is None and moves:
         why = f"ngspice's transient was not compared: {FAR}"
         if not found.apart.beyond:
-            record, why = witnessed(found, deck.witness, asked.limits.engines_agree.tolerance)
+            limit = asked.limits.engines_agree.tolerance
+            record, why = compare_transient(found, deck.witness, limit)
     elif ngspice:
-        every = np.append(found.poles.poles, found.apart.hidden)
-        why, small = "", deck.ac.check(board, every)
+        why, every = "", np.append(found.poles.poles, found.apart.hidden)
+        small = compare_ac(deck.at_rest, board, every)
+    if ngspice and deck.point is not None:
+        left = [points_note(found, deck.point)]
+        if any(each.moves for each in deck.flat.stimuli.values()):
+            left.append(step_note(found, deck.point))
     checks = list(judge(found, asked, margin, record))
     if record is None and "engines_agree" in asked.names:
         checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))
@@ -207,16 +205,11 @@ def check_board(
         corners, yields = varied_outcomes(found, deck, tolerances, asked, samples, progress)
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
-        notes=(
-            *(*found.apart.sentences, *deck.notes, *notes, *([why] if why else ())),
-            *(point_notes(found, deck) if ngspice else ()),
-        ),
+        notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *notes, why, *left))),
         parts=rows,
         record=record,
-        unwitnessed=why,
         checks=tuple(checks),
         sweeps=sweeps,
-        seconds=seconds,
         corners=corners,
         yields=yields,
     )

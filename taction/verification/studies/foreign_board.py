@@ -41,16 +41,15 @@ from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_ste
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.time_limit import more_time
-from taction.verification.characterise.element_bench import MISFIT, measured
-from taction.verification.characterise.element_parts import add_measured
+from taction.verification.characterise.element_bench import MISFIT
+from taction.verification.characterise.element_parts import linear_flat
 from taction.verification.characterise.operating_point import DeckPoint, find_point
 from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.studies.ac_witness import AcWitness, stepping
 from taction.verification.studies.measured_board import Start
+from taction.verification.studies.witnesses import RELATIVE
 
 MOST_UNKNOWNS = 600  # of a deck: above it the engine needs the structure of a topology
-RELATIVE = 1e-6  # reltol of the witness
 EDGE = 0.01  # of the first step: the edge of a step in ngspice
 PROBE = "v_taction_parameter"  # a source whose value is that of a .param
 VALUE_SECONDS = 1.0  # that a value of a .param adds to the time of all runs
@@ -89,13 +88,10 @@ class ForeignBoard:
     point: DeckPoint | None = None
 
     @property
-    def ac(self) -> AcWitness:
-        """What compares the circuit with ngspice's ``.ac``."""
-        point = self.point
-        if point is None:  # a linear deck is the same at every point
-            nodes = list(self.flat.nodes)
-            point = DeckPoint.linear(self._ready, self.lines, nodes, _options(self.deck))
-        return AcWitness(point, stepping(self.circuit.branches), find_simulator())
+    def at_rest(self) -> DeckPoint:
+        """Where it rests; of a linear deck, which is the same everywhere, any point."""
+        nodes = list(self.flat.nodes)
+        return self.point or DeckPoint.of(self._ready, self.lines, nodes, _options(self.deck))
 
     @property
     def has_transient(self) -> bool:
@@ -253,11 +249,10 @@ def _measured_flat(point: DeckPoint) -> tuple[Flat, str]:
     CardError
         An element is not of the form ``G + s C``.
     """
-    flat = read_cards(point.found.linear)
-    elements = point.found.elements
+    assert point.found is not None  # noqa: S101 - `find_point` sorts them
+    flat, elements = linear_flat(point, find_simulator()), point.found.elements
     if not elements:
         return flat, ""
-    add_measured(flat, measured(point.found, point.volts, point.options, find_simulator()))
     within = tuple(f"{each.subcircuit}." for each in elements if each.subcircuit)
     for name in [name for name in flat.knobs if name.startswith(within)] if within else ():
         del flat.knobs[name]

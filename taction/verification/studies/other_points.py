@@ -7,7 +7,7 @@ find the one that no board keeps. A large step leaves the range in which the cir
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -16,11 +16,10 @@ from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.characterise.operating_point import AT_ONCE, DeckPoint, read_volts
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
-from taction.verification.engines.ngspice.executable import Simulator, find_simulator
-from taction.verification.studies.ac_witness import stepping
-from taction.verification.studies.foreign_board import ForeignBoard
+from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.studies.measured_board import MeasuredBoard
 from taction.verification.studies.part_influence import pole_vectors
+from taction.verification.studies.witnesses import stepping
 
 STARTS = 12
 REACHES = (0.05, 0.15, 0.4, 1.0, 10.0)  # of the range of all voltages, along the growing mode
@@ -32,19 +31,15 @@ TINY = 1e-30  # V: of no step at all
 LARGE = 0.01  # of the step, or of a node's own: how far ngspice's rest may be from the linear one
 
 
-def point_notes(found: MeasuredBoard, board: ForeignBoard) -> Iterator[str]:
-    """Yield what is to be said of a deck's operating point and of its step."""
-    if (point := board.point) is None:
-        return
+def _rest(point: DeckPoint, limits: str, cards: Iterable[str], *commands: str) -> dict[str, float]:
+    """Return where ngspice finds the deck at rest with other cards; nothing where it does not."""
+    text = [*point.lines, f".options {limits} {point.options}", *cards]
+    every = [*commands, "save all", "op", f"write {RESULT}"]
     simulator = find_simulator()
-    if note := points_note(found, point, simulator):
-        yield note
-    moves = any(each.moves for each in board.flat.stimuli.values())
-    if moves and (note := step_note(found, point, simulator)):
-        yield note
+    return read_volts(run_commands(text, every, simulator, mode=point.mode, seconds=SECONDS))
 
 
-def points_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) -> str:
+def points_note(found: MeasuredBoard, point: DeckPoint) -> str:
     """Return how many operating points a deck with a growing real pole has; empty without one.
 
     ngspice starts along the growing mode, both ways, and from voltages that are drawn.
@@ -62,12 +57,7 @@ def points_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) ->
             break
         tried += 1
         cards = [f".nodeset v({n})={v!r}" for n, v in zip(nodes, start.tolist(), strict=True)]
-        limits = f".options reltol=1e-6 abstol=1e-13 vntol=1e-10 {point.options}"
-        commands = [AT_ONCE, "save all", "op", f"write {RESULT}"]
-        text = [*point.lines, limits, *cards]
-        volts = read_volts(
-            run_commands(text, commands, simulator, mode=point.mode, seconds=SECONDS)
-        )
+        volts = _rest(point, "reltol=1e-6 abstol=1e-13 vntol=1e-10", cards, AT_ONCE)
         if not volts:
             continue
         there = np.array([volts.get(name, np.nan) for name in nodes])
@@ -103,16 +93,12 @@ def _starts(
         yield drawn.uniform(here.min() - WIDER * span, here.max() + WIDER * span, len(here))
 
 
-def step_note(found: MeasuredBoard, point: DeckPoint, simulator: Simulator) -> str:
+def step_note(found: MeasuredBoard, point: DeckPoint) -> str:
     """Return that a step leaves the range in which a deck is linear; empty where it does not."""
     if not found.poles.known_stable:
         return ""
-    sources = stepping(found.board.circuit.branches)
-    commands = [f"alter {s.card[0].lower()}{s.card[1:]} dc={s.value!r}" for s in sources]
-    commands = ["save all", *commands, "op", f"write {RESULT}"]
-    limits = f".options reltol=1e-6 {point.options}"
-    text = [*point.lines, limits, *point.starts]
-    volts = read_volts(run_commands(text, commands, simulator, mode=point.mode, seconds=SECONDS))
+    alter = (f"alter {name} dc={s.value!r}" for name, s in stepping(found.board).items())
+    volts = _rest(point, "reltol=1e-6", point.starts, *alter)
     if not volts:
         return "ngspice finds no operating point after the step: readings hold for small steps only"
     values, places = found.board.equilibrium.values, found.board.descriptor.places

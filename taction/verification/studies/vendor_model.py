@@ -6,30 +6,50 @@ The figures of a data sheet, and a linear model that the state-space engine uses
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from taction.netlist_gen.deck.flat_cards import CardError
+from taction.netlist_gen.board.branches import VoltageBetween
+from taction.netlist_gen.board.linear_models import record_of
+from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
+from taction.netlist_gen.deck.flat_cards import CardError, Flat, circuit_of
 from taction.netlist_gen.deck.vendor_subcircuit import flat_subcircuit, vendor_subcircuit
 from taction.spice_models.imported import (
     COMPENSATION,
     Figures,
     ImportedOpAmp,
+    LinearModel,
+    LinearPart,
     check_pins,
     port_nodes,
 )
-from taction.system.errors import Complaint, InputError, SimulationError, one_line
+from taction.system.errors import Complaint, EngineError, InputError, SimulationError, one_line
+from taction.system.quantities import show_rate
 from taction.system.results import Result
-from taction.verification.characterise.bench import VendorBench
 from taction.verification.characterise.characterise import RAMP, Bode, slope
-from taction.verification.characterise.operating_point import find_point
-from taction.verification.characterise.witnesses import Responses, Simulation
-from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.studies.vendor_linear import linear_model
+from taction.verification.characterise.element_parts import linear_flat
+from taction.verification.characterise.operating_point import DeckPoint, find_point
+from taction.verification.characterise.vendor_bench import (
+    DRIVEN,
+    OUT,
+    PORTS,
+    SERVO,
+    Responses,
+    VendorBench,
+    respond,
+)
+from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.poles import poles
+from taction.verification.studies.witnesses import small_signals
 
+P = TypeVar("P", Resistor, Capacitor, Branch)
+GOOD = 1e-4  # largest relative difference from ngspice of a linear model that serves as a witness
+EVERY = 4  # of the measured frequencies: 10 a decade are compared
+BENCH = (*DRIVEN, "vinn", "vmid", "eservo", *SERVO, "hof_inn", "hof_inp", "hof_vcc")
 JUMP = 2.0  # of the gain between two neighbouring frequencies, 6 % apart: no op-amp
 CURRENT_FEEDBACK = (1e-4, 100.0)  # S of the inverting input, and ratio to the other one
 AT_REST = 0.1  # V: output of a follower at 0 V
@@ -85,36 +105,32 @@ def import_opamp(
     if (COMPENSATION in pins) != (compensation > 0.0):
         text = f"a capacitor and two ports {COMPENSATION!r} belong together"
         raise InputError(file, Complaint("--compensation", f"{compensation:g} F", text))
-    simulation = Simulation(find_simulator())
-    bench = VendorBench(found, pins, supply, compensation, middle=middle)
+    simulator, bench = find_simulator(), VendorBench(found, pins, supply, compensation, middle)
     try:
-        point = find_point(bench.lines(), "", simulation.simulator)
+        cards = find_point(bench.lines(), "", simulator).cards
+        found = flat_subcircuit(cards, port_nodes(bench.wired), subcircuit)
+        bench = replace(bench, subcircuit=found)
+        point = find_point(bench.lines(), "", simulator, modes=("",))
     except CardError as error:
         raise InputError(file, Complaint("netlist", "", str(error))) from None
-    checked = flat_subcircuit(point.cards, port_nodes(bench.wired), subcircuit)
-    measured = simulation.responses(replace(bench, subcircuit=checked))
-    if reason := _no_opamp(measured):
+    seen = respond(bench, point, simulator)
+    if reason := _no_opamp(seen, middle):
         raise InputError(file, Complaint("--pins", "", reason))
-    figures, doubts = _figures(measured, simulation)
-    linear, missing = linear_model(point, simulation.simulator)
-    return ImportedOpAmp(
-        checked,
-        pins,
-        supply,
-        figures,
-        linear,
-        missing,
-        compensation,
-        (*doubts, *_doubts(figures)),
-        middle,
-    )
+    figures, doubts = _figures(seen, bench, simulator)
+    try:
+        linear, missing = _linear_model(point, seen, simulator), ""
+    except (CardError, EngineError, SimulationError) as error:
+        linear, missing = None, f"no linear model: {one_line(error)}"
+    doubts += _doubts(figures)
+    stored = ImportedOpAmp(found, pins, supply, figures, linear, missing, compensation)
+    return replace(stored, doubts=tuple(doubts), middle=middle)
 
 
-def _no_opamp(measured: Responses) -> str:
+def _no_opamp(measured: Responses, middle: float) -> str:
     """Return why the responses cannot be those of an op-amp; empty if they can."""
     f, gain, size = measured.frequencies, measured.gain, np.abs(measured.gain)
     least, ratio = CURRENT_FEEDBACK
-    one, other = abs(measured.admittance[0]), abs(measured.other_admittance[0])
+    one, other, _ = (abs(each[0]) for each in measured.admittances)
     if not (np.isfinite(gain).all() and np.isfinite(measured.impedance).all()):
         return "the response is not finite: are the pins right?"
     if one > max(least, ratio * other):
@@ -131,9 +147,8 @@ def _no_opamp(measured: Responses) -> str:
             " are the pins right, or does it need a compensation capacitor?"
         )
     if abs(measured.output) > AT_REST:
-        place = f"{measured.bench.middle:g} V"
-        output = measured.bench.middle + measured.output
-        return f"as a follower at {place} its output rests at {output:.3g} V"
+        output = middle + measured.output
+        return f"as a follower at {middle:g} V its output rests at {output:.3g} V"
     steps = np.abs(np.diff(np.log(size[: below[0] + 1])))
     if steps.max() > math.log(JUMP):
         k = int(np.argmax(steps))
@@ -144,17 +159,18 @@ def _no_opamp(measured: Responses) -> str:
     return ""
 
 
-def _figures(measured: Responses, simulation: Simulation) -> tuple[Figures, list[str]]:
+def _figures(
+    measured: Responses, bench: VendorBench, simulator: Simulator
+) -> tuple[Figures, list[str]]:
     """Return the figures of a data sheet, and why one of them is missing."""
     size, opened = np.abs(measured.gain), Bode(measured.frequencies, measured.gain)
     unity, margin = opened.crossing()
     common = abs(measured.other_gain[0] / measured.gain[0] - 1.0)
-    inputs = _inputs(measured)
+    slew_rate = swing = None
     doubts: list[str] = []
     try:
-        slew_rate, swing = _ends(measured, simulation, unity)
+        slew_rate, swing = _ends(bench, simulator, unity)
     except SimulationError as error:
-        slew_rate = swing = None
         doubts.append(f"slew rate and swing are not known: {one_line(error)}")
     return Figures(
         dc_gain=float(size[0]),
@@ -168,7 +184,7 @@ def _figures(measured: Responses, simulation: Simulation) -> tuple[Figures, list
         common_mode_rejection=-20.0 * math.log10(common) if common > COMMON_MODE else None,
         slew_rate=slew_rate,
         swing=swing,
-        **inputs,
+        **_inputs(measured),
     ), doubts
 
 
@@ -177,8 +193,8 @@ def _inputs(measured: Responses) -> dict[str, float | None]:
 
     Both inputs are driven by sources, so the current into the one that is held goes between them.
     """
-    mutual = -measured.mutual_admittance
-    common = measured.admittance - mutual
+    own, _, across = measured.admittances
+    mutual, common = -across, own + across
     k = int(np.argmin(np.abs(measured.frequencies - INPUT_HERTZ)))
     found: dict[str, float | None] = {}
     for name, admittance in (("differential", mutual), ("common", common)):
@@ -190,17 +206,17 @@ def _inputs(measured: Responses) -> dict[str, float | None]:
 
 
 def _ends(
-    measured: Responses, simulation: Simulation, unity: float
+    bench: VendorBench, simulator: Simulator, unity: float
 ) -> tuple[float | None, float | None]:
     """Return slew rate, V/s, and swing, V, of an open loop that is driven to both ends.
 
     None: the netlist has no such limit.
     """
-    supply = measured.bench.supply
+    supply = bench.supply
     volts, period = min(DRIVE, 0.5 * supply), PERIODS / unity
     most = SLEWS * volts * 2.0 * math.pi * unity
     for _ in range(ATTEMPTS):
-        time, output = simulation.switched(measured.bench, volts, period)
+        time, output = bench.switched(volts, period, simulator)
         if np.abs(output).max() > BEYOND * supply:  # the netlist does not know its supplies
             rate = slope(time, output, RAMP[0] * supply, RAMP[1] * supply)
             return (rate if rate < most else None), None
@@ -219,6 +235,73 @@ def _ends(
         for part, sign in zip(parts, (-1.0, 1.0), strict=True)
     )
     return (min(fall, rise) if min(fall, rise) < most else None), swing
+
+
+def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> LinearModel:
+    """Return the linear circuit of an op-amp: its cards on the bench, each measured where it rests.
+
+    ngspice's own small signal is the witness, at every port. Raises `CardError` where there is
+    none: an element is not of the form ``G + s C``, the netlist is unstable with its inputs held,
+    ngspice's small signal is another one.
+    """
+    flat = linear_flat(point, simulator)
+    if moving := [card for card, found in flat.stimuli.items() if found.moves]:
+        raise CardError(f"{moving[0]} changes over time")
+    found = poles(LinearBoard(circuit_of(_held(flat), "bench", (OUT,))))
+    if found.known_unstable:
+        raise CardError(f"the netlist itself has a pole at {show_rate(found.rightmost.real)}")
+    hertz, wanted = seen.frequencies[::EVERY], seen.every[:, :, ::EVERY]
+    ours, least = np.empty_like(wanted), np.array([*PORTS.values()])[:, None]
+    for k, name in enumerate(DRIVEN):
+        branches = [
+            replace(part, value=1.0, before=0.0) if part.card.lower() == name else part
+            for part in flat.branches
+        ]
+        board = LinearBoard(circuit_of(replace(flat, branches=branches), "bench", (OUT,)))
+        descriptor = board.descriptor
+        places = [descriptor.place(port) for port in PORTS]
+        b = descriptor.switched[:, None]
+        ours[k] = small_signals(descriptor, b, hertz)[0][0][:, places].T
+    off = np.abs(ours - wanted) / np.maximum(np.abs(wanted), least)
+    if not (worst := float(off.max())) <= GOOD:
+        _, port, at = np.unravel_index(int(off.argmax()), off.shape)
+        raise CardError(
+            f"it is {100.0 * worst:.2g} % from the small signal of ngspice, more than"
+            f" {100.0 * GOOD:g} %, at {[*PORTS][int(port)]}, {hertz[int(at)]:.4g} Hz"
+        )
+    return LinearModel(_parts(flat), worst, (float(hertz[0]), float(hertz[-1])))
+
+
+def _held(flat: Flat) -> Flat:
+    """Return the bench with both inputs held, without the servo, whose 1e9 F hide the others."""
+
+    def kept(parts: Iterable[P]) -> list[P]:
+        return [part for part in parts if part.card.lower() not in SERVO]
+
+    branches = [
+        VoltageBetween(part.name, part.a, part.b, 0.0, 0.0)
+        if part.card.lower() == "eservo"
+        else part
+        for part in kept(flat.branches)
+    ]
+    resistors, capacitors = kept(flat.resistors), kept(flat.capacitors)
+    return replace(flat, branches=branches, resistors=resistors, capacitors=capacitors)
+
+
+def _parts(flat: Flat) -> tuple[LinearPart, ...]:
+    """Return the parts of the op-amp with its supplies: the bench without what drives it."""
+    every = [*flat.resistors, *flat.capacitors, *flat.branches]
+    records = [record_of(part) for part in every if part.card.lower() not in BENCH]
+
+    def port(node: str) -> str:
+        return "inn" if node == "pin" else node
+
+    return tuple(
+        each
+        if each.letter == "K"
+        else replace(each, a=port(each.a), b=port(each.b), control=tuple(map(port, each.control)))
+        for each in records
+    )
 
 
 def _doubts(figures: Figures) -> list[str]:

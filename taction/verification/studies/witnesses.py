@@ -1,0 +1,284 @@
+"""ngspice beside the linear circuit of a deck: its small signal, and its transient.
+
+The small signal is that of the deck as it is, asked twice in one run: from the sources that step,
+and from currents of random size into every node, which see every pole, also one that no source
+reaches. Two things are no disagreement, and are said where they are more than the limit: what the
+rounding of all values does to a node, and the currents that ngspice does not resolve. A node that
+only 1 nS holds rests within 1 uV of them, and a junction there has a slope that is known within
+4e-5.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from taction.netlist_gen.analysis import Transient
+from taction.netlist_gen.board.branches import Source
+from taction.netlist_gen.deck.deck import Deck
+from taction.netlist_gen.scene.checks import AGREE
+from taction.system.array_types import EPS, Complexes, Floats
+from taction.system.errors import EngineError, SimulationError, StepTooSmall, one_line
+from taction.system.time_limit import time_left
+from taction.system.waveforms import PHYSICAL_BOUND
+from taction.verification.characterise.operating_point import AT_ONCE, PROBE, DeckPoint
+from taction.verification.engines.ngspice.commands import RESULT, run_commands
+from taction.verification.engines.ngspice.executable import Simulator, find_simulator
+from taction.verification.engines.ngspice.process import simulate
+from taction.verification.engines.statespace.equations.descriptor import Descriptor
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.studies.measured_board import WANTED, MeasuredBoard
+from taction.verification.verdict.checks import Check, Outcome, at_most
+from taction.verification.verdict.companion import Agreement, compare_engines, state_space_companion
+from taction.verification.verdict.step_forecast import StepModel
+
+LIMIT = 1e-6  # relative difference of small signals
+ROUNDING = 3e4  # times that of one value: some 30 act on a node, and pivots of ngspice are >= 1e-3
+THERMAL = 0.0258  # V: no junction changes its slope faster than by e in so much
+ASIDE = 1e-11  # of a frequency: no pole with a damping above 1e-5 sees it
+SURE = 2.0  # times the largest difference of two answers, of all frequencies
+NAMED = 4  # nodes in a reason
+AGAIN = "ngspice does not find the operating point again"
+POINTS = 40
+LEAST, MOST = 1e-3, 1e10  # Hz
+FAINT = 1e-6  # of the largest voltage at a frequency: smaller ones count as this
+SHARP = 0.2  # damping below which frequencies about a pole are added
+
+RELATIVE = 1e-6  # reltol of a transient
+MOST_STEPS = 200_000.0  # of ngspice: a longer record is cut, and says so
+SHORTEST = 2e-11  # of ngspice's longest step: below half of it a step is too short for it
+SPARSE = "noopiter"  # the matrix solver that every ngspice has
+LEAST_SECONDS = 0.1  # of a run for which no time is left
+TIMEOUT = 20.0  # of ngspice, s; what takes longer is not compared, and says so
+
+
+def compare_ac(point: DeckPoint, board: LinearBoard, poles: Complexes) -> Check:
+    """Return the check ``ac_agrees``: the largest relative difference from ngspice's ``.ac``.
+
+    It is compared at frequencies about the `poles`.
+    """
+    known = board.descriptor.names[: board.descriptor.node_count]
+    nodes = [name for name in point.weights if name in known]
+    steps = {name: source.step for name, source in stepping(board).items()}
+    ask = partial(_theirs, point, nodes, steps, poles, find_simulator())
+    hertz, theirs, said = ask()
+    if not len(hertz):
+        text = f"ngspice's .ac was not compared: {said}"
+        return Check("ac_agrees", Outcome.INCONCLUSIVE, None, None, LIMIT, None, "ratio", text)
+    ours, doubt = _ours(point, board, nodes, hertz)
+    size = np.abs(theirs)
+    floor = np.maximum(size, FAINT * size.max(axis=2, keepdims=True))
+    floor = np.where(floor > 0.0, floor, 1.0)
+    off = np.abs(ours - theirs) / floor
+    off = np.where(np.isfinite(off), off, np.inf)
+    beyond = np.maximum(off - doubt / floor, 0.0)
+    if np.any(beyond > LIMIT):  # frequencies aside round the digits of ngspice anew, nothing else
+        _, again, _ = ask(1.0 + ASIDE)
+        if again.shape == theirs.shape:
+            spread = (SURE * np.abs(again - theirs) / floor).max(axis=1, keepdims=True)
+            beyond = np.maximum(beyond - spread, 0.0)
+    hides = np.any((off > LIMIT) & (beyond <= LIMIT), axis=(0, 1))
+    hidden = [name for name, hid in zip(nodes, hides, strict=True) if hid]
+    way, at, node = (int(k) for k in np.unravel_index(int(beyond.argmax()), beyond.shape))
+    worst, how = float(beyond.max()), ("from the source", "from currents into every node")[way]
+    outcome = at_most(worst, 0.0, LIMIT)
+    reason = f"largest at {nodes[node]}, {hertz[at]:.4g} Hz, {how}"
+    if hidden:
+        more = f" and {len(hidden) - NAMED} more" * (len(hidden) > NAMED)
+        reason += f"; {', '.join(hidden[:NAMED])}{more}: not resolved within the limit"
+        if outcome is Outcome.PASS and {*hidden} & {*board.reported(None)}:
+            outcome = Outcome.INCONCLUSIVE
+    return Check("ac_agrees", outcome, worst, 0.0, LIMIT, None, "ratio", reason)
+
+
+def stepping(board: LinearBoard) -> dict[str, Source]:
+    """Return the sources that step, by the names of their cards in ngspice."""
+    parts = (part for part in board.circuit.branches if isinstance(part, Source) and part.step)
+    return {f"{part.card[0].lower()}{part.card[1:]}": part for part in parts}
+
+
+def _theirs(
+    point: DeckPoint,
+    nodes: Sequence[str],
+    steps: dict[str, float],
+    poles: Complexes,
+    simulator: Simulator,
+    factor: float = 1.0,
+) -> tuple[Floats, Complexes, str]:
+    """Return frequencies times a `factor`, both responses (2, F, N), and what ngspice said."""
+    nothing = np.zeros(0), np.zeros((2, 0, 0), complex)
+    if not point.text:
+        return *nothing, AGAIN
+    excited = [card.split()[0] for card in point.cards if card[0] in "vi" and " ac" in card]
+    sweeps, commands = list(_sweeps(poles, factor)), [AT_ONCE, "save all"]
+    for driven in (steps, {f"v{PROBE}": 1.0}):
+        for sweep in sweeps:  # each from a new start: else rounding makes another point
+            commands += ["reset", *(f"alter {n} acmag=0" for n in excited if n not in driven)]
+            for name, size in driven.items():
+                commands += [f"alter {name} acmag={size!r}", f"alter {name} acphase=0"]
+            commands += [sweep, f"write {RESULT}", "set appendwrite"]
+    answers = run_commands(point.text, commands, simulator, mode=point.mode)
+    if len(answers.plots) != 2 * len(sweeps):
+        return *nothing, answers.complaint
+    names = [name.lower() for name in answers.plots[0][0]]
+    if missing := [node for node in nodes if f"v({node})" not in names]:
+        return *nothing, f"it has no voltage of {missing[0]}"
+    columns = [0, *(names.index(f"v({node})") for node in nodes)]
+    tables = [values[:, columns] for _, values in answers.plots]
+    both = [np.concatenate(tables[: len(sweeps)]), np.concatenate(tables[len(sweeps) :])]
+    return both[0][:, 0].real, np.array(both)[:, :, 1:], ""
+
+
+def _ours(
+    point: DeckPoint, board: LinearBoard, nodes: Sequence[str], hertz: Floats
+) -> tuple[Complexes, Floats]:
+    """Return both responses, (2, F, N), and what is not known of them."""
+    descriptor = board.descriptor
+    places = np.array([descriptor.place(node) for node in nodes], int)
+    balances = descriptor.balance_rows[places]
+    free = balances < descriptor.size  # not held by a source
+    b = np.zeros((descriptor.size, 2))
+    b[:, 0] = descriptor.switched
+    np.add.at(b[:, 1], balances[free], np.array([point.weights[node] for node in nodes])[free])
+    found, unknown, lowest = small_signals(descriptor, b, hertz)
+    slopes = np.zeros(len(nodes))
+    if point.volts:
+        ohms = free * np.abs(lowest[places, np.where(free, balances, 0)])
+        slopes = point.unresolved * ohms / THERMAL
+    found = found[:, :, places]
+    return found, unknown[:, :, places] + np.abs(found) * slopes
+
+
+def small_signals(
+    descriptor: Descriptor, b: Floats, hertz: Floats
+) -> tuple[Complexes, Floats, Complexes]:
+    """Return the response of the unknowns to each column of b, at each frequency.
+
+    Returns
+    -------
+    tuple
+        The responses (B, F, size), infinite where they are singular; how far they change where
+        every value has an error of `ROUNDING`; and the inverse at the first frequency.
+    """
+    M, K = descriptor.dense.mass, descriptor.dense.stiffness
+    found = [_solved(s * M - K, b) for s in 2j * math.pi * hertz]
+    values, errors = (np.array([each[k] for each in found]) for k in (0, 1))
+    return values.transpose(2, 0, 1), errors.transpose(2, 0, 1), found[0][2]
+
+
+def _solved(A: Complexes, b: Floats) -> tuple[Complexes, Floats, Complexes]:
+    """Solve with rows and columns scaled, and refine; return the error and the inverse, too."""
+    rows = 1.0 / np.maximum(np.abs(A).max(axis=1), 1e-300)
+    B = A * rows[:, None]
+    columns = 1.0 / np.maximum(np.abs(B).max(axis=0), 1e-300)
+    B = B * columns
+    try:
+        inverse = np.linalg.inv(B)
+    except np.linalg.LinAlgError:
+        lost = np.full((len(A), b.shape[1]), np.inf)
+        return lost.astype(complex), np.zeros(lost.shape), np.zeros(A.shape, complex)
+    wanted = rows[:, None] * b
+    x = inverse @ wanted
+    for _ in range(2):
+        x = x + inverse @ (wanted - B @ x)
+    sizes = np.abs(B) @ np.abs(x) + np.abs(wanted)
+    error = ROUNDING * EPS * (np.abs(inverse) @ sizes)
+    return x * columns[:, None], error * columns[:, None], columns[:, None] * inverse * rows
+
+
+def _sweeps(poles: Complexes, factor: float) -> Iterator[str]:
+    """Yield sweeps: a decade about all poles, and close to the sharpest one, times a factor."""
+    inside = np.abs(poles) / math.tau
+    poles, sizes = (each[(inside > LEAST) & (inside < MOST)] for each in (poles, inside))
+    low, high = (sizes.min() / 10.0, 10.0 * sizes.max()) if len(sizes) else (1.0, 1e9)
+    low, high = max(float(low), LEAST), min(float(high), MOST)
+    decades = max(math.log10(high / low), 1.0)
+    yield f"ac dec {max(round(POINTS / decades), 1)} {low * factor!r} {high * factor!r}"
+    damping = np.where(poles.imag > 0.0, np.abs(poles.real), np.inf) / np.abs(poles)
+    if len(sizes) and damping.min() < SHARP:
+        hertz = float(sizes[damping.argmin()])
+        yield f"ac lin 5 {0.98 * factor * hertz!r} {1.02 * factor * hertz!r}"
+
+
+def compare_transient(
+    found: MeasuredBoard, write: Callable[[Transient, str], Deck], limit: float | None
+) -> tuple[Agreement | None, str]:
+    """Compare ngspice's own transient with the exact one.
+
+    Parameters
+    ----------
+    write : callable
+        Returns ngspice's deck of a transient for a matrix solver.
+    limit : float or None
+        Accepted difference, in step amplitudes; None for `AGREE`.
+
+    Returns
+    -------
+    tuple
+        The agreement, or None; and what is to be said: why it was not compared, or that the record
+        was cut.
+    """
+    amplitude, stop = found.amplitude, found.scales.stop
+    if amplitude == 0.0:
+        return None, "no output moves, so ngspice's transient was not compared"
+    if found.poles.known_unstable and math.isfinite(found.scales.growth_time):
+        stop = min(stop, found.scales.growth_time)
+    if not stop > 0.0:
+        return None, "no mode shows at an output, so ngspice's transient was not compared"
+    simulator, bound = find_simulator(), PHYSICAL_BOUND * max(1.0, amplitude)
+    try:
+        plan, error, cut = planned(found, stop)
+        seconds = max(time_left(TIMEOUT), LEAST_SECONDS)
+        run = partial(simulate, simulator=simulator, timeout=seconds, bound=bound)
+        try:
+            wave = run(write(plan, simulator.solver_option))
+        except StepTooSmall:  # its other solver may converge
+            wave = run(write(plan, SPARSE))
+        first = int(np.searchsorted(wave.time, plan.begin, side="right"))  # before it, no jump
+        wave = replace(wave, time=wave.time[first:], values=wave.values[first:])
+        companion = state_space_companion(found.board, plan, wave, WANTED)
+    except (EngineError, SimulationError) as problem:
+        return None, f"ngspice's transient was not compared: {one_line(problem)}"
+    return compare_engines(companion, error * amplitude, limit or AGREE, 1.0), cut
+
+
+def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
+    """Return ngspice's transient of a board up to an instant, s, for an error of `WANTED`.
+
+    With it the forecast error, in step amplitudes, and what is to be said where it was cut.
+
+    Raises
+    ------
+    EngineError
+        No transient reaches this error.
+    """
+    stable, cut = found.poles.known_stable, ""
+
+    def model_to(stop: float) -> StepModel:
+        model = StepModel.of(found.board, stop, found.initial, stable=stable)
+        return model.above_rounding(RELATIVE)
+
+    model = model_to(stop)
+    forecast = model.cheapest(WANTED)
+    if forecast.steps > MOST_STEPS:
+        stop = model.reached(forecast, MOST_STEPS)
+        cut = f"ngspice's transient was compared up to {stop:.4g} s only"
+        model = model_to(stop)
+        forecast = model.cheapest(WANTED)
+    plan = Transient(
+        stop=stop,
+        max_step=forecast.max_step,
+        truncation=forecast.truncation,
+        charge=forecast.charge,
+        current=RELATIVE * model.current,
+        first_step=forecast.first_step,
+        initial=found.initial,
+    )
+    longest = plan.begin / SHORTEST  # a longer one would make the first step too short
+    if stop / longest <= MOST_STEPS:
+        plan = replace(plan, max_step=min(plan.max_step, longest))
+    return plan, forecast.error, cut
