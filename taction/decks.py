@@ -114,21 +114,24 @@ def check(
     >>> found.outcome.value, round(found.poles.rightmost.real)
     ('pass', -1000000)
     """
-    _refuse_scene(deck)
-    _refuse_half(matrix, strain)
-    from taction.verification.studies.wanted_checks import reference_values, wanted
+    from taction.system.errors import Complaint, InputError
+
+    if str(deck).endswith(".toml"):  # before the modules of decks are loaded
+        text = "a scene; `taction verify` takes it; expected a SPICE deck, such as filter.cir"
+        raise InputError(deck, Complaint("deck", "", text))
+    if (matrix is None) != (strain is None):
+        missing = "--matrix" if matrix is None else "--strain"
+        raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
+    from taction.verification.studies.questions import reference_values, wanted
 
     asked = wanted(_listed(checks), _listed(expect))
+    from taction.verification.studies.board_sweep import SweptValue
     from taction.verification.studies.foreign_board import read_board
-    from taction.verification.studies.swept_values import SweptValue
 
     progress("deck")
     board, notes, spread = read_board(deck, _listed(outputs)), tuple[str, ...](), None
     asked.refuse_unknown(board.flat.nodes)
-    swept = [
-        SweptValue.of(each, board.circuit, board.parameters, board.value_of)
-        for each in _listed(over)
-    ]
+    swept = [SweptValue.of(each, board) for each in _listed(over)]
     if matrix is not None and strain is not None:
         nodes = [out.node for out in board.circuit.outputs]
         values, notes = reference_values(nodes, matrix, strain, lam, unit, accept)
@@ -156,24 +159,6 @@ def check(
 
         write_atomically(output, board.flat_text)
     return found
-
-
-def _refuse_half(matrix: str | Path | None, strain: str | Path | None) -> None:
-    """Refuse a problem without its matrix, or without its strain."""
-    from taction.system.errors import Complaint, InputError
-
-    if (matrix is None) != (strain is None):
-        missing = "--matrix" if matrix is None else "--strain"
-        raise InputError(missing, Complaint("file", "", "--matrix and --strain belong together"))
-
-
-def _refuse_scene(deck: str | Path) -> None:
-    """Refuse a scene before the modules of decks are loaded: another command takes it."""
-    from taction.system.errors import Complaint, InputError
-
-    if str(deck).endswith(".toml"):
-        text = "a scene; `taction verify` takes it; expected a SPICE deck, such as filter.cir"
-        raise InputError(deck, Complaint("deck", "", text))
 
 
 def _listed(given: str | Iterable[str]) -> tuple[str, ...]:

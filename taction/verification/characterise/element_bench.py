@@ -26,6 +26,8 @@ MISFIT = 1e-4  # of the largest admittance: more is not G + s C
 ROUNDED = 1e-12  # of the largest admittance: less is rounding
 LEAST_OHMS = 1e-6
 NAMED = 4  # elements in a message
+Reads = list[tuple[str, float]]  # vectors of a copy, with their signs
+Table = Mapping[str, complex]  # values by vector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,13 +62,6 @@ class MeasuredElement:
     outer: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Copy:
-    """A copy on the bench: vectors that are read, with their signs."""
-
-    reads: tuple[tuple[str, float], ...]
-
-
 def measured(
     cards: SortedCards, volts: Mapping[str, float], options: str, simulator: Simulator
 ) -> list[MeasuredElement]:
@@ -86,7 +81,7 @@ def measured(
     """
     if not cards.elements:
         return []
-    bench = _Bench(cards, volts)
+    bench = _Bench(cards, {"0": 0.0, **volts})
     commands = ["save all", "op", f"write {RESULT}", "set appendwrite"]
     for hertz in FREQUENCIES:
         commands += [f"ac lin 1 {hertz!r} {hertz!r}", f"write {RESULT}"]
@@ -94,32 +89,32 @@ def measured(
     if len(answers.plots) != 1 + len(FREQUENCIES):
         raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
     tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
-    found = [bench.fitted(k, tables) for k in range(len(cards.elements))]
-    wrong = [text for _, text in found if text]
+    found, wrong = list[MeasuredElement](), list[str]()
+    for k, element in enumerate(cards.elements):
+        made, text = bench.fitted(k, tables)
+        found.append(made)
+        wrong += [f"{shown(element.name)}: {text}"] if text else []
     if wrong:
         more = f"; and {len(wrong) - NAMED} more" if len(wrong) > NAMED else ""
         raise CardError("; ".join(wrong[:NAMED]) + more)
-    return [each for each, _ in found]
+    return found
 
 
 class _Bench:
-    """The cards of the bench, and what is read of each copy."""
+    """The cards of the bench, and what is read of each copy: vectors with their signs."""
 
     def __init__(self, cards: SortedCards, volts: Mapping[str, float]) -> None:
-        self.elements, self.volts = cards.elements, {"0": 0.0, **volts}
-        self.models = cards.models
+        self.elements, self.models, self.volts = cards.elements, cards.models, volts
         self.cards = cards.model_cards
-        self.copies = list[list[_Copy]]()
-        self.whole = list[list[_Copy]]()
-        for k, element in enumerate(self.elements):
-            count = max(len(element.held) + len(element.currents), 1)
-            patterns = [element.pattern, *([element.whole] if element.whole else [])]
-            made = [
-                [self._copy(f"{w}{k}_{j}", element, pattern, j) for j in range(count)]
-                for w, pattern in zip("bw", patterns, strict=False)
+        self.reads = {
+            f"{kind}{k}": [
+                self._copy(f"{kind}{k}_{j}", element, pattern, j)
+                for j in range(max(len(element.held) + len(element.currents), 1))
             ]
-            self.copies.append(made[0])
-            self.whole.append(made[1] if element.whole else [])
+            for k, element in enumerate(self.elements)
+            for kind, pattern in (("b", element.pattern), ("w", element.whole))
+            if pattern
+        }
 
     def _held(self, element: Element) -> list[float]:
         try:
@@ -134,7 +129,7 @@ class _Bench:
         siemens = self.volts.get(f"{element.name}[gx]", 0.0) if i == 1 else 0.0
         return max(1.0 / siemens if siemens else element.inner[i][1], LEAST_OHMS)
 
-    def _copy(self, tag: str, element: Element, pattern: str, excited: int) -> _Copy:
+    def _copy(self, tag: str, element: Element, pattern: str, excited: int) -> Reads:
         """Put a copy on the bench, with one of what it depends on excited."""
         rest, count = self._held(element), len(element.held)
         inner = element.inner if pattern is element.pattern else {}
@@ -161,42 +156,33 @@ class _Bench:
             self.cards.append(f"vz{tag} o{tag}_1 0 dc 0")
             if which == "i":
                 self.cards.append(f"vo{tag} o{tag}_0 0 dc 0")
-                reads.append((f"i(vo{tag})", -1.0))
-            else:
-                reads.append((f"v(o{tag}_0)", 1.0))
             if which == "l":
                 self.cards.append(f"io{tag} 0 o{tag}_0 dc 0 ac 1")
-        return _Copy(tuple(reads))
+            reads.append((f"i(vo{tag})", -1.0) if which == "i" else (f"v(o{tag}_0)", 1.0))
+        return reads
 
-    def fitted(
-        self, k: int, tables: Sequence[Mapping[str, complex]]
-    ) -> tuple[MeasuredElement, str]:
+    def fitted(self, k: int, tables: Sequence[Table]) -> tuple[MeasuredElement, str]:
         """Return an element with ``G + s C``, and why it is not of this form, or nothing."""
         element = self.elements[k]
-        found = [_matrix(self.copies[k], table) for table in tables]
-        rest = found[0][:, 0].real
         n, held = element.terminals, np.array(self._held(element))
+        point, *found = (_matrix(self.reads[f"b{k}"], table) for table in tables)
+        rest = point[:, 0].real
         if element.inner:  # currents and voltages of the inner nodes
-            held[:n] = rest[n:]
-            rest = rest[:n]
-            responses = [each[:n] @ np.linalg.inv(each[n:]) for each in found[1:]]
-        else:
-            responses = found[1:]
-        G, C, wrong = _fit(np.array(responses))
+            held[:n], rest = rest[n:], rest[:n]
+            found = [each[:n] @ np.linalg.inv(each[n:]) for each in found]
+        G, C, wrong = _fit(np.array(found))
+        inner = sorted(element.inner.items())
         ports = tuple(element.inner[i][0] if i in element.inner else element.held[i]
                       for i in range(n))  # fmt: skip
-        resistors = tuple(
-            (element.held[i], inner, self._ohms(element, i))
-            for i, (inner, _) in sorted(element.inner.items())
-        )
+        resistors = tuple((element.held[i], name, self._ohms(element, i)) for i, (name, _) in inner)
         outer = self.volts.get(f"{element.name}[cbx]", 0.0) if 1 in element.inner else 0.0
         made = MeasuredElement(element, G, C, rest, held, ports, resistors, outer)
         if element.whole and not wrong:
-            wrong = _behind(made, [_matrix(self.whole[k], table) for table in tables[1:]])
+            wrong = _behind(made, [_matrix(self.reads[f"w{k}"], table) for table in tables[1:]])
         wrong = wrong or _wrong_state(element, G, held, self.models)
         if not wrong and element.outs and element.outs[0][0] == "v" and np.any(C):
             wrong = "its voltage depends on the rate of a change"
-        return made, f"{shown(element.name)}: {wrong}" if wrong else ""
+        return made, wrong
 
 
 def _wrong_state(
@@ -219,9 +205,9 @@ def _wrong_state(
     return ""
 
 
-def _matrix(copies: Sequence[_Copy], table: Mapping[str, complex]) -> Complexes:
+def _matrix(copies: Sequence[Reads], table: Table) -> Complexes:
     """Return what is read (rows) of each copy (columns)."""
-    return np.array([[table[name] * sign for name, sign in copy.reads] for copy in copies]).T
+    return np.array([[table[name] * sign for name, sign in reads] for reads in copies]).T
 
 
 def _fit(responses: Complexes) -> tuple[Floats, Floats, str]:
@@ -244,38 +230,17 @@ def _fit(responses: Complexes) -> tuple[Floats, Floats, str]:
 def _behind(made: MeasuredElement, whole: Sequence[Complexes]) -> str:
     """Return where a device with its resistances is not what was measured without them."""
     n = made.element.terminals
-    names = [*made.ports, *(each[0] for each in made.resistors)]
-    G, C = np.zeros((len(names),) * 2), np.zeros((len(names),) * 2)
-    G[:n, :n], C[:n, :n] = made.G, made.C
-    for matrix, parts in (
-        (G, [(i, j, 1.0 / ohms) for (i, j), ohms in _between(made)]),
-        (C, [(*_ends(made, names), made.outer)] if made.outer else []),
-    ):
-        for i, j, value in parts:
-            matrix[i, i] += value
-            matrix[j, j] += value
-            matrix[i, j] -= value
-            matrix[j, i] -= value
-    after = iter(range(n, len(names)))
-    seen = [next(after) if i in made.element.inner else i for i in range(n)]
-    left = [i for i in range(len(names)) if i not in seen]
+    ohms, collector, base = np.zeros((n, 1)), *np.eye(n)[:2]
+    for i, (_, _, value) in zip(sorted(made.element.inner), made.resistors, strict=True):
+        ohms[i] = value
     for hertz, wanted in zip(FREQUENCIES, whole, strict=True):
-        Y = G + 2j * math.pi * hertz * C
-        through = np.linalg.solve(Y[np.ix_(left, left)], Y[np.ix_(left, seen)])
-        found = Y[np.ix_(seen, seen)] - Y[np.ix_(seen, left)] @ through
+        s = 2j * math.pi * hertz
+        Y, x = made.G[:n, :n] + s * made.C[:n, :n], s * made.outer
+        # Inner voltages v for 1 V at each outer terminal; x leads from the outer base.
+        loaded = np.eye(n) + ohms * (Y + x * np.outer(collector, collector))
+        v = np.linalg.solve(loaded, np.eye(n) + x * ohms * np.outer(collector, base))
+        found = Y @ v + x * np.outer(collector - base, v[0] - base)
         miss = np.abs(found - wanted).max() / np.abs(wanted).max()
         if not miss <= MISFIT:
             return f"its resistances are not in series: off by {miss:.1e} at {hertz:.0e} Hz"
     return ""
-
-
-def _between(made: MeasuredElement) -> list[tuple[tuple[int, int], float]]:
-    """Return inner and outer place of each resistance, ohm, in the order of `_behind`."""
-    n = made.element.terminals
-    places = enumerate(sorted(made.element.inner))
-    return [((i, n + k), made.resistors[k][2]) for k, i in places]
-
-
-def _ends(made: MeasuredElement, names: Sequence[str]) -> tuple[int, int]:
-    """Return the places of the outer base and of the collector behind its resistance."""
-    return made.element.terminals + sorted(made.element.inner).index(1), 0

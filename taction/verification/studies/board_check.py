@@ -20,17 +20,15 @@ from taction.system.documents import Hertz, Inline, Note, Number, Rate, Steps, V
 from taction.system.results import Result
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.board_checks import judge
-from taction.verification.studies.board_sweep import Sweep, sweep_board
+from taction.verification.studies.board_sweep import Sweep, SweptValue, sweep_deck
 from taction.verification.studies.foreign_board import ForeignBoard
 from taction.verification.studies.measured_board import FAR, MeasuredBoard, measure_board
 from taction.verification.studies.other_points import points_note, step_note
 from taction.verification.studies.part_influence import PartRow, influences
-from taction.verification.studies.questions import QUESTIONS, units
-from taction.verification.studies.swept_values import SweptValue
+from taction.verification.studies.questions import QUESTIONS, Wanted, units
 from taction.verification.studies.tolerance.corners import CornerStudy
 from taction.verification.studies.tolerance.yield_report import YieldReport
 from taction.verification.studies.varied_deck import varied_outcomes
-from taction.verification.studies.wanted_checks import Wanted
 from taction.verification.studies.witnesses import compare_ac, compare_transient
 from taction.verification.verdict.checks import Check, Outcome, overall, undecided
 from taction.verification.verdict.companion import Agreement
@@ -148,26 +146,10 @@ def check_board(
     notes: tuple[str, ...] = (),
     progress: Progress = lambda stage: None,
 ) -> BoardCheck:
-    """Check a deck.
+    """Check a deck, as `taction.check` does.
 
-    Parameters
-    ----------
-    asked : Wanted
-        Limits and expected values.
-    ngspice : bool
-        Compare with ngspice: with its small signal, or with its transient where the deck has one.
-    transient : bool
-        Compare with ngspice's transient of a linear deck without one, too.
-    over : iterable of SweptValue
-        Values to sweep, one after the other.
-    tolerances : DeckTolerances, optional
-        Of its parts and parameters: then the worst corners and the yield are found, too.
-    samples : (int, int)
-        How many boards are drawn, and from which seed.
-    notes : tuple of str
-        What is to be said with the result, after the notes of the deck.
-    progress : callable, optional
-        Receives the name of each stage.
+    `samples` are how many boards are drawn, and from which seed; `notes` are said after those of
+    the deck.
 
     Raises
     ------
@@ -178,7 +160,7 @@ def check_board(
     board, band = LinearBoard(deck.circuit), asked.limits.settling_time.band
     found = measure_board(board, deck.initial, band, asked.lowest)
     progress("parts")
-    margin, rows = influences(board, found.poles, asked.limits.stability.margin > 1.0)
+    margin, rows = influences(board, found.poles, asked.margin)
     progress("ngspice")
     record, why, small, left = None, "without ngspice", None, [""]
     moves = transient or deck.has_transient or "engines_agree" in asked.names
@@ -199,7 +181,7 @@ def check_board(
         checks.append(undecided("engines_agree", "step", why, asked.limits.engines_agree.limit))
     checks += [] if small is None else [small]
     progress("sweeps")
-    sweeps = tuple(sweep_board(board, each, deck.initial, band, deck.at) for each in over)
+    sweeps = tuple(sweep_deck(deck, board, each, band) for each in over)
     corners, yields = None, None
     if tolerances is not None:
         corners, yields = varied_outcomes(found, deck, tolerances, asked, samples, progress)

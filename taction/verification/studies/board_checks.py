@@ -13,8 +13,7 @@ from taction.system.quantities import show_rate
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import Poles
 from taction.verification.studies.measured_board import LATCH, WANTED, MeasuredBoard
-from taction.verification.studies.questions import QUESTIONS
-from taction.verification.studies.wanted_checks import Expected, Wanted
+from taction.verification.studies.questions import QUESTIONS, Expected, Wanted
 from taction.verification.verdict.cause import cause
 from taction.verification.verdict.checks import Check, Evidence, Outcome, at_most, doubtful, overall
 from taction.verification.verdict.companion import Agreement, step_error
@@ -51,7 +50,7 @@ def judge(
         wanted=WANTED,
         agreement=agreement,
         poles=found.poles,
-        margin=margin if asked.limits.stability.margin > 1.0 else None,
+        margin=margin if asked.margin else None,
         reference_error=0.0,
         reference_problem="",
         noise=found.noise if asked.limits.noise is not None else None,

@@ -1,26 +1,93 @@
-"""A board without a scene over one value: every crossing of stability, and its readings."""
+"""A board without a scene over one value: every crossing of stability, and its readings.
+
+The values are those of a part or of a ``.param``: ``NAME=LOW:HIGH:POINTS``.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Annotated
 
-from taction.netlist_gen.board.circuit import Circuit
+import numpy as np
+
+from taction.netlist_gen.board.circuit import Circuit, Knob
+from taction.netlist_gen.scene.axes import range_values
+from taction.netlist_gen.scene.keys import Key
 from taction.system.documents import Hertz, Inline, Number, Rate
-from taction.system.errors import EngineError, InputError
+from taction.system.errors import Complaint, EngineError, InputError
+from taction.system.quantities import UNITS
 from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
 from taction.verification.stability.edges import Edge, Edges, Range
 from taction.verification.stability.families import Family
-from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_boards
+from taction.verification.studies.foreign_board import ForeignBoard
+from taction.verification.studies.measured_board import MeasuredBoard, measure_boards
 from taction.verification.studies.questions import QUESTIONS, units
-from taction.verification.studies.swept_values import SweptValue
 
+AROUND = 30.0  # range of a value without one
+POINTS = 61  # of a range without a number of them
+LISTED = 40  # names in a message
 SAME = 1e-9  # relative distance of a point from an edge at which it counts as the edge
-Build = Callable[[Sequence[Mapping[str, float]]], Sequence[Circuit | InputError]]
-"""Returns the circuit at some values of ``.param`` cards, or why there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweptValue:
+    """A value to sweep.
+
+    Attributes
+    ----------
+    name : str
+        Of the part, as the deck writes it, or of the ``.param``.
+    knob : Knob or None
+        Of the part.
+    unit : str
+        Empty for a plain number.
+    own : float or None
+        What the part has.
+    values : sequence of float
+        SI base unit.
+    logarithmic : bool
+        Whether they are spaced by factors.
+    """
+
+    name: str
+    knob: Knob | None
+    unit: str
+    own: float | None
+    values: Sequence[float]
+    logarithmic: bool
+
+    @classmethod
+    def of(cls, text: str, deck: ForeignBoard) -> SweptValue:
+        """Read ``NAME``, ``NAME=LOW:HIGH`` or ``NAME=LOW:HIGH:POINTS``.
+
+        Raises
+        ------
+        InputError
+            A name that the board does not have, or a range that is none.
+        """
+        name, _, body = (part.strip() for part in text.partition("="))
+        circuit, lower = deck.circuit, name.lower()
+        parts = {knob.name.lower(): knob for knob in circuit.knobs if knob.role}
+        knob, known = parts.get(lower), deck.parameters
+        if knob is None and lower not in known:
+            listed = ", ".join([*known, *(each.name for each in parts.values())][:LISTED])
+            raise InputError("--over", Complaint("name", repr(name), f"expected one of {listed}"))
+        own = circuit.value(knob.name) if knob else deck.value_of(lower)
+        unit = circuit.facts[knob.name].unit if knob else ""
+        found = knob.name if knob else lower
+        if body:
+            key = Key(name, "real", unit if unit in UNITS else "ohm")
+            read, scale = range_values(key, text, body, POINTS)
+            values = [float(value) for value in read]
+            spread = scale != "lin" and min(values) > 0.0
+            return cls(found, knob, unit, own, values, spread)
+        if own is None or not own > 0.0:
+            raise InputError("--over", Complaint(name, "", f"expected {name}=LOW:HIGH:POINTS"))
+        values = np.geomspace(own / AROUND, own * AROUND, POINTS).tolist()
+        return cls(found, knob, unit, own, values, logarithmic=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,17 +154,10 @@ class Sweep:
         )
 
 
-def sweep_board(
-    board: LinearBoard, swept: SweptValue, initial: Start, band: float, build: Build | None = None
-) -> Sweep:
+def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: float) -> Sweep:
     """Find every crossing over one value, and the readings at each of the values.
 
-    Parameters
-    ----------
-    band : float
-        Of the settling time.
-    build : callable, optional
-        Returns the circuit at values of ``.param`` cards.
+    `board` is that of the deck, `band` that of the settling time.
 
     Raises
     ------
@@ -105,11 +165,7 @@ def sweep_board(
         The board has no equilibrium, or no state-space form.
     """
     values = swept.values
-    if swept.knob is not None:
-        family = Family.of(board, swept.knob)
-    else:
-        assert build is not None  # noqa: S101 - only decks have a .param
-        family = Family.over(_over(build, swept.name, values))
+    family = Family.of(board, swept.knob) if swept.knob else Family.over(_over(deck, swept))
     family = replace(family, board=cache(family.board))  # a scan and the readings share boards
     boards = [_board(family, value) for value in values]
     solve_together([board for board in boards if isinstance(board, LinearBoard)])
@@ -119,20 +175,20 @@ def sweep_board(
         edges = family.edges(min(values), max(values), values=values)
     else:
         edges = family.scan(values, logarithmic=swept.logarithmic)
-    measured = tuple(measure_boards(boards, initial, band))
+    measured = tuple(measure_boards(boards, deck.initial, band))
     points = tuple(map(_point, values, measured))
     return Sweep(swept.name, swept.unit, swept.own, edges, points, measured)
 
 
-def _over(build: Build, name: str, values: Sequence[float]) -> Callable[[float], Circuit]:
+def _over(deck: ForeignBoard, swept: SweptValue) -> Callable[[float], Circuit]:
     """Return the circuit as a function of a ``.param``; those at `values` are built at once."""
-    known = dict(zip(values, build([{name: value} for value in values]), strict=True))
+    name, values = swept.name, swept.values
+    known = dict(zip(values, deck.at([{name: value} for value in values]), strict=True))
 
     def at(value: float) -> Circuit:
         if value not in known:
-            (known[value],) = build([{name: value}])
-        found = known[value]
-        if isinstance(found, InputError):
+            (known[value],) = deck.at([{name: value}])
+        if isinstance(found := known[value], InputError):
             raise found
         return found
 

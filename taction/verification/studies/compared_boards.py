@@ -8,7 +8,7 @@ board at the record's own instants, and both are measured by the same functions.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from taction.system.quantities import quantity
 from taction.system.reading_definitions import READINGS, SETTLING_BAND
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.readings.measurements import Measurements
+from taction.verification.readings.measurements import ChannelMeasure
 from taction.verification.readings.measurements import measure as measure_record
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.board_checks import record_of
@@ -34,7 +34,6 @@ from taction.verification.studies.compared_files import RECORDS, ends_with, is_c
 from taction.verification.studies.difference import (
     CHANNEL_FIGURES,
     FIGURES,
-    Curves,
     StoredKey,
     VerdictDifference,
     key_differences,
@@ -50,18 +49,15 @@ from taction.verification.verdict.verify import Verdict
 
 UNITS_OF_SOURCES = {"V": "V", "I": "A"}
 Place = str | Path | Scene
-Given = Place | Verdict
 
 
-def compare_circuits(first: Given, second: Given, agree: float) -> VerdictDifference:
+def compare_circuits(
+    first: Place | Verdict, second: Place | Verdict, agree: float
+) -> VerdictDifference:
     """Compare two boards, at least one of which is a deck or the record of a raw file.
 
-    Parameters
-    ----------
-    first, second : path, Scene or Verdict
-        A scene or a verdict stands for its board; `refuse_pair` accepts them.
-    agree : float
-        Accepted error of a record, as a share of the largest step.
+    A scene or a verdict stands for its board; `refuse_pair` accepts them. `agree` is the accepted
+    error of a record, as a share of the largest step.
 
     Raises
     ------
@@ -72,24 +68,20 @@ def compare_circuits(first: Given, second: Given, agree: float) -> VerdictDiffer
     EngineError
         A board has no equilibrium, or no exact solution for the whole record.
     """
-    places, names = (_place(first), _place(second)), (_name(first), _name(second))
-    if ends_with(places[0], RECORDS):
-        return _with_record(places[0], places[1], names, agree, last=False)
-    if ends_with(places[1], RECORDS):
-        return _with_record(places[1], places[0], names, agree, last=True)
-    return _decks(places, names)
+    (one, name), (other, named) = _named(first), _named(second)
+    if ends_with(one, RECORDS):
+        return _with_record(one, other, (name, named), agree, last=False)
+    if ends_with(other, RECORDS):
+        return _with_record(other, one, (name, named), agree, last=True)
+    return _decks((one, other), (name, named))
 
 
-def _place(given: Given) -> Place:
+def _named(given: Place | Verdict) -> tuple[Place, str]:
+    """Return a scene or a file that is none, and what it is called."""
     if isinstance(given, Verdict):
-        return given.scene
-    return given if isinstance(given, str | Path) and is_circuit(given) else read_scene(given)
-
-
-def _name(given: Given) -> str:
-    if isinstance(given, str | Path):
-        return str(given)
-    return given.scene.name if isinstance(given, Verdict) else given.name
+        given = given.scene
+    name = given.name if isinstance(given, Scene) else str(given)
+    return given if is_circuit(given) else read_scene(given), name
 
 
 def _decks(places: tuple[Place, Place], names: tuple[str, str]) -> VerdictDifference:
@@ -104,21 +96,17 @@ def _decks(places: tuple[Place, Place], names: tuple[str, str]) -> VerdictDiffer
         measure_board(LinearBoard(each.circuit), each.initial, SETTLING_BAND)
         for each in (_with_outputs(board, shared) for board in boards)
     ]
-    return VerdictDifference(
-        *names,
-        tuple(key_differences(_parts(boards[0]), _parts(boards[1]))),
-        compare(
-            record_of(sides[0]),
-            record_of(sides[1]),
-            within_uncertainties(),
-            groups=("states", "figures", "channels"),
-            figures=FIGURES,
-            channel_figures=CHANNEL_FIGURES,
-        ),
-        tuple(shared),
-        tuple(dict.fromkeys(note for each in boards for note in each.notes)),
-        (sides[0].curve, sides[1].curve),
+    readings = compare(
+        *map(record_of, sides),
+        within_uncertainties(),
+        groups=("states", "figures", "channels"),
+        figures=FIGURES,
+        channel_figures=CHANNEL_FIGURES,
     )
+    keys = tuple(key_differences(*map(_parts, boards)))
+    notes = tuple(dict.fromkeys(note for each in boards for note in each.notes))
+    curves = sides[0].curve, sides[1].curve
+    return VerdictDifference(*names, keys, readings, tuple(shared), notes, curves)
 
 
 def _with_record(
@@ -136,38 +124,38 @@ def _with_record(
         nodes = ", ".join(out.node for out in circuit.outputs)
         text = f"it has no output of {names[not last]}; expected one of {nodes}"
         raise InputError(record, Complaint("nodes", ", ".join(wave.nodes[:20]), text))
-    wave = _from(wave, delay, record)
-    linear = LinearBoard(replace(circuit, outputs=known))
-    stop = float(wave.time[-1])
+    kept = wave.time >= delay  # it begins at the step
+    if int(kept.sum()) < 2:
+        text = f"the record ends at {wave.time[-1]:.6g} s; the step is at {delay:.6g} s"
+        raise InputError(record, Complaint("raw file", "", text))
+    wave = replace(wave, time=wave.time[kept] - delay, values=wave.values[kept])
+    linear, stop = LinearBoard(replace(circuit, outputs=known)), float(wave.time[-1])
     transient = Transient(stop, 1e-3 * stop, initial=start)
     beside = state_space_companion(linear, transient, wave, state_space_tolerance(agree))
-    response = step_response(linear, start, SETTLING_BAND)
+    response, time = step_response(linear, start, SETTLING_BAND), beside.instants
     allowed = agree * response.step.amplitude + beside.doubt
-    sides = [(beside.other, beside.doubt), (beside.u, allowed)]
-    sides = sides if last else sides[::-1]
+    sides = [(beside.other, beside.doubt), (beside.u, allowed)][:: 1 if last else -1]
     records = [
-        _of_record(measure_record(beside.instants, u, response.target, response.start, error=error),
-                   error)
+        _of_record(
+            measure_record(time, u, response.target, response.start, error=error).channels, error
+        )
         for u, error in sides
-    ]  # fmt: skip
-    shared = tuple(out.node for out in known)
+    ]
     readings = compare(
-        records[0],
-        records[1],
+        *records,
         within_uncertainties(),
         groups=("states", "channels"),
         channel_figures=("final", *READINGS),
     )
-    waves = sides[0][0], sides[1][0]
-    apart = _apart(beside.instants, waves, shared, allowed)
-    curves = _curves(beside.instants, waves[0]), _curves(beside.instants, waves[1])
+    (one, _), (two, _) = sides
+    shared = tuple(out.node for out in known)
+    apart = (
+        _apart(time, node, pair, allowed) for node, *pair in zip(shared, one.T, two.T, strict=True)
+    )
+    curves = (lambda: (time, one)), (lambda: (time, two))
     return VerdictDifference(
         *names, None, (*apart, *readings), shared, notes, curves, has_record=True
     )
-
-
-def _curves(time: Floats, u: Floats) -> Curves:
-    return lambda: (time, u)
 
 
 def _board(given: Place) -> ForeignBoard:
@@ -230,31 +218,18 @@ def _stepped(board: Place, wave: Waveforms) -> tuple[Circuit, Start, float, tupl
     return found.circuit, found.initial, min(steps, default=0.0), found.notes
 
 
-def _from(wave: Waveforms, delay: float, file: str | Path) -> Waveforms:
-    """Return a record that begins at the step."""
-    kept = wave.time >= delay
-    if int(kept.sum()) < 2:
-        text = f"the record ends at {wave.time[-1]:.6g} s; the step is at {delay:.6g} s"
-        raise InputError(file, Complaint("raw file", "", text))
-    return replace(wave, time=wave.time[kept] - delay, values=wave.values[kept])
-
-
-def _of_record(measured: Measurements, error: float) -> Record:
+def _of_record(measured: Sequence[ChannelMeasure], error: float) -> Record:
     """Return the record of measurements; the bound of a waveform's error is `error`, V."""
-    channels = [Channel.of(each) for each in measured.channels]
-    bounds = [each.uncertainties | {"final": error} for each in channels]
-    known = (replace(c, uncertainties=b) for c, b in zip(channels, bounds, strict=True))
+    channels = map(Channel.of, measured)
+    known = (replace(c, uncertainties=c.uncertainties | {"final": error}) for c in channels)
     return Record("", "", channels=tuple(known))
 
 
-def _apart(
-    instants: Floats, waves: tuple[Floats, Floats], nodes: Sequence[str], allowed: float
-) -> Iterator[Difference]:
-    """Yield the largest difference of each waveform, at its instant."""
-    for n, node in enumerate(nodes):
-        one, two = (u[:, n] for u in waves)
-        place = int(np.abs(two - one).argmax())
-        a, b = float(one[place]), float(two[place])
-        note = f"at {quantity(float(instants[place]), 's')}"
-        off = relative(abs(b - a), allowed)
-        yield Difference("waveforms", node, None, a, b, "V", b - a, allowed, off, note)
+def _apart(instants: Floats, node: str, waves: Sequence[Floats], allowed: float) -> Difference:
+    """Return the largest difference of both waveforms of a node, at its instant."""
+    one, two = waves
+    place = int(np.abs(two - one).argmax())
+    a, b = float(one[place]), float(two[place])
+    note = f"at {quantity(float(instants[place]), 's')}"
+    off = relative(abs(b - a), allowed)
+    return Difference("waveforms", node, None, a, b, "V", b - a, allowed, off, note)

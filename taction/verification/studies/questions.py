@@ -1,4 +1,4 @@
-"""What is asked of a deck: one table, from which every medium follows.
+"""What is asked of a deck: one table, from which every medium follows, and what a user wants of it.
 
 An entry states what a number is called, its unit, how it is found, how it is asked for and what is
 good. ``--check``, ``--over``, the document, the terminal, the report, worst corners and the yield
@@ -8,11 +8,14 @@ read `QUESTIONS`. To add one is to add a file with a `Question`, and its entry.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from taction.netlist_gen.scene.checks import Checks
+from taction.netlist_gen.scene.mistakes import validated
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import fraction, number, parse
 from taction.system.reading_definitions import READINGS
@@ -21,6 +24,15 @@ from taction.verification.studies.measured_board import MeasuredBoard
 from taction.verification.verdict.checks import Check, at_most, undecided
 from taction.verification.verdict.record import finite
 
+SHARE = 1e-3  # default tolerance of an expected value
+LISTED = 20  # nodes in a message
+LARGEST = 100.0  # factor of a value up to which `stability.margin` searches
+OSCILLATES = "oscillates"
+OTHERS = {
+    "stable": "stability", "stability": "stability", "margin": "stability",
+    "agree": "engines_agree", "engines_agree": "engines_agree", OSCILLATES: OSCILLATES,
+}  # fmt: skip
+"""Words of checks that are no questions."""
 Answers = Sequence[Reading | None]  # of the outputs
 
 
@@ -89,32 +101,30 @@ class Question:
             return None
         return (min if self.large else max)(known, key=lambda each: each.value)
 
-    def keys(self, text: str, extra: str) -> dict[str, Any]:
-        """Return the table of the check with a limit, and what follows it behind ``@``.
-
-        Raises
-        ------
-        InputError
-            There is no limit, or it is no quantity in the unit; nothing may follow it.
-        """
+    def limits(self, text: str, extra: str) -> dict[str, Any]:
+        """Return the keys of the check of a limit, and of what follows it behind ``@``."""
         if not text:
-            accepted = f"expected a limit, such as {self.asked}={self.example or 1}"
-            raise InputError("--check", Complaint(self.asked, "", accepted))
+            raise _refused(self.asked, "", f"expected a limit, such as {self.usual}")
         if extra and not self.second:
             several = (
                 f"{q.asked}=LIMIT@{q.second.upper()}" for q in QUESTIONS.values() if q.second
             )
-            accepted = f"only {' and '.join(several)} have a second value"
-            raise InputError("--check", Complaint(self.asked, repr(extra), accepted))
+            only = f"only {' and '.join(several)} have a second value"
+            raise _refused(self.asked, repr(extra), only)
         if not self.is_of_scenes:
             try:
                 return {"limit": parse(text, self.unit) if self.unit else number(text)}
             except ValueError as error:
-                raise InputError("--check", Complaint(self.asked, repr(text), str(error))) from None
+                raise _refused(self.asked, repr(text), str(error)) from None
         keys: dict[str, Any] = {"max": share_of(text) if self.unit == "step" else text}
         if extra:
             keys[self.second] = share_of(extra) if self.second == "band" else extra
         return keys
+
+    @property
+    def usual(self) -> str:
+        """An example of its check."""
+        return f"{self.asked}={self.example or 1}"
 
     def figures(self, reading: Reading | None) -> dict[str, float | None]:
         """Return a number and its bound by their keys, None where there is none."""
@@ -126,28 +136,9 @@ class Question:
         reading = self.worst(found)
         if reading is None or not math.isfinite(reading.uncertainty):
             return undecided(self.name, self.unit, f"{self.words} is not known", limit)
-        sign = -1.0 if self.large else 1.0
-        outcome = at_most(sign * reading.value, reading.uncertainty, sign * limit)
-        value, error = reading.value, reading.uncertainty
+        value, error, sign = reading.value, reading.uncertainty, -1.0 if self.large else 1.0
+        outcome = at_most(sign * value, error, sign * limit)
         return Check(self.name, outcome, value, error, limit, None, self.unit, self.words)
-
-
-def share_of(text: str, option: str = "--check") -> float:
-    """Return a fraction from ``5%`` or ``0.05``.
-
-    Raises
-    ------
-    InputError
-        It is neither, negative or without a limit.
-    """
-    try:
-        share = fraction(text)
-        if not 0.0 <= share < math.inf:
-            raise ValueError("a share is finite and not negative")
-        return share
-    except ValueError:
-        accepted = "expected a share such as 5% or 0.05"
-        raise InputError(option, Complaint("share", repr(text), accepted)) from None
 
 
 def _reading(name: str, title: str, words: str, example: str, second: str = "") -> Question:
@@ -187,3 +178,194 @@ def units(*, over: bool = False) -> dict[str, str]:
     """Return the units of all numbers and bounds, by the keys of documents; or those of sweeps."""
     asked = [each for each in QUESTIONS.values() if each.over or not over]
     return {key: each.unit for each in asked for key in (each.name, each.bound)}
+
+
+class Expected(NamedTuple):
+    """An expected voltage at rest."""
+
+    node: str
+    volts: float
+    tolerance: float  # accepted deviation, V
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be checked.
+
+    Attributes
+    ----------
+    tables : mapping of str to mapping
+        Keys of the checks that scenes have, too, by their names.
+    expected : tuple of Expected
+        Voltages at rest.
+    own : mapping of str to float
+        Limits of the other questions, by their names.
+    oscillates : bool
+        Whether the circuit has to oscillate. Without this it has to be stable.
+    """
+
+    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    expected: tuple[Expected, ...] = ()
+    own: Mapping[str, float] = field(default_factory=dict)
+    oscillates: bool = False
+
+    @cached_property
+    def limits(self) -> Checks:
+        """All limits, those of a scene without checks where nothing is asked."""
+        return validated(Checks, self.tables, "--check")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The checks that are asked for."""
+        return (*self.tables, *self.own, *(() if self.oscillates else ("stability",)))
+
+    @property
+    def lowest(self) -> float | None:
+        """Lowest frequency of the noise, Hz, where it was given."""
+        return None if self.limits.noise is None else self.limits.noise.lowest
+
+    @property
+    def margin(self) -> bool:
+        """Whether a margin is asked for."""
+        return self.limits.stability.margin > 1.0
+
+    def refuse_unknown(self, nodes: Collection[str]) -> None:
+        """Refuse an expected value of a node that is not one of `nodes`."""
+        for each in self.expected:
+            if each.node not in nodes:
+                text = f"the board has the nodes {', '.join([*nodes][:LISTED])}"
+                raise _refused(f"v({each.node})", "", text, "--expect")
+
+
+def wanted(checks: Iterable[str] = (), expect: Iterable[str] = ()) -> Wanted:
+    """Read the texts of checks and expected values.
+
+    Raises
+    ------
+    InputError
+        A text that is no check; it says what is accepted.
+
+    Examples
+    --------
+    >>> found = wanted(["settling=1ms@1%", "margin=2"], ["v(out)=1.25@0.1%"])
+    >>> found.limits.settling_time.max, found.limits.stability.margin, found.expected
+    (0.001, 2.0, (Expected(node='out', volts=1.25, tolerance=0.00125),))
+    """
+    tables: dict[str, dict[str, Any]] = {}
+    for text in checks:
+        name, keys = _check_of(text)
+        known = tables.setdefault(name, {})
+        if any(known.get(key, value) != value for key, value in keys.items()):
+            raise _refused(name, repr(text), "two limits of one reading")
+        known.update(keys)
+    oscillates = tables.pop(OSCILLATES, None) is not None
+    own = {name: tables.pop(name)["limit"] for name in [*tables] if name in QUESTIONS
+           and not QUESTIONS[name].is_of_scenes}  # fmt: skip
+    found = Wanted(tables, tuple(map(_expected, expect)), own, oscillates)
+    _ = found.limits  # a wrong one is refused here
+    return found
+
+
+def _check_of(text: str) -> tuple[str, dict[str, Any]]:
+    """Return the name of a check and the keys of its table."""
+    word, _, value = (part.strip() for part in text.partition("="))
+    value, _, extra = (part.strip() for part in value.partition("@"))
+    for question in QUESTIONS.values():
+        if word in (question.asked, question.name):
+            return question.name, question.limits(value, extra)
+    name = OTHERS.get(word)
+    if name in (OSCILLATES, "stability") and not value and word != "margin":
+        return name, {}
+    if name == "stability":
+        try:
+            if 1.0 <= (factor := float(value)) <= LARGEST:  # margins are searched up to it
+                return name, {"margin": factor}
+        except ValueError:
+            pass
+        accepted = f"expected a factor from 1 to {LARGEST:g}, such as {word}=2"
+        raise _refused(word, repr(value), accepted)
+    if name == "engines_agree":
+        return name, {"tolerance": share_of(value)}
+    if name == OSCILLATES:
+        raise _refused(word, repr(value), "expected no value")
+    known = ", ".join(each.usual for each in QUESTIONS.values())
+    text = f"expected a check such as {known}, margin=2, stable, oscillates, agree=1e-3"
+    raise _refused("check", repr(word), text)
+
+
+def _expected(text: str) -> Expected:
+    name, _, value = (part.strip() for part in text.partition("="))
+    value, at, tolerance = (part.strip() for part in value.partition("@"))
+    try:
+        volts = parse(value, "V")
+        if not at or tolerance.endswith("%"):
+            accepted = (share_of(tolerance, "--expect") if at else SHARE) * abs(volts)
+        else:
+            accepted = parse(tolerance, "V")
+        if not 0.0 <= accepted < math.inf:
+            raise ValueError("a tolerance is finite and not negative")
+        return Expected(name.lower().removeprefix("v(").removesuffix(")"), volts, accepted)
+    except ValueError as error:
+        usual = f"{error}; expected v(NODE)=VALUE@TOLERANCE, such as v(out)=1.25@0.1%"
+        raise _refused("value", repr(text), usual, "--expect") from None
+
+
+def share_of(text: str, option: str = "--check") -> float:
+    """Return a fraction from ``5%`` or ``0.05``."""
+    try:
+        if 0.0 <= (share := fraction(text)) < math.inf:
+            return share
+    except ValueError:
+        pass
+    raise _refused("share", repr(text), "expected a share such as 5% or 0.05", option)
+
+
+def _refused(key: str, value: str, text: str, option: str = "--check") -> InputError:
+    return InputError(option, Complaint(key, value, text))
+
+
+def reference_values(
+    nodes: Sequence[str],
+    matrix: str | Path,
+    strain: str | Path,
+    lam: float = 0.0,
+    unit: str = "1V",
+    accept: str = "0.1%",
+) -> tuple[tuple[Expected, ...], tuple[str, ...]]:
+    """Return the expected voltages of nodes, one of every channel, and what is to be said.
+
+    A deck that recovers u from ``eps = T u + noise`` should show the regularised optimum. The
+    arguments are those of `taction.check`.
+
+    Raises
+    ------
+    InputError
+        A file or a value cannot be used, the numbers of channels and of nodes differ, or the
+        problem has no certain solution.
+    """
+    from taction.netlist_gen.scene.problem_tables import problem_tables
+    from taction.verification.reference.problem import Problem
+    from taction.verification.reference.solve import solve
+
+    T, eps = problem_tables(Path(matrix), Path(strain))
+    channels = T.values.shape[1]
+    if len(nodes) != channels:
+        text = (
+            f"the matrix has {channels} columns, and {len(nodes)} outputs are looked at"
+            f" ({', '.join(nodes[:LISTED])}); give one --output for each column, in their order"
+        )
+        raise InputError(matrix, Complaint("--matrix", "", text))
+    try:
+        volts = parse(unit, "V")
+    except ValueError as error:
+        raise _refused("VOLTS", repr(unit), str(error), "--unit") from None
+    found = solve(Problem(T.values, eps.values, lam))
+    if not found.trusted:
+        text = f"the optimum is not certain: {found.reason}; give a larger --lambda"
+        raise InputError(matrix, Complaint("--lambda", f"{lam:g}", text))
+    wanted = volts * found.u
+    largest = float(abs(wanted).max(initial=0.0))
+    tolerance = share_of(accept, "--accept") * largest - abs(volts) * found.error_bound
+    notes = tuple(f"{each.path.name}: {each.changed}" for each in (T, eps) if each.changed)
+    every = zip(nodes, wanted.tolist(), strict=True)
+    return tuple(Expected(node, value, tolerance) for node, value in every), notes

@@ -20,9 +20,9 @@ from taction.system.errors import Complaint, InputError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.studies.board_checks import judge, record_of
 from taction.verification.studies.foreign_board import ForeignBoard
-from taction.verification.studies.measured_board import MeasuredBoard, Start, measure_boards
+from taction.verification.studies.measured_board import MeasuredBoard, measure_boards
 from taction.verification.studies.part_influence import influences
-from taction.verification.studies.questions import QUESTIONS, Question
+from taction.verification.studies.questions import QUESTIONS, Wanted
 from taction.verification.studies.running.collecting import Pace
 from taction.verification.studies.running.executors import in_this_process
 from taction.verification.studies.running.versions import own_version
@@ -30,7 +30,6 @@ from taction.verification.studies.tolerance.corners import CornerStudy, worst_of
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.samples import BoardSample, Quantity, Varied
 from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
-from taction.verification.studies.wanted_checks import Wanted
 
 PARAM = "param"  # kind of a parameter
 
@@ -42,20 +41,12 @@ class VariedDeck(Varied):
     params: Mapping[str, float]  # nominal values of the .param that vary; last in `varied`
     deck: ForeignBoard
     asked: Wanted
-    initial: Start
 
     @classmethod
     def of(
         cls, found: MeasuredBoard, deck: ForeignBoard, spread: DeckTolerances, asked: Wanted
     ) -> VariedDeck:
-        """Return the boards around a measured one.
-
-        Raises
-        ------
-        InputError
-            A ``.param`` that varies is no number other than 0.
-        """
-        largest = float(np.abs(found.rest).max(initial=0.0))
+        """Return the boards around a measured one; a ``.param`` that varies is not 0."""
         params = dict[str, float]()
         for name in spread.params:
             value = deck.value_of(name)
@@ -75,17 +66,12 @@ class VariedDeck(Varied):
             tolerances=spread.parts,
             quantities=tuple(_quantities(asked)),
             target=found.rest,
-            step_amplitude=found.amplitude or largest or 1.0,
+            step_amplitude=found.amplitude or float(np.abs(found.rest).max(initial=0.0)) or 1.0,
             version=own_version(False),
             params=params,
             deck=deck,
             asked=asked,
-            initial=found.initial,
         )
-
-    def by_statespace(self) -> VariedDeck:
-        """Return itself."""
-        return self
 
     def at(self, z: Floats) -> Circuit:
         """Return the board with deviations `z`."""
@@ -110,20 +96,12 @@ class VariedDeck(Varied):
 
     def _values(self, z: Floats) -> dict[str, float]:
         """Return the values of the parameters with their deviations."""
-        shares = (p.tolerance for p in self.varied[len(self.varied) - len(z) :])
-        return {
-            name: own * math.exp(off * math.log1p(share))
-            for (name, own), off, share in zip(self.params.items(), z.tolist(), shares, strict=True)
-        }
+        shares = (math.log1p(p.tolerance) for p in self.varied[len(self.varied) - len(z) :])
+        every = zip(self.params.items(), z.tolist(), shares, strict=True)
+        return {name: own * math.exp(off * share) for (name, own), off, share in every}
 
     def measured(self, number: int, z: Floats) -> BoardSample:
-        """Return the sample with deviations `z`.
-
-        Raises
-        ------
-        EngineError
-            No equilibrium, no state-space form, or no exact solution.
-        """
+        """Return the sample with deviations `z`; `EngineError` where it cannot be measured."""
         (found,) = self._measured([(number, z)])
         if isinstance(found, Exception):
             raise found
@@ -139,15 +117,14 @@ class VariedDeck(Varied):
         circuits = self._built([z for _, z in requests])
         boards = (c if isinstance(c, InputError) else LinearBoard(c) for c in circuits)
         band = self.asked.limits.settling_time.band
-        for (number, _), found in zip(
-            requests, measure_boards(boards, self.initial, band, self.asked.lowest), strict=True
-        ):
+        measured = measure_boards(boards, self.deck.initial, band, self.asked.lowest)
+        for (number, _), found in zip(requests, measured, strict=True):
             yield self._sample(number, found) if isinstance(found, MeasuredBoard) else found
 
     def _sample(self, number: int, found: MeasuredBoard) -> BoardSample:
         """Return the sample of a measured board."""
         margin = None
-        if self.asked.limits.stability.margin > 1.0:
+        if self.asked.margin:
             margin, _ = influences(found.board, found.poles, every=True)
         record = record_of(found, judge(found, self.asked, margin), self.asked, margin)
         errors = (found.rest - self.target) / self.step_amplitude
@@ -158,28 +135,25 @@ class VariedDeck(Varied):
 
 
 def _quantities(asked: Wanted) -> Iterator[Quantity]:
-    """Yield the readings, how far a board rests from the nominal one, growth rate and margin."""
-    for each in QUESTIONS.values():
-        if each.over or each.name in asked.names:
-            yield _quantity(asked, each)
+    """Yield the questions with their limits, how far a board rests from the nominal one, and poles.
+
+    Poles: the growth rate, and the margin where it is asked for.
+    """
+    for question in QUESTIONS.values():
+        if question.over or question.name in asked.names:
+            limits = asked.tables.get(question.name) and getattr(asked.limits, question.name)
+            limit = asked.own.get(question.name, getattr(limits, "max", None))
+            band = asked.limits.settling_time.band if question.second == "band" else None
+            worse, name, unit = -1.0 if question.large else 1.0, question.name, question.unit
+            ends = (limit, None) if question.large else (None, limit)
+            yield Quantity(name, unit, worse, *ends, band)
     yield Quantity("steady_state", "step")
     if asked.oscillates:
         yield Quantity("growth_rate", "1/s", -1.0, at_least=0.0)
     else:
         yield Quantity("growth_rate", "1/s", at_most=0.0)
-    if asked.limits.stability.margin > 1.0:
+    if asked.margin:
         yield Quantity("margin", "ratio", -1.0, at_least=asked.limits.stability.margin)
-
-
-def _quantity(asked: Wanted, question: Question) -> Quantity:
-    """Return a question as a quantity with its limit."""
-    limits = getattr(asked.limits, question.name, None)
-    limit = getattr(limits, "max", None) if question.name in asked.names else None
-    limit = asked.own.get(question.name, limit)
-    least, most = (limit, None) if question.large else (None, limit)
-    band = asked.limits.settling_time.band if question.second == "band" else None
-    worse = -1.0 if question.large else 1.0
-    return Quantity(question.name, question.unit, worse, least, most, band)
 
 
 def varied_outcomes(
@@ -192,10 +166,7 @@ def varied_outcomes(
 ) -> tuple[CornerStudy, YieldReport]:
     """Return the worst corners of a board within its tolerances, and the yield of its samples.
 
-    Parameters
-    ----------
-    samples : (int, int)
-        How many boards are drawn, and from which seed.
+    `samples` are how many boards are drawn, and from which seed.
 
     Raises
     ------

@@ -6,19 +6,21 @@ The figures of a data sheet, and a linear model that the state-space engine uses
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
-from taction.netlist_gen.board.branches import VoltageBetween
+from taction.netlist_gen.board.branches import Source, VoltageBetween
 from taction.netlist_gen.board.linear_models import record_of
 from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
 from taction.netlist_gen.deck.flat_cards import CardError, Flat, circuit_of
 from taction.netlist_gen.deck.vendor_subcircuit import flat_subcircuit, vendor_subcircuit
 from taction.spice_models.imported import (
     COMPENSATION,
+    DEVICE,
     Figures,
     ImportedOpAmp,
     LinearModel,
@@ -120,7 +122,8 @@ def import_opamp(
     try:
         linear, missing = _linear_model(point, seen, simulator), ""
     except (CardError, EngineError, SimulationError) as error:
-        linear, missing = None, f"no linear model: {one_line(error)}"
+        said = re.sub(rf"\b{DEVICE}\.\w\.(?={DEVICE}\.)", "", one_line(error))
+        linear, missing = None, f"no linear model: {said}"
     doubts += _doubts(figures)
     stored = ImportedOpAmp(found, pins, supply, figures, linear, missing, compensation)
     return replace(stored, doubts=tuple(doubts), middle=middle)
@@ -254,7 +257,9 @@ def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> Li
     ours, least = np.empty_like(wanted), np.array([*PORTS.values()])[:, None]
     for k, name in enumerate(DRIVEN):
         branches = [
-            replace(part, value=1.0, before=0.0) if part.card.lower() == name else part
+            replace(part, value=1.0, before=0.0)
+            if isinstance(part, Source) and part.card.lower() == name
+            else part
             for part in flat.branches
         ]
         board = LinearBoard(circuit_of(replace(flat, branches=branches), "bench", (OUT,)))
@@ -290,7 +295,7 @@ def _held(flat: Flat) -> Flat:
 
 def _parts(flat: Flat) -> tuple[LinearPart, ...]:
     """Return the parts of the op-amp with its supplies: the bench without what drives it."""
-    every = [*flat.resistors, *flat.capacitors, *flat.branches]
+    every: list[Resistor | Capacitor | Branch] = [*flat.resistors, *flat.capacitors, *flat.branches]
     records = [record_of(part) for part in every if part.card.lower() not in BENCH]
 
     def port(node: str) -> str:

@@ -193,7 +193,8 @@ def _solved(A: Complexes, b: Floats) -> tuple[Complexes, Floats, Complexes]:
 def _sweeps(poles: Complexes, factor: float) -> Iterator[str]:
     """Yield sweeps: a decade about all poles, and close to the sharpest one, times a factor."""
     inside = np.abs(poles) / math.tau
-    poles, sizes = (each[(inside > LEAST) & (inside < MOST)] for each in (poles, inside))
+    kept = (inside > LEAST) & (inside < MOST)
+    poles, sizes = poles[kept], inside[kept]
     low, high = (sizes.min() / 10.0, 10.0 * sizes.max()) if len(sizes) else (1.0, 1e9)
     low, high = max(float(low), LEAST), min(float(high), MOST)
     decades = max(math.log10(high / low), 1.0)

@@ -16,10 +16,9 @@ from taction.verification.stability import families
 from taction.verification.stability.instant_feedback import latching
 from taction.verification.stability.margin import Margin
 from taction.verification.stability.poles import poles
-from taction.verification.studies.board_sweep import Sweep, sweep_board
+from taction.verification.studies.board_sweep import Sweep, SweptValue, sweep_deck
 from taction.verification.studies.foreign_board import read_board
 from taction.verification.studies.part_influence import influences
-from taction.verification.studies.swept_values import SweptValue
 from tests.support.designer_decks import DECKS
 from tests.support.nodal_analysis import exact_poles
 from tests.support.wide_decks import wide_cards
@@ -37,8 +36,9 @@ def case(name: str) -> LinearBoard:
     return LinearBoard(read_board(CASES / f"{name}.cir").circuit)
 
 
-def swept(board: LinearBoard, text: str) -> Sweep:
-    return sweep_board(board, SweptValue.of(text, board.circuit), "rest", 0.01)
+def swept(name: str, text: str) -> Sweep:
+    deck = read_board(CASES / f"{name}.cir")
+    return sweep_deck(deck, LinearBoard(deck.circuit), SweptValue.of(text, deck), 0.01)
 
 
 @pytest.mark.parametrize(("name", "true"), [("margin-min", 2.0955), ("margin-d117", 5.5638)])
@@ -52,7 +52,7 @@ def test_poles_far_apart_hide_no_margin(name: str, true: float) -> None:
 
 
 def test_the_ranges_of_a_sweep_agree_with_its_table() -> None:
-    found = swept(case("margin-min"), "R4=68k:1meg:5")
+    found = swept("margin-min", "R4=68k:1meg:5")
     assert [point.stable for point in found.points] == [True, True, False, False, False]
     ((low, high),) = found.stable_ranges
     assert (low, high) == (pytest.approx(68e3), pytest.approx(2.0961 * 68.58e3, rel=1e-4))
@@ -62,7 +62,7 @@ def test_the_ranges_of_a_sweep_agree_with_its_table() -> None:
 
 
 def test_a_crossing_has_a_bound_that_holds_the_true_one() -> None:
-    (edge,) = swept(case("over-d213"), "RF0=1k:100k:5").crossings
+    (edge,) = swept("over-d213", "RF0=1k:100k:5").crossings
     true = 6775.517208214921  # det K = 0 in rational numbers
     assert abs(edge.value - true) <= edge.bound < 1e-8 * true
 

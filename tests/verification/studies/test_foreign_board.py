@@ -18,9 +18,9 @@ from taction.verification.engines.statespace.transients.exact import exact_solut
 from taction.verification.stability.families import Family, scaled_parts
 from taction.verification.stability.poles import poles
 from taction.verification.studies.board_check import BoardCheck, check_board
+from taction.verification.studies.board_sweep import SweptValue
 from taction.verification.studies.foreign_board import ForeignBoard, read_board
-from taction.verification.studies.swept_values import SweptValue
-from taction.verification.studies.wanted_checks import wanted
+from taction.verification.studies.questions import wanted
 from tests.support.designer_decks import DECKS, deck
 from tests.support.nodal_analysis import exact_poles
 
@@ -45,7 +45,7 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> Read:
 
 
 def checked(board: ForeignBoard, *over: str, checks: tuple[str, ...] = ()) -> BoardCheck:
-    swept = [SweptValue.of(each, board.circuit, board.parameters) for each in over]
+    swept = [SweptValue.of(each, board) for each in over]
     return check_board(board, wanted(checks), ngspice=False, over=swept)
 
 
