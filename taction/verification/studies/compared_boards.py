@@ -97,13 +97,14 @@ def _decks(places: tuple[Place, Place], names: tuple[str, str]) -> VerdictDiffer
         for each in (_with_outputs(board, shared) for board in boards)
     ]
     readings = compare(
-        *map(record_of, sides),
+        record_of(sides[0]),
+        record_of(sides[1]),
         within_uncertainties(),
         groups=("states", "figures", "channels"),
         figures=FIGURES,
         channel_figures=CHANNEL_FIGURES,
     )
-    keys = tuple(key_differences(*map(_parts, boards)))
+    keys = tuple(key_differences(_parts(boards[0]), _parts(boards[1])))
     notes = tuple(dict.fromkeys(note for each in boards for note in each.notes))
     curves = sides[0].curve, sides[1].curve
     return VerdictDifference(*names, keys, readings, tuple(shared), notes, curves)
@@ -142,7 +143,8 @@ def _with_record(
         for u, error in sides
     ]
     readings = compare(
-        *records,
+        records[0],
+        records[1],
         within_uncertainties(),
         groups=("states", "channels"),
         channel_figures=("final", *READINGS),

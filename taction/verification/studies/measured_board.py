@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from taction.netlist_gen.board.circuit import Circuit, Output
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.scene.checks import LOWEST
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError
@@ -97,33 +97,27 @@ class MeasuredBoard:
         """
         if not self.poles.known_stable or self.apart.beyond:
             return OutputNoise(unknown="only a board that is known to be stable has noise at rest")
-        models = self.board.circuit.models.values()
-        low = self.lowest or (LOWEST if any(model.flicker_noise > 0.0 for model in models) else 0.0)
+        circuit = self.board.circuit
+        flicker = any(model.flicker_noise > 0.0 for model in circuit.models.values())
+        low = self.lowest or (LOWEST if flicker else 0.0)
         try:
             rms, error = output_noise(self.board, low)
             return OutputNoise(tuple(rms.tolist()), tuple(error.tolist()), lowest=low)
         except EngineError as problem:
-            if len(self.board.circuit.outputs) == 1:
+            if len(circuit.outputs) == 1:
                 return OutputNoise(unknown=str(problem))
-        each = [self._noise_of(out, low) for out in self.board.circuit.outputs]
-        reasons: dict[str, list[str]] = {}
-        for out, (_, _, why) in zip(self.board.circuit.outputs, each, strict=True):
-            if why:
-                reasons.setdefault(why.replace(f" of output {out.node}", ""), []).append(out.node)
-        return OutputNoise(
-            tuple(rms for rms, _, _ in each),
-            tuple(error for _, error, _ in each),
-            unknown="; ".join(f"{', '.join(nodes)}: {why}" for why, nodes in reasons.items()),
-            lowest=low,
-        )
-
-    def _noise_of(self, out: Output, low: float) -> tuple[float, float, str]:
-        """Return the noise of one output and its bound, V; or NaN, and why it is not known."""
-        try:
-            rms, error = output_noise(LinearBoard(replace(self.board.circuit, outputs=(out,))), low)
-        except EngineError as problem:
-            return math.nan, math.nan, str(problem)
-        return float(rms[0]), float(error[0]), ""
+        every, reasons = list[tuple[float, float]](), dict[str, list[str]]()
+        for out in circuit.outputs:
+            try:
+                rms, error = output_noise(LinearBoard(replace(circuit, outputs=(out,))), low)
+                every.append((float(rms[0]), float(error[0])))
+            except EngineError as problem:
+                every.append((math.nan, math.nan))
+                why = str(problem).replace(f" of output {out.node}", "")
+                reasons.setdefault(why, []).append(out.node)
+        said = "; ".join(f"{', '.join(nodes)}: {why}" for why, nodes in reasons.items())
+        rms_of, bounds = zip(*every, strict=True)
+        return OutputNoise(tuple(rms_of), tuple(bounds), unknown=said, lowest=low)
 
     @property
     def remedy(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -50,23 +51,14 @@ class PartRow:
 
 
 def sensitivities(
-    board: LinearBoard, found: Poles, families: Mapping[str, Family] | None = None
+    board: LinearBoard, found: Poles, families: Mapping[str, Family]
 ) -> dict[str, complex]:
     """Return ``dp / d ln value`` of the rightmost pole p, 1/s, for every knob of parts.
 
     With ``(p M - K) v = 0`` and ``w (p M - K) = 0`` the pole moves by
     ``w (dK - p dM) v / (w M v)``. The matrices are linear in capacitances, conductances and gains;
     a central difference of `MOVED` errs by 1e-10 where they are not. `families` are the boards over
-    each knob, where these are known. A rate that is lost in rounding beside the pole is zero.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
-    >>> from taction.verification.stability.poles import poles
-    >>> flat = read_cards(["v1 in 0 1", "r1 in out 1k", "c1 out 0 1n"])
-    >>> board = LinearBoard(circuit_of(flat, "rc", ["out"]))
-    >>> {name: round(rate.real) for name, rate in sensitivities(board, poles(board)).items()}
-    {'R1': 1000000, 'C1': 1000000}
+    each knob. A rate that is lost in rounding beside the pole is zero.
     """
     if not len(found.poles) or board.descriptor.is_large:
         return {}
@@ -78,18 +70,16 @@ def sensitivities(
     if not abs(scale) > 0.0:
         return {}
     rates = {}
-    for knob in board.circuit.knobs:
-        family = families.get(knob.name) if families else None
-        if family is not None and family.ports is not None and not knob.moves:
-            rate = family.power * family.ports.rate(left, right, p)
-            rates[knob.name] = rate / complex(scale)
-        elif knob.role:
-            own, both = board.circuit.value(knob.name), []
-            for factor in (1.0 + MOVED, 1.0 - MOVED):
-                moved = LinearBoard(board.circuit.turned(knob.name, own * factor), point=point)
-                there = linear_matrices(moved.descriptor, point)
-                both.append(left @ (there.stiffness - p * there.mass) @ right)
-            rates[knob.name] = complex((both[0] - both[1]) / (2.0 * MOVED * scale))
+    for name, family in families.items():
+        if family.ports is not None and not board.circuit.knob(name).moves:
+            rates[name] = complex(family.power * family.ports.rate(left, right, p) / scale)
+            continue
+        both = []
+        for factor in (1.0 + MOVED, 1.0 - MOVED):
+            moved = board.circuit.turned(name, board.circuit.value(name) * factor)
+            there = linear_matrices(LinearBoard(moved, point=point).descriptor, point)
+            both.append(left @ (there.stiffness - p * there.mass) @ right)
+        rates[name] = complex((both[0] - both[1]) / (2.0 * MOVED * scale))
     return {name: rate if abs(rate) > LOST * abs(p) else 0j for name, rate in rates.items()}
 
 
@@ -136,25 +126,23 @@ def influences(
     nearest |= _nearest_of({name: families[name] for name in looked}, found)
     for name in order:
         rate, own, unit = rates[name], c.value(name), c.facts[name].unit
-        frequency, ends = rate.imag / math.tau, nearest[name].values(own)
+        ends, frequency = nearest[name].values(own), rate.imag / math.tau
         rows.append(PartRow(name, own, unit, rate.real, frequency, *ends, nearest[name].doubt))
-    if not every:
-        return None, tuple(rows)
-    if not found.known_stable:
-        return Margin(0.0, 0.0, "the board is not stable"), tuple(rows)
-    if not len(found.poles):
+    margin = None
+    if every and not found.known_stable:
+        margin = Margin(0.0, 0.0, "the board is not stable")
+    elif every and not len(found.poles):
         doubt = "" if _is_passive(c) else "a source with gain may have another sign of its feedback"
-        return Margin(REACH, 0.0, "no part makes a pole", doubt), tuple(rows)
-    if not order:
-        return Margin(1.0, 0.0, "no margin is known", "the board is too large"), tuple(rows)
-    return _least(c, nearest), tuple(rows)
+        margin = Margin(REACH, 0.0, "no part makes a pole", doubt)
+    elif every:
+        margin = _least(c, nearest)
+    return margin, tuple(rows)
 
 
 def _is_passive(circuit: Circuit) -> bool:
     """Whether no source has a gain, and no resistor a negative value."""
     gains = any(isinstance(part, ByVoltage | ByCurrent) for part in circuit.branches)
-    positive = all(part.ohms > 0.0 for part in circuit.resistors)
-    return positive and not gains and not circuit.opamps
+    return not (gains or circuit.opamps or any(part.ohms <= 0.0 for part in circuit.resistors))
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,15 +165,17 @@ class _Nearest:
 
     def values(self, own: float) -> tuple[float | None, float | None]:
         """Return the value at the edge below `own`, and at that above."""
-        ends = [None if e is None else own * e.value for e in (self.below, self.above)]
-        return (ends[0], ends[1]) if own > 0.0 else (ends[1], ends[0])
+        low, high = (None if e is None else own * e.value for e in (self.below, self.above))
+        return (low, high) if own > 0.0 else (high, low)
 
 
 def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Nearest]:
     """Return the nearest edges of values that are not zero, by name; each keeps its sign."""
     reach = REACH * MORE
     looked = {
-        name: EdgeSearch(_over_factor(family), 1.0 / reach, reach, found)
+        name: EdgeSearch(
+            replace(family, board=partial(_at_factor, family), own=1.0), 1.0 / reach, reach, found
+        )
         for name, family in families.items()
         if family.own
     }
@@ -200,9 +190,8 @@ def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Near
     return nearest
 
 
-def _over_factor(family: Family) -> Family:
-    """Return the boards over the factor of the value `own`."""
-    return replace(family, board=lambda factor: family.board(family.own * factor), own=1.0)
+def _at_factor(family: Family, factor: float) -> LinearBoard:
+    return family.board(family.own * factor)
 
 
 def _nearest(edges: Edges, stable: bool) -> _Nearest:
@@ -214,23 +203,23 @@ def _nearest(edges: Edges, stable: bool) -> _Nearest:
     below = max((e for e in every if e.value < 1.0), key=lambda e: e.value, default=None)
     above = min((e for e in every if e.value > 1.0), key=lambda e: e.value, default=None)
     low, high = below.value if below else 0.0, above.value if above else math.inf
-    inside = [factor for factor in edges.near if low <= factor <= high]
+    inside = [max(factor, 1.0 / factor) for factor in edges.near if low <= factor <= high]
     if not inside:
         return _Nearest(below, above)
-    sure = min(max(factor, 1.0 / factor) for factor in inside)
-    return _Nearest(below, above, "a pole comes close to the axis", sure)
+    return _Nearest(below, above, "a pole comes close to the axis", min(inside))
 
 
 def _least(circuit: Circuit, nearest: Mapping[str, _Nearest]) -> Margin:
     """Return the least margin of all parts."""
+    if not nearest:
+        return Margin(1.0, 0.0, "no margin is known", "the board is too large")
     name = min(nearest, key=lambda each: nearest[each].least)
     factor, bound, at = nearest[name].least
     text = f"no crossing up to a factor of {REACH:g} of any part"
     if factor < math.inf:
         moves = "grow" if at > 1.0 else "shrink"
         value = show(circuit.value(name) * at, circuit.facts[name].unit)
-        words = circuit.knob(name).words
-        text = f"{words} can {moves} by the factor {factor:.4g}, to {value}"
+        text = f"{circuit.knob(name).words} can {moves} by the factor {factor:.4g}, to {value}"
     else:
         factor = REACH
     doubts = (

@@ -145,8 +145,8 @@ def _quantities(asked: Wanted) -> Iterator[Quantity]:
             limit = asked.own.get(question.name, getattr(limits, "max", None))
             band = asked.limits.settling_time.band if question.second == "band" else None
             worse, name, unit = -1.0 if question.large else 1.0, question.name, question.unit
-            ends = (limit, None) if question.large else (None, limit)
-            yield Quantity(name, unit, worse, *ends, band)
+            least, most = (limit, None) if question.large else (None, limit)
+            yield Quantity(name, unit, worse, least, most, band)
     yield Quantity("steady_state", "step")
     if asked.oscillates:
         yield Quantity("growth_rate", "1/s", -1.0, at_least=0.0)
