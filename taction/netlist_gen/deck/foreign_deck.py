@@ -58,8 +58,13 @@ _UNUSUAL = tuple('=[]?()&%$"!:,')  # a line that begins so is a comment of ngspi
 _STRANGE = re.compile(r"[@\[\]\"'%\\~`]")  # such as in .save @v1[i]
 _BRACES = re.compile(r"\{[^{}]*\}")
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?[a-z]*")
-_QUOTED = re.compile(r"'([^'{}]*)'")
+_QUOTED = re.compile(r"'([^']*)'")
 REFUSED = (
+    (
+        re.compile(r"^\.model \S+ (numd2?|nbjt2?|numos)\b"),
+        "{} is a device of CIDER, which computes it from its mesh; expected a model that has"
+        " parameters, such as d, npn or nmos",
+    ),
     (
         re.compile(r"(?<![\w.])((?:[a-z]+_)?file(?:name)?|simulation|(?:sim|lib)_args) ?="),
         "{}= names a file or a program, which no card may; expected values",
@@ -335,6 +340,11 @@ class _Include(Card):
     section: str = ""
 
 
+def _braced(match: re.Match[str]) -> str:
+    """Return an expression in quotes in braces, with parentheses for those in it."""
+    return "{" + match[1].replace("{", "(").replace("}", ")") + "}"
+
+
 def _real(path: Path) -> Path:
     """Return a path with links followed; of links that loop some path."""
     return Path(os.path.realpath(path))
@@ -372,7 +382,7 @@ def _cards(
             raw[k] = ""
             unusual.append(k + 1)
         else:
-            raw[k] = _QUOTED.sub(r"{\1}", line)
+            raw[k] = _QUOTED.sub(_braced, line)
     if unusual:
         more = f" and {len(unusual) - 1} more" if len(unusual) > 1 else ""
         found = f"{path.name}: line {unusual[0]}{more}"

@@ -10,6 +10,7 @@ from taction.netlist_gen.deck.foreign_lines import Card, called, check_expanded,
 from taction.netlist_gen.deck.linear_expressions import without_calls, without_poly, without_table
 from taction.netlist_gen.deck.ltspice import OPAMPS, missing_cards, opamp_cards, plain_name
 from taction.spice_models.foreign_expressions import number
+from taction.system.errors import Complaint, InputError
 
 NOT_LINEAR = re.compile(
     r"^(?:[dqjmswb]|[efgh].*(?:\bpoly\b|\bvalue\b|\btable\b|\bvol\b|\bcur\b|\{v))"
@@ -23,6 +24,7 @@ _RANGES = {
     "i": {"ron": "1", "roff": "1meg", "ion": "1m", "ioff": "0"},
 }
 """Of PSpice's switches, by what controls them, with its values."""
+_GROUND = re.compile(r"(?<=[\s(,])gnd(?=[\s),]|$)(?! ?=)")
 Scope = tuple[str, ...]  # subcircuits, from the outermost one
 
 
@@ -35,6 +37,9 @@ def check_size(deck: ForeignDeck, called_one: str = "") -> None:
         The card at which a limit is passed.
     """
     blocks, top = subcircuits(deck.cards)
+    if not called_one and not any(card.text[0].isalpha() for card in top):
+        text = "has no part outside its subcircuits; expected a circuit, which may call them (X)"
+        raise InputError(deck.file, Complaint("deck", "", text))
     if called_one:
         top = [deck.cards[-1].with_text(f"x {called_one}")]
     check_expanded(blocks, top, () if called_one else blocks)
@@ -54,13 +59,17 @@ def ready_lines(deck: ForeignDeck) -> Iterator[str]:
     switches = {
         (scope, m[1]): m for scope, card in _scoped(deck) if (m := _smooth_model(card.text))
     }
+    own = {scope for scope, card in _scoped(deck)
+           if card.word == ".subckt" and "gnd" in card.text.split()}  # fmt: skip
     for scope, card in _scoped(deck):
+        inner = scope and scope not in own  # there PSpice has it as another node
+        text = _GROUND.sub("0", card.text) if inner else card.text
         if card in known:
             place = rf"(?<=\s){re.escape(known[card])}(?=\s|$)"
-            yield re.sub(place, plain_name(known[card]), card.text)
-        elif not _smooth_model(card.text):
+            yield re.sub(place, plain_name(known[card]), text)
+        elif not _smooth_model(text):
             try:
-                text = _smooth_switch(_at_27(card.text), scope, switches)
+                text = _smooth_switch(_at_27(text), scope, switches)
                 yield without_calls(without_table(without_poly(text)))
             except ValueError as error:
                 raise card.refused(str(error)) from None

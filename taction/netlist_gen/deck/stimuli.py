@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from taction.spice_models.foreign_expressions import number
 
-_WAVE = re.compile(r"\b(pulse|pwl|sine?|exp|step|trnoise|trrandom)\s*\(?([^()]*)\)?")
+_WAVE = re.compile(
+    r"\b(pulse|pwl|sine?|exp|step|trnoise|trrandom)\s*\(?((?:(?!\b(?:\w+ ?=|[ad]c\b))[^()])*)\)?"
+)
 REMARKS = {
     "sin": "a sine counts with its offset",
     "noise": "noise over time (trnoise, trrandom) does not count: its source has its DC value",

@@ -213,6 +213,7 @@ def test_a_charge_of_one_side_adds_no_pole(tmp_path: Path) -> None:
         ("D1 in 0 dx\nV2 in 0 5\n.model dx d", ("deck.cir",)),
         ("A1 in out g\n.model g gain(gain=2)", ("code model", "not accepted")),
         ("S1 out 0 in 0 sw\n.model sw sw(vt=0.5)", ("S1", "expected a resistor")),
+        ("Q1 out in 0 m\n.model m nbjt level=1", ("line 5", "CIDER", "npn")),
     ],
 )
 def test_what_cannot_be_measured_is_refused(
@@ -468,3 +469,26 @@ def test_a_step_that_no_node_follows_is_none(tmp_path: Path) -> None:
     found = checked(tmp_path, f"{text}\nC1 a 0 1n", outputs="a")
     assert found.amplitude == 0.0
     assert agrees(found)
+
+
+def test_the_ground_of_a_subcircuit_is_ground(tmp_path: Path) -> None:
+    """``gnd`` that is no port, with 1 kohm in parallel to 1 kohm at 1 nF; as a port it is one."""
+    text = """V1 in gnd pwl 0 1 1u 1 2u 2 r=1u
+.subckt low x
+R1 x gnd 1k
+C1 x gnd '{1n}'
+.ends
+.subckt high gnd x
+R1 x gnd 1k
+.ends
+X1 out low
+X2 in out high"""
+    found = checked(tmp_path, text, outputs="out")
+    assert agrees(found)
+    assert found.poles.rightmost.real == pytest.approx(-2e6, rel=1e-9)
+    assert any("a pwl that repeats" in note for note in found.notes)
+
+
+def test_subcircuits_alone_are_no_circuit(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no part outside its subcircuits"):
+        checked(tmp_path, ".subckt a x\nR1 x 0 1k\n.ends")
