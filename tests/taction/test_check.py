@@ -16,9 +16,7 @@ from taction.system.errors import InputError
 from taction.verification.report.charts import Curve, Text
 from taction.verification.report.views.board_check import _family
 from taction.verification.report.views.stability import pole_map
-from taction.verification.studies.foreign_board import read_board
 from tests.support.designer_decks import DECKS
-from tests.support.nodal_analysis import exact_poles
 from tests.support.running import taction as command
 
 pytestmark = pytest.mark.usefixtures("ngspice")
@@ -118,25 +116,6 @@ def test_of_two_oscillators_no_single_part_is_named(tmp_path: Path) -> None:
     text = " ".join(run(str(place), "--no-ngspice")[1].split())
     assert "Not stable: oscillates at 1.59" in text
     assert "No value of one part alone, within a factor of 100, makes it stable." in text
-
-
-def test_an_ldo_is_stable_from_an_esr() -> None:
-    """The poles at both sides are those of nodal analysis with 100 digits."""
-    place = CASES / "ldo.cir"
-    rows = {row.name: row for row in taction.check(place, ngspice=False).parts}
-    esr, lines = rows["Resr"].above, read_board(place).lines
-    assert esr is not None
-    assert rows["Resr"].below is None
-    growth = [
-        max(pole.real for pole in exact_poles([_with_esr(line, ohms) for line in lines]))
-        for ohms in (esr * (1.0 - 1e-6), esr * (1.0 + 1e-6))
-    ]
-    assert growth[0] > 0.0 > growth[1]
-
-
-def _with_esr(line: str, ohms: float) -> str:
-    words = line.split()
-    return " ".join([*words[:3], repr(ohms)]) if words[0] == "resr" else line
 
 
 def test_the_document_of_an_undecided_deck_says_null(tmp_path: Path) -> None:
@@ -308,16 +287,6 @@ def test_a_pole_map_shows_every_pair_that_is_near() -> None:
         assert first.y[0] <= row.frequency < first.y[1]
     texts = [mark.text for mark in pole_map(found.poles).marks if isinstance(mark, Text)]
     assert any("4 farther" in text for text in texts)
-
-
-def test_a_pole_map_of_real_poles_shows_the_slowest_ones() -> None:
-    """The rightmost pole is at -129 /s, the farthest at -3.6e17 /s."""
-    found = taction.check(CASES / "margin-min.cir", ngspice=False)
-    drawn = pole_map(found.poles)
-    assert drawn.views[0].x is not None
-    assert -1e3 < drawn.views[0].x[0] < found.poles.rightmost.real < drawn.views[0].x[1]
-    texts = [mark.text for mark in drawn.marks if isinstance(mark, Text)]
-    assert any("3 farther" in text for text in texts)
 
 
 def test_a_sweep_shows_the_values_around_a_crossing_first_and_a_family(tmp_path: Path) -> None:

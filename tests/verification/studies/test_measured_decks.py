@@ -257,38 +257,6 @@ def test_only_parts_of_the_board_are_listed(tmp_path: Path) -> None:
     assert {part.name for part in found.parts} == {"R1", "R2", "C2"}
 
 
-CLAMP = """.param f=1k
-.param t = 1/f double={2*t} third = double / 2
-.subckt clamped p n vcc vee out params: gain=20k pole=20
-Voff p q dc {1m*(temp - 27)}
-G1 0 x q n 100u
-R1 x 0 {gain/100u}
-C1 x 0 {1/(6.283185307179586*gain/100u*pole)} ic=0
-E1 y 0 x 0 1
-Ro y out 10
-E2 low 0 vee 0 1
-E3 high 0 vcc 0 1
-D1 low x limit
-D2 x high limit
-.model limit d n=0.01
-.ends
-Vp vp 0 15
-Vm vm 0 -15
-V1 in 0 PULSE(0 10m 1u)
-R1 in m 10k
-R2 m out 20k
-X1 0 m vp vm out clamped
-C1 m 0 {t*1p}"""
-
-
-def test_an_opamp_beside_parameters_without_braces(tmp_path: Path) -> None:
-    """With the gain A at DC and the noise gain N = 3 the pole is near -2 pi f (1 + A / N)."""
-    found = checked(tmp_path, CLAMP)
-    assert agrees(found)
-    loop = 1.0 + 2e4 / (3.0 + 10.0 / 1e4)
-    assert found.poles.rightmost.real == pytest.approx(-2.0 * math.pi * 20.0 * loop, rel=1e-3)
-
-
 def test_a_parameter_moves_the_point(tmp_path: Path) -> None:
     """The conductance of a diode follows a .param that sets its current."""
     text = ".param amps=1m\n.model dd d(is=1e-14)\nI1 0 out {amps}\nD1 out 0 dd\nC1 out 0 1u"
