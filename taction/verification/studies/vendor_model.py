@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.branches import Source, VoltageBetween
 from taction.netlist_gen.board.linear_models import record_of
 from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
 from taction.netlist_gen.deck.flat_cards import CardError, Flat, circuit_of
@@ -48,7 +47,6 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.stability.poles import poles
 from taction.verification.studies.witnesses import small_signals
 
-P = TypeVar("P", Resistor, Capacitor, Branch)
 GOOD = 1e-4  # largest relative difference from ngspice of a linear model that serves as a witness
 EVERY = 4  # of the measured frequencies: 10 a decade are compared
 BENCH = (*DRIVEN, "vinn", "vmid", "eservo", *SERVO, "hof_inn", "hof_inp", "hof_vcc")
@@ -250,19 +248,16 @@ def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> Li
     flat = linear_flat(point, simulator)
     if moving := [card for card, found in flat.stimuli.items() if found.moves]:
         raise CardError(f"{moving[0]} changes over time")
-    found = poles(LinearBoard(circuit_of(_held(flat), "bench", (OUT,))))
+    held = _with(flat, "eservo", value=0.0)  # both inputs; 1 GF of the servo hides other poles
+    held.capacitors[:] = [part for part in flat.capacitors if part.card.lower() != "cslow"]
+    found = poles(LinearBoard(circuit_of(held, "bench", (OUT,))))
     if found.known_unstable:
         raise CardError(f"the netlist itself has a pole at {show_rate(found.rightmost.real)}")
     hertz, wanted = seen.frequencies[::EVERY], seen.every[:, :, ::EVERY]
     ours, least = np.empty_like(wanted), np.array([*PORTS.values()])[:, None]
     for k, name in enumerate(DRIVEN):
-        branches = [
-            replace(part, value=1.0, before=0.0)
-            if isinstance(part, Source) and part.card.lower() == name
-            else part
-            for part in flat.branches
-        ]
-        board = LinearBoard(circuit_of(replace(flat, branches=branches), "bench", (OUT,)))
+        driven = _with(flat, name, value=1.0, before=0.0)
+        board = LinearBoard(circuit_of(driven, "bench", (OUT,)))
         descriptor = board.descriptor
         places = [descriptor.place(port) for port in PORTS]
         b = descriptor.switched[:, None]
@@ -277,20 +272,10 @@ def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> Li
     return LinearModel(_parts(flat), worst, (float(hertz[0]), float(hertz[-1])))
 
 
-def _held(flat: Flat) -> Flat:
-    """Return the bench with both inputs held, without the servo, whose 1e9 F hide the others."""
-
-    def kept(parts: Iterable[P]) -> list[P]:
-        return [part for part in parts if part.card.lower() not in SERVO]
-
-    branches = [
-        VoltageBetween(part.name, part.a, part.b, 0.0, 0.0)
-        if part.card.lower() == "eservo"
-        else part
-        for part in kept(flat.branches)
-    ]
-    resistors, capacitors = kept(flat.resistors), kept(flat.capacitors)
-    return replace(flat, branches=branches, resistors=resistors, capacitors=capacitors)
+def _with(flat: Flat, card: str, **values: float) -> Flat:
+    """Return flat cards with other values of one source."""
+    branches = [replace(p, **values) if p.card.lower() == card else p for p in flat.branches]
+    return replace(flat, branches=branches, capacitors=[*flat.capacitors])
 
 
 def _parts(flat: Flat) -> tuple[LinearPart, ...]:
