@@ -11,11 +11,9 @@ from typing import Any
 
 import pytest
 
-from taction.netlist_gen.scene.wires import WiresTable
-from taction.spice_models.input_errors import NONE
 from taction.verification.studies.difference import compare_verdicts
 from tests.support.entries import write_fast
-from tests.support.paths import DATA, SCENES
+from tests.support.paths import SCENES
 from tests.support.running import document, taction
 
 
@@ -76,33 +74,6 @@ def test_stored_documents_are_compared_without_a_run(tmp_path: Path) -> None:
     result = taction("diff", str(stored), scene)
     assert result.exit_code == 1
     assert "keys: unknown" in result.stdout
-
-
-def test_a_verdict_of_version_1_is_read(tmp_path: Path) -> None:
-    """It was stored before the documents became types; its readings are those of today."""
-    stored = str(DATA / "verdict-of-version-1.json")
-    assert json.loads(Path(stored).read_text())["taction"]["schema"] == "verify-1"
-    scene, today = str(SCENES / "custom-matrix.toml"), tmp_path / "today.json"
-    as_then = ["opamp=tl084", "opamp.input_errors=none", "unit_voltage=1V"]
-    settings = [word for text in as_then for word in ("--set", f"design.{text}")]
-    settings += ["--set", "analysis.points_per_period=30"]
-    run = taction("verify", scene, *settings, "--engine", "statespace", "--json")
-    today.write_text(run.stdout, encoding="utf-8")
-    found = document(result := taction("diff", stored, str(today), "--json"))
-    assert result.exit_code == 0
-    assert len(found["readings"]) > 30
-    assert not [each for each in found["readings"] if each["beyond"] is not False]
-    assert {key["key"] for key in found["keys"]} == {
-        "design.exponential_slope",
-        "design.negative_entries",  # a key of later versions, as the others
-        *("design.ridge_share", "design.strain_input"),
-        *(f"wires.{name}" for name in WiresTable.model_fields if name != "file"),
-        *("design.opamp.input_errors", "design.opamp.model"),
-        *(f"design.opamp.{name}" for name in NONE),
-        *(f"design.opamp.{name}" for name in ("offset_drift", "bias_drift", "bias_doubling")),
-        *("design.opamp.supply_rejection", "design.supply_tolerance"),
-        "design.temperature_coefficient",
-    }
 
 
 def test_a_file_of_the_same_name_with_another_content_is_a_difference(tmp_path: Path) -> None:
