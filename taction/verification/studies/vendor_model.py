@@ -272,7 +272,7 @@ def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> Li
     return LinearModel(_parts(flat), worst, (float(hertz[0]), float(hertz[-1])))
 
 
-def _with(flat: Flat, card: str, **values: float) -> Flat:
+def _with(flat: Flat, card: str, **values: Any) -> Flat:
     """Return flat cards with other values of one source."""
     branches = [replace(p, **values) if p.card.lower() == card else p for p in flat.branches]
     return replace(flat, branches=branches, capacitors=[*flat.capacitors])
