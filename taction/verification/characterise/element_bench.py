@@ -32,52 +32,24 @@ Table = Mapping[str, complex]  # values by vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredElement:
-    """An element with its small signal between its ports.
-
-    Attributes
-    ----------
-    element : Element
-        What was measured.
-    G, C : ndarray
-        Conductances and capacitances (rows read, columns held), or gains and their rates.
-    rest : ndarray
-        What is read at rest: currents, A, or voltages, V.
-    held : ndarray
-        What is held at rest, V and A.
-    ports : tuple of str
-        Nodes of the terminals, behind their resistances.
-    resistors : tuple
-        Terminal, inner node and ohms of each resistance.
-    outer : float
-        Capacitance of a transistor from its base, before the resistance, to its collector, F.
-    """
+    """An element with its small signal between its ports."""
 
     element: Element
-    G: Floats
-    C: Floats
-    rest: Floats
-    held: Floats
-    ports: tuple[str, ...] = ()
-    resistors: tuple[tuple[str, str, float], ...] = field(default=())
-    outer: float = 0.0
+    G: Floats  # conductances (rows read, columns held), or gains
+    C: Floats  # capacitances, or rates of gains
+    rest: Floats  # what is read at rest: currents, A, or voltages, V
+    held: Floats  # what is held at rest, V and A
+    ports: tuple[str, ...] = ()  # nodes of the terminals, behind their resistances
+    resistors: tuple[tuple[str, str, float], ...] = field(default=())  # terminal, inner node, ohm
+    outer: float = 0.0  # of a transistor, from its base, before the resistance, to its collector, F
 
 
 def measured(
     cards: SortedCards, volts: Mapping[str, float], options: str, simulator: Simulator
 ) -> list[MeasuredElement]:
-    """Measure every element where it rests.
+    """Measure every element where it rests; `volts` and `options` are those of its `DeckPoint`.
 
-    Parameters
-    ----------
-    volts : mapping of str to float
-        The operating point: voltages by node, V, and currents by ``name#branch``, A.
-    options : str
-        Of the deck, such as gmin.
-
-    Raises
-    ------
-    CardError
-        An element is not of the form ``G + s C``, or ngspice does not measure it.
+    `CardError`: an element is not of the form ``G + s C``, or ngspice does not measure it.
     """
     if not cards.elements:
         return []

@@ -35,10 +35,7 @@ SAME = 1e-12  # of two gains with opposite signs: they are one of a difference
 def linear_flat(point: DeckPoint, simulator: Simulator) -> Flat:
     """Return the linear parts of a deck at its operating point; those measured are no knobs.
 
-    Raises
-    ------
-    CardError
-        An element is not of the form ``G + s C``, or ngspice does not measure it.
+    `CardError`: an element is not of the form ``G + s C``, or ngspice does not measure it.
     """
     assert point.found is not None  # noqa: S101 - `find_point` sorts them
     flat = read_cards(point.found.linear)

@@ -45,39 +45,17 @@ MODES = ("psa", "")  # PSpice's ways first; what they break is read in ngspice's
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeckPoint:
-    """Where a deck rests.
+    """Where a deck rests."""
 
-    Attributes
-    ----------
-    lines : tuple of str
-        The deck's text, as ngspice reads it in `mode`.
-    cards : tuple of str
-        Its flat cards.
-    weights : mapping of str to float
-        The current into each node, A for 1 V of the source `PROBE`.
-    options : str
-        Of the deck, such as gmin.
-    mode : str
-        Of ngspice: see `MODES`.
-    found : SortedCards
-        The flat cards, sorted; None of a linear deck, whose points are all alike.
-    volts : mapping of str to float
-        Voltages by node, V, currents by ``name#branch``, A, and what transistors say of themselves.
-    limits : str
-        Tolerances of ngspice with which it was found.
-    text : tuple of str
-        With this text, after `AT_ONCE`, ngspice finds the point again; empty where it does not.
-    """
-
-    lines: tuple[str, ...]
-    cards: tuple[str, ...]
-    weights: Mapping[str, float]
-    options: str
-    mode: str
-    found: SortedCards | None
-    volts: Mapping[str, float]
-    limits: str
-    text: tuple[str, ...] = ()
+    lines: tuple[str, ...]  # the deck's text, as ngspice reads it in `mode`
+    cards: tuple[str, ...]  # flat ones
+    weights: Mapping[str, float]  # current into each node, A for 1 V of the source `PROBE`
+    options: str  # of the deck, such as gmin
+    mode: str  # of ngspice: see `MODES`
+    found: SortedCards | None  # the cards, sorted; None of a linear deck
+    volts: Mapping[str, float]  # by node, V; currents by ``name#branch``, A; what transistors say
+    limits: str  # tolerances of ngspice with which it was found
+    text: tuple[str, ...] = ()  # with it, after `AT_ONCE`, ngspice finds the point again; or empty
 
     @classmethod
     def of(
@@ -125,10 +103,7 @@ def find_point(
 ) -> DeckPoint:
     """Return where a deck rests; it is read in the first of the `modes` that expands it.
 
-    Raises
-    ------
-    CardError
-        ngspice does not expand it, or finds no point; or a card is not read.
+    `CardError`: ngspice does not expand it, or finds no point; or a card is not read.
     """
     first, said = Answers((), "", ""), ""
     commands = [f"listing expand > {TEXT}", "save all", "op", f"write {RESULT}"]

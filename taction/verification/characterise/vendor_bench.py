@@ -108,25 +108,13 @@ class VendorBench:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Responses:
-    """What a vendor's subcircuit shows on its bench.
+    """What a vendor's subcircuit shows on its bench."""
 
-    Attributes
-    ----------
-    frequencies : ndarray (P,)
-        Hz.
-    every : ndarray (3, 4, P)
-        `PORTS` for 1 V or 1 A of each of `DRIVEN`.
-    output, inverting : float
-        At rest, V from the middle of the supplies.
-    into_inverting, into_other, supply_current : float
-        At rest, A.
-    """
-
-    frequencies: Floats
-    every: Complexes
-    output: float
+    frequencies: Floats  # (P,), Hz
+    every: Complexes  # (3, 4, P): `PORTS` for 1 V or 1 A of each of `DRIVEN`
+    output: float  # at rest, V from the middle of the supplies, as `inverting`
     inverting: float
-    into_inverting: float
+    into_inverting: float  # A, as the others
     into_other: float
     supply_current: float
 
@@ -153,13 +141,7 @@ class Responses:
 
 
 def respond(bench: VendorBench, point: DeckPoint, simulator: Simulator) -> Responses:
-    """Return operating point and small signals of a bench at the `point` that was found of it.
-
-    Raises
-    ------
-    SimulationError
-        ngspice does not find this point again.
-    """
+    """Return operating point and small signals of a bench at the `point` that was found of it."""
     commands = [*([AT_ONCE] if point.text else []), "save all", "op", f"write {RESULT}"]
     for source in DRIVEN:  # each from a new start, which the same point follows
         commands += [

@@ -34,40 +34,18 @@ SAME = 1e-9  # relative distance of a point from an edge at which it counts as t
 
 @dataclass(frozen=True, slots=True)
 class SweptValue:
-    """A value to sweep.
+    """A value to sweep."""
 
-    Attributes
-    ----------
-    name : str
-        Of the part, as the deck writes it, or of the ``.param``.
-    knob : Knob or None
-        Of the part.
-    unit : str
-        Empty for a plain number.
-    own : float or None
-        What the part has.
-    values : sequence of float
-        SI base unit.
-    logarithmic : bool
-        Whether they are spaced by factors.
-    """
-
-    name: str
-    knob: Knob | None
-    unit: str
-    own: float | None
-    values: Sequence[float]
-    logarithmic: bool
+    name: str  # of the part, as the deck writes it, or of the ``.param``
+    knob: Knob | None  # of the part
+    unit: str  # empty for a plain number
+    own: float | None  # what the part has
+    values: Sequence[float]  # SI base unit
+    logarithmic: bool  # whether they are spaced by factors
 
     @classmethod
     def of(cls, text: str, deck: ForeignBoard) -> SweptValue:
-        """Read ``NAME``, ``NAME=LOW:HIGH`` or ``NAME=LOW:HIGH:POINTS``.
-
-        Raises
-        ------
-        InputError
-            A name that the board does not have, or a range that is none.
-        """
+        """Read ``NAME``, ``NAME=LOW:HIGH`` or ``NAME=LOW:HIGH:POINTS``."""
         name, _, body = (part.strip() for part in text.partition("="))
         circuit, lower = deck.circuit, name.lower()
         parts = {knob.name.lower(): knob for knob in circuit.knobs if knob.role}
@@ -158,11 +136,6 @@ def sweep_deck(deck: ForeignBoard, board: LinearBoard, swept: SweptValue, band: 
     """Find every crossing over one value, and the readings at each of the values.
 
     `board` is that of the deck, `band` that of the settling time.
-
-    Raises
-    ------
-    EngineError
-        The board has no equilibrium, or no state-space form.
     """
     values = swept.values
     family = Family.of(board, swept.knob) if swept.knob else Family.over(_over(deck, swept))

@@ -58,15 +58,6 @@ def compare_circuits(
 
     A scene or a verdict stands for its board; `refuse_pair` accepts them. `agree` is the accepted
     error of a record, as a share of the largest step.
-
-    Raises
-    ------
-    InputError
-        A file cannot be read, or the two have no output in common.
-    SimulationError
-        ngspice is missing, which expands the decks.
-    EngineError
-        A board has no equilibrium, or no exact solution for the whole record.
     """
     (one, name), (other, named) = _named(first), _named(second)
     if ends_with(one, RECORDS):

@@ -61,31 +61,15 @@ _CHARGE = re.compile(r"\bic\s*=\s*\S+")  # which does not count
 
 @dataclass(frozen=True, eq=False)
 class ForeignBoard:
-    """A deck that has been read.
+    """A deck that has been read."""
 
-    Attributes
-    ----------
-    deck : ForeignDeck
-        Its text.
-    flat : Flat
-        Its flat cards.
-    circuit : Circuit
-        The board: every part is a knob.
-    initial : str
-        ``"zero"`` for a transient with ``uic``, else ``"rest"``.
-    notes : tuple of str
-        What was done with the deck: the step, op-amps that were replaced, what was left out.
-    point : DeckPoint or None
-        Where a deck rests that is not linear.
-    """
-
-    deck: ForeignDeck
-    flat: Flat
-    circuit: Circuit
-    initial: Start
-    notes: tuple[str, ...]
+    deck: ForeignDeck  # its text
+    flat: Flat  # its flat cards
+    circuit: Circuit  # every part is a knob
+    initial: Start  # "zero" for a transient with ``uic``
+    notes: tuple[str, ...]  # the step, op-amps that were replaced, what was left out
     lines: tuple[str, ...] = ()  # as ngspice expands them
-    point: DeckPoint | None = None
+    point: DeckPoint | None = None  # where a deck rests that is not linear
 
     @property
     def at_rest(self) -> DeckPoint:
@@ -136,12 +120,8 @@ class ForeignBoard:
     def at(self, changes: Sequence[Mapping[str, float]]) -> list[Circuit | InputError]:
         """Return the circuit at some values of its ``.param`` cards; of a linear deck by one run.
 
-        Where a value gives no circuit, its error is in the place.
-
-        Raises
-        ------
-        InputError
-            ngspice does not expand the deck with one of them.
+        Where a value gives no circuit, its error is in the place; `InputError` where ngspice does
+        not expand the deck with one of them.
         """
         if self.point is not None:
             with more_time(VALUE_SECONDS * len(changes)):
@@ -242,13 +222,7 @@ def _with_values(line: str, changed: Mapping[str, float]) -> str:
 
 
 def _measured_flat(point: DeckPoint) -> tuple[Flat, str]:
-    """Return the linear parts of a deck at its operating point, and what was done.
-
-    Raises
-    ------
-    CardError
-        An element is not of the form ``G + s C``.
-    """
+    """Return the linear parts of a deck at its operating point, and what was done."""
     assert point.found is not None  # noqa: S101 - `find_point` sorts them
     flat, elements = linear_flat(point, find_simulator()), point.found.elements
     if not elements:

@@ -190,24 +190,12 @@ class Expected(NamedTuple):
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to be checked.
+    """What is to be checked."""
 
-    Attributes
-    ----------
-    tables : mapping of str to mapping
-        Keys of the checks that scenes have, too, by their names.
-    expected : tuple of Expected
-        Voltages at rest.
-    own : mapping of str to float
-        Limits of the other questions, by their names.
-    oscillates : bool
-        Whether the circuit has to oscillate. Without this it has to be stable.
-    """
-
-    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # keys of scenes' checks
     expected: tuple[Expected, ...] = ()
-    own: Mapping[str, float] = field(default_factory=dict)
-    oscillates: bool = False
+    own: Mapping[str, float] = field(default_factory=dict)  # limits of the other questions
+    oscillates: bool = False  # it has to; else it has to be stable
 
     @cached_property
     def limits(self) -> Checks:

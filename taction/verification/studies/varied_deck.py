@@ -167,13 +167,6 @@ def varied_outcomes(
     """Return the worst corners of a board within its tolerances, and the yield of its samples.
 
     `samples` are how many boards are drawn, and from which seed.
-
-    Raises
-    ------
-    InputError
-        A ``.param`` that varies is no number other than 0.
-    EngineError
-        The nominal board, or one at a corner, has no equilibrium.
     """
     count, seed = samples
     board, tally, pace = VariedDeck.of(found, deck, spread, asked), SampleCollection(count), Pace()

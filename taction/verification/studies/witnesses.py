@@ -156,13 +156,10 @@ def _ours(
 def small_signals(
     descriptor: Descriptor, b: Floats, hertz: Floats
 ) -> tuple[Complexes, Floats, Complexes]:
-    """Return the response of the unknowns to each column of b, at each frequency.
+    """Return the responses of the unknowns to each column of b, (B, F, size).
 
-    Returns
-    -------
-    tuple
-        The responses (B, F, size), infinite where they are singular; how far they change where
-        every value has an error of `ROUNDING`; and the inverse at the first frequency.
+    They are infinite where A is singular. With them: how far they change where every value has an
+    error of `ROUNDING`, and the inverse at the first frequency.
     """
     M, K = descriptor.dense.mass, descriptor.dense.stiffness
     found = [_solved(s * M - K, b) for s in 2j * math.pi * hertz]
@@ -208,20 +205,10 @@ def _sweeps(poles: Complexes, factor: float) -> Iterator[str]:
 def compare_transient(
     found: MeasuredBoard, write: Callable[[Transient, str], Deck], limit: float | None
 ) -> tuple[Agreement | None, str]:
-    """Compare ngspice's own transient with the exact one.
+    """Compare ngspice's own transient, whose deck `write` returns, with the exact one.
 
-    Parameters
-    ----------
-    write : callable
-        Returns ngspice's deck of a transient for a matrix solver.
-    limit : float or None
-        Accepted difference, in step amplitudes; None for `AGREE`.
-
-    Returns
-    -------
-    tuple
-        The agreement, or None; and what is to be said: why it was not compared, or that the record
-        was cut.
+    `limit` is the accepted difference, in step amplitudes; None for `AGREE`. Returned are the
+    agreement, or None; and why it was not compared, or that the record was cut.
     """
     amplitude, stop = found.amplitude, found.scales.stop
     if amplitude == 0.0:
@@ -251,11 +238,7 @@ def planned(found: MeasuredBoard, stop: float) -> tuple[Transient, float, str]:
     """Return ngspice's transient of a board up to an instant, s, for an error of `WANTED`.
 
     With it the forecast error, in step amplitudes, and what is to be said where it was cut.
-
-    Raises
-    ------
-    EngineError
-        No transient reaches this error.
+    `EngineError`: no transient reaches this error.
     """
     stable, cut = found.poles.known_stable, ""
 
