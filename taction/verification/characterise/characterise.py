@@ -56,11 +56,11 @@ class Bode:
         from scipy.interpolate import CubicSpline
         from scipy.optimize import brentq
 
-        place = np.log(self.frequency)
-        gain = CubicSpline(place, np.log(np.abs(self.response)))
-        phase = CubicSpline(place, np.unwrap(np.angle(self.response)))
-        k = int(np.flatnonzero(np.abs(self.response) < 1.0)[0])
+        place, size = np.log(self.frequency), np.log(np.abs(self.response))
+        k = int(np.flatnonzero(size < 0.0)[0])
+        gain = CubicSpline(place, size)
         root = float(brentq(lambda x: float(gain(x)), place[k - 1], place[k], xtol=1e-12))
+        phase = CubicSpline(place, np.unwrap(np.angle(self.response)))
         return math.exp(root), 180.0 + math.degrees(float(phase(root)))
 
 
@@ -95,8 +95,3 @@ def _reached(time: Floats, volts: Floats, level: float) -> float:
 def slope(time: Floats, volts: Floats, low: float, high: float) -> float:
     """Return the mean slope of a rising voltage between two levels, V/s."""
     return (high - low) / (_reached(time, volts, high) - _reached(time, volts, low))
-
-
-def supply_of(opamp: OpAmp) -> float:
-    """Return the supply of the test benches, ±V: 15 V, or the largest that the part allows."""
-    return min(15.0, opamp.most_supply)

@@ -124,20 +124,10 @@ class Responses:
         return np.asarray(-self.every[0, 0] / self.every[0, 1])
 
     @property
-    def other_gain(self) -> Complexes:
-        """Open-loop gain from the other input, (P,)."""
-        return np.asarray(self.every[1, 0])
-
-    @property
-    def impedance(self) -> Complexes:
-        """Output impedance, ohm, (P,)."""
-        return np.asarray(self.every[2, 0])
-
-    @property
     def admittances(self) -> tuple[Complexes, Complexes, Complexes]:
         """Of the inverting input, S, that of the other, and the other's current for 1 V here."""
-        of_inn, of_inp = (self.every[0, k] / self.every[0, 1] for k in (2, 3))
-        return of_inn, np.asarray(self.every[1, 3]), of_inp
+        of_inn, of_inp = self.every[0, 2:] / self.every[0, 1]
+        return of_inn, self.every[1, 3], of_inp
 
 
 def respond(bench: VendorBench, point: DeckPoint, simulator: Simulator) -> Responses:

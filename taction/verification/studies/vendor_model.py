@@ -132,7 +132,7 @@ def _no_opamp(measured: Responses, middle: float) -> str:
     f, gain, size = measured.frequencies, measured.gain, np.abs(measured.gain)
     least, ratio = CURRENT_FEEDBACK
     one, other, _ = (abs(each[0]) for each in measured.admittances)
-    if not (np.isfinite(gain).all() and np.isfinite(measured.impedance).all()):
+    if not (np.isfinite(gain).all() and np.isfinite(measured.every[2, 0]).all()):
         return "the response is not finite: are the pins right?"
     if one > max(least, ratio * other):
         return (
@@ -166,7 +166,7 @@ def _figures(
     """Return the figures of a data sheet, and why one of them is missing."""
     size, opened = np.abs(measured.gain), Bode(measured.frequencies, measured.gain)
     unity, margin = opened.crossing()
-    common = abs(measured.other_gain[0] / measured.gain[0] - 1.0)
+    common = abs(measured.every[1, 0, 0] / measured.gain[0] - 1.0)
     slew_rate = swing = None
     doubts: list[str] = []
     try:
@@ -177,7 +177,7 @@ def _figures(
         dc_gain=float(size[0]),
         unity_gain_bandwidth=unity,
         phase_margin=margin,
-        output_resistance=float(np.abs(measured.impedance[np.flatnonzero(size < 1.0)[0]])),
+        output_resistance=float(abs(measured.every[2, 0, np.flatnonzero(size < 1.0)[0]])),
         supply_current=max(measured.supply_current, 0.0),
         offset_voltage=measured.inverting,
         bias_current=0.5 * (measured.into_inverting + measured.into_other),

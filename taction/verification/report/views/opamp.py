@@ -11,7 +11,7 @@ from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
 from taction.system.foreign_text import visible
 from taction.system.quantities import show
-from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop, supply_of
+from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop
 from taction.verification.report.blocks import (
     DRAWN,
     EVERYWHERE,
@@ -124,7 +124,7 @@ def _rows(opamp: OpAmp, origins: Origins, documents: list[str]) -> Iterator[tupl
         named = dict.fromkeys(filter(None, map(reference, (origin.document, origin.limit))))
         yield (Cell(title), _cell(value, unit), limit, Cell(" ".join(named)), Cell(origin.note))
         if name == "saturation":
-            supply = supply_of(opamp)
+            supply = min(15.0, opamp.most_supply)
             note = Cell(f"at \N{PLUS-MINUS SIGN}{supply:g} V")
             yield (Cell("output swing"), _cell(opamp.swing(supply), "V"), Cell(""), Cell(""), note)
 
