@@ -24,13 +24,7 @@ ROW = '<tr style="background:none">{}</tr>'
 
 
 def facts_card(kind: str, title: str, facts: Sequence[tuple[str, str]]) -> str:
-    """Return names and values as one ``<div>``.
-
-    Examples
-    --------
-    >>> facts_card("Scene", "a<b", [("C", "10 pF")]).count("a&lt;b")
-    1
-    """
+    """Return names and values as one ``<div>``."""
     return boxed([head(kind, title), facts_table(facts)])
 
 

@@ -15,11 +15,6 @@ _NUMBER = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?)([a-z]*)")
 def number(text: str) -> float:
     """Return a SPICE number: ``M`` is milli, ``MEG`` mega, further letters are a unit.
 
-    Raises
-    ------
-    ValueError
-        The text is no number, or not finite.
-
     Examples
     --------
     >>> number("2.2k"), number("10meg"), number("3pf")

@@ -129,13 +129,7 @@ def instance(subcircuit: Subcircuit, pins: tuple[str, ...], compensation: float 
 
 
 def check_pins(pins: tuple[str, ...], ports: tuple[str, ...]) -> None:
-    """Check that every port has a role, and every role but `REST` one port.
-
-    Raises
-    ------
-    ValueError
-        The text says what is expected.
-    """
+    """Raise ValueError unless every port has a role, and every role but `REST` one port."""
     named = [role for role in pins if role not in (REST, COMPENSATION)]
     if len(pins) != len(ports) or sorted(named) != sorted(ROLES):
         raise ValueError(

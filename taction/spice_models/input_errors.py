@@ -202,14 +202,6 @@ def drawn(opamp: OpAmp, deviations: Mapping[str, float], name: str = "") -> OpAm
 
     An error without a deviation has its mean. The op-amp that is returned does not vary any more;
     it has the `name`, by default that of the type.
-
-    Examples
-    --------
-    >>> from taction.spice_models.presets import load_presets
-    >>> typical = with_input_errors(load_presets()["ua741"], "typical", {})
-    >>> one = drawn(typical, {"common_mode_rejection": -1.0})
-    >>> one.offset_voltage, one.rejection_error < 0.0
-    (0.0, True)
     """
     values: dict[str, Any] = {}
     for error, each in opamp.varying:
@@ -225,14 +217,7 @@ def drawn(opamp: OpAmp, deviations: Mapping[str, float], name: str = "") -> OpAm
 
 
 def not_known(models: Collection[OpAmp]) -> tuple[str, ...]:
-    """Return a sentence for each op-amp whose sheet lacks figures of its input errors.
-
-    Examples
-    --------
-    >>> from taction.spice_models.presets import load_presets
-    >>> not_known([with_input_errors(load_presets()["ideal"], "typical", {})])
-    ('op-amp ideal: input errors not known, so offset, bias current and CMRR are left out',)
-    """
+    """Return a sentence for each op-amp whose sheet lacks figures of its input errors."""
     found = []
     for model in {each.name: each for each in models}.values():
         name, lacking = opamp_name(model.name), model.not_known

@@ -270,10 +270,7 @@ def poles_from_phase_margin(
 ) -> tuple[float, float]:
     """Return ``(gbw, second_pole)`` in Hz from figures of data sheets (V/V, Hz, degrees).
 
-    Raises
-    ------
-    ValueError
-        No pair of real poles has this margin.
+    It raises ValueError where no pair of real poles has this margin.
     """
     a, b = _relative_poles(dc_gain, phase_margin)
     second_pole = unity_gain_bandwidth / b if b > 0.0 else math.inf
@@ -281,13 +278,7 @@ def poles_from_phase_margin(
 
 
 def second_pole_from_phase_margin(dc_gain: float, gbw: float, phase_margin: float) -> float:
-    """Return the second pole in Hz that leaves `phase_margin` (degrees) at a given `gbw` (Hz).
-
-    Raises
-    ------
-    ValueError
-        No pair of real poles has this margin, or `gbw` is infinite.
-    """
+    """Return the second pole, Hz, of a `phase_margin` (degrees) at a `gbw` (Hz), or raise."""
     if math.isinf(gbw):
         raise ValueError(f"phase_margin = {phase_margin!r}: needs a finite gbw, not {gbw!r}")
     a, b = _relative_poles(dc_gain, phase_margin)

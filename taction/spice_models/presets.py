@@ -130,13 +130,6 @@ def figure_origins(name: str) -> dict[str, Origin]:
     """Return where the figures of a preset come from, by their keys in the file.
 
     Nothing is known about an op-amp of another package.
-
-    Examples
-    --------
-    >>> figure_origins("ua741")["saturation"].note
-    '14 V of 15 V into 10 kohm'
-    >>> figure_origins("ua741")["voltage_noise"].document
-    'assumed'
     """
     table = _tables().get(name, {})
     lists: Mapping[str, list[str]] = table.get("origin", {})
@@ -183,12 +176,6 @@ def derive(base: OpAmp, name: str, **figures: float) -> OpAmp:
 
 
 def opamp_name(name: str) -> str:
-    """Return the name of an op-amp model in words.
-
-    Examples
-    --------
-    >>> opamp_name("ua741"), opamp_name("ideal_changed")
-    ('ua741', 'ideal with changed figures')
-    """
+    """Return the name of an op-amp model in words."""
     base = name.removesuffix("_changed")
     return name if base == name else f"{base} with changed figures"

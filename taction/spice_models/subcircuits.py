@@ -193,11 +193,6 @@ def amplifier_lines(stage: BehaviouralAmplifier, expression: str) -> tuple[str, 
     A stage is a ``B`` card. ngspice cuts a number in a B expression to 11 digits, so a `v_scale`
     other than 1 V is the gain of a card ``Ex{name}`` before it (node ``{name}_x``), and a `u_scale`
     other than 1 V the gain of a card ``Eu{name}`` after it (node ``{name}_g``).
-
-    Raises
-    ------
-    ValueError
-        The expression is empty: a stage of an op-amp.
     """
     if not expression:
         raise ValueError(f"{stage.name}: an op-amp stage has no behavioural source")

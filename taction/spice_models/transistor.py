@@ -60,13 +60,7 @@ class Transistor:
 
 
 def thermal_voltage(celsius: float) -> float:
-    """Return ``k T / q`` in V at a temperature in degrees C.
-
-    Examples
-    --------
-    >>> round(thermal_voltage(27.0), 6)
-    0.025865
-    """
+    """Return ``k T / q`` in V at a temperature in degrees C."""
     return BOLTZMANN * (celsius + ZERO_CELSIUS) / ELECTRON
 
 

@@ -48,13 +48,7 @@ def _may_read(path: str | Path) -> bool:
 
 @contextmanager
 def open_regular(path: str | Path) -> Iterator[BinaryIO]:
-    """Open a regular file to read bytes, and never wait for another process.
-
-    Raises
-    ------
-    UnusableFileError
-        There is no such file, the file is no regular file, or it may not be read.
-    """
+    """Open a regular file to read bytes, without waiting, or raise `UnusableFileError`."""
     if not _may_read(path):
         raise UnusableFileError(f"outside of the folders that are read ({FOLDERS})")
     try:
@@ -71,13 +65,7 @@ def open_regular(path: str | Path) -> Iterator[BinaryIO]:
 
 
 def read_text(path: str | Path, limit: int) -> str:
-    """Return the text of a UTF-8 file of at most `limit` bytes, without its byte order mark.
-
-    Raises
-    ------
-    UnusableFileError
-        See `read_bounded`; or the file is not UTF-8.
-    """
+    """Return the text of a UTF-8 file of at most `limit` bytes, without its byte order mark."""
     content = read_bounded(path, limit)
     try:
         return content.decode("utf-8-sig")
@@ -88,13 +76,7 @@ def read_text(path: str | Path, limit: int) -> str:
 
 
 def read_bounded(path: str | Path, limit: int) -> bytes:
-    """Return the content of a regular file of at most `limit` bytes.
-
-    Raises
-    ------
-    UnusableFileError
-        See `open_regular`; or the file is larger.
-    """
+    """Return the content of a regular file of at most `limit` bytes."""
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         content = b"" if size > limit else _read(file, limit + 1)
@@ -104,13 +86,7 @@ def read_bounded(path: str | Path, limit: int) -> bytes:
 
 
 def read_ends(path: str | Path, limit: int) -> str:
-    """Return the text of a regular file; of a file over `limit` bytes only beginning and end.
-
-    Raises
-    ------
-    UnusableFileError
-        See `open_regular`.
-    """
+    """Return the text of a regular file; of a file over `limit` bytes only beginning and end."""
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size <= limit:

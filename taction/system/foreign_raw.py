@@ -27,24 +27,7 @@ ACCEPTED = "expected the raw file of one transient, as `ngspice -b -r FILE` writ
 
 
 def read_transient(file: str | Path) -> Waveforms:
-    """Read the node voltages of the one transient of a raw file; node names in lower case.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is cut off, or is no raw file of one transient; spicelib is missing
-        for a form that needs it.
-
-    Examples
-    --------
-    >>> import pathlib, taction, tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     place = pathlib.Path(folder, "waves.raw")
-    ...     made = taction.simulate("scenes/tuned-breadboard.toml", output=place)
-    ...     read = read_transient(place)
-    >>> bool((read["v_4"] == made.waveforms["v_4"]).all())
-    True
-    """
+    """Read the node voltages of the one transient of a raw file, by names in lower case."""
     path = Path(file)
     try:
         vectors, table = _columns(path)

@@ -52,13 +52,7 @@ def wires_of(scene: Scene) -> Wires | None:
 
 
 def device_of(scene: Scene) -> Device | None:
-    """Return the devices of a scene; None for resistors.
-
-    Raises
-    ------
-    InputError
-        A window or levels that are none.
-    """
+    """Return the devices of a scene; None for resistors. Refuse a window that is none."""
     asked = scene.devices
     if not asked.model_fields_set:
         return None

@@ -91,13 +91,7 @@ class Device:
         return cls(least, most, programming_error=error, source=str(table["source"]), **own)
 
     def settable(self, siemens: Floats) -> Floats:
-        """Return the conductances that are aimed at for those that are wanted; zeros stay.
-
-        Examples
-        --------
-        >>> Device(1e-6, 9e-6, levels=5).settable(np.array([0.0, 0.4e-6, 5.9e-6, 1e-3])).round(9)
-        array([0.e+00, 1.e-06, 5.e-06, 9.e-06])
-        """
+        """Return the conductances that are aimed at for those that are wanted; zeros stay."""
         aimed = np.clip(siemens, self.least, self.most)
         if self.levels:
             step = (self.most - self.least) / (self.levels - 1)
@@ -115,14 +109,7 @@ class Device:
         return max(math.log(self.age / self.drift_start), 0.0) if self.age else 0.0
 
     def drifted(self, siemens: Floats) -> Floats:
-        """Return what devices have now that had `siemens` when they were programmed; zeros stay.
-
-        Examples
-        --------
-        >>> old = Device(drift=Logarithmic(0.05), age=100.0)
-        >>> old.drifted(np.array([0.0, 1e-5])).round(9)
-        array([0.000e+00, 7.943e-06])
-        """
+        """Return what devices have now that had `siemens` when they were programmed; zeros stay."""
         return siemens * self._kept(siemens) if self.decades else siemens
 
     def programmed_for(self, siemens: Floats) -> Floats:
@@ -158,13 +145,7 @@ class Device:
         return found
 
     def spread(self, siemens: Floats) -> Floats:
-        """Return the standard deviation of devices for all reasons together, S.
-
-        Examples
-        --------
-        >>> load_devices()["rram-milo"].spread(np.array([100e-6])).round(12)
-        array([3.8713e-06])
-        """
+        """Return the standard deviation of devices for all reasons together, S."""
         parts = [each**2 for each in self.spreads(siemens).values()]
         return np.sqrt(np.sum(parts, axis=0)) if parts else np.zeros_like(siemens)
 
@@ -173,12 +154,6 @@ class Device:
 
         The tails of the deviations are the cells that are stuck; what is between them is as normal
         as without these.
-
-        Examples
-        --------
-        >>> half = Device(1e-6, 9e-6, stuck_at_least=0.25, stuck_at_most=0.25)
-        >>> half.programmed(np.full(3, 5e-6), np.array([-1.0, 0.0, 1.0]))
-        array([1.e-06, 5.e-06, 9.e-06])
         """
         low = high = np.zeros(siemens.shape, dtype=np.bool_)
         if self.stuck:

@@ -71,13 +71,7 @@ def part_of(record: LinearPart) -> Resistor | Capacitor | Branch:
 
 
 def check_parts(records: Iterable[LinearPart]) -> None:
-    """Check the records of a file: kinds, controls, and values that a part can have.
-
-    Raises
-    ------
-    ValueError
-        The text names the part and says what is expected.
-    """
+    """Raise ValueError for a record of a file with a kind, control or value that no part has."""
     every = tuple(records)
     cards = {record.letter + record.name for record in every}
     if len(cards) < len(every):

@@ -25,11 +25,6 @@ def choose_opamp(scene: Scene) -> OpAmp:
 
     Offset, input currents and common-mode error are in its macromodel as ``input_errors`` says; at
     ``"none"`` those that the scene gives.
-
-    Raises
-    ------
-    InputError
-        The changed figures contradict each other, or the op-amp does not work at the supply.
     """
     choice, supply = scene.design.opamp, scene.design.supply
     if choice.file is not None:
@@ -56,14 +51,7 @@ def choose_opamp(scene: Scene) -> OpAmp:
 
 
 def imported_opamp(scene: Scene, file: str) -> OpAmp:
-    """Return the op-amp of a file, beside the scene; its netlist is checked again.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read or is not accepted, the scene has another supply than the
-        measurement, or it does not start at rest.
-    """
+    """Return the op-amp of a file beside the scene, its netlist checked again, or refuse it."""
     path = scene.folder / file
     try:
         name, imported = from_document(json.loads(read_bounded(path, MEGABYTE)))

@@ -193,15 +193,7 @@ ANY_PART = AcceptedParts({}, any_part=True)
 
 
 def broken_limits(circuit: Circuit, rest: Rest | None = None) -> dict[str, BrokenLimit]:
-    """Return the warnings by the kind of part and the limit that it breaks.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
-    >>> list(broken_limits(taction.synthesise(scene)))[0]
-    'matrix resistors above 10 Mohm'
-    """
+    """Return the warnings by the kind of part and the limit that it breaks."""
     stray = max((part.farads for part in circuit.capacitors_of(Role.STRAY)), default=0.0)
     values, found = dict(_values(circuit, rest)), dict[str, BrokenLimit]()
     for limit in LIMITS:

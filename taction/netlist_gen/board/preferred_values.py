@@ -78,13 +78,6 @@ def values_between(low: float, high: float, series: str) -> Floats:
     """Return the values of a series from `low` to `high`, increasing, (P,).
 
     ``"exact"`` stands for all numbers of three digits.
-
-    Examples
-    --------
-    >>> values_between(1e-11, 2.2e-11, "E6").tolist()
-    [1e-11, 1.5e-11, 2.2e-11]
-    >>> len(values_between(1.0, 10.0, "exact"))
-    901
     """
     first, last = math.floor(math.log10(low)), math.floor(math.log10(high))
     if series == "exact":
@@ -97,13 +90,7 @@ def values_between(low: float, high: float, series: str) -> Floats:
 
 
 def buyable(value: float, series: str) -> float:
-    """Return the nearest value of a series, or the value with three digits.
-
-    Examples
-    --------
-    >>> buyable(1.2345e6, "exact"), buyable(1.2345e6, "E24")
-    (1230000.0, 1200000.0)
-    """
+    """Return the nearest value of a series, or the value with three digits."""
     if series == "exact":
         return float(f"{value:.{DIGITS - 1}e}")
     return float(nearest(np.array([value]), series)[0])

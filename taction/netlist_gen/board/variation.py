@@ -40,13 +40,7 @@ class Parameter:
 
 
 def parameters(circuit: Circuit, tolerances: Tolerances) -> tuple[Parameter, ...]:
-    """Return all values that vary, in the order of the z of `vary`.
-
-    Raises
-    ------
-    InputError
-        ``tolerances.parts`` names a part that the board does not have.
-    """
+    """Return all values that vary, in the order of the z of `vary`; refuse an unknown part."""
     pairs, own = dict(varying_parts(circuit)), tolerances.parts
     if unknown := [name for name in own if name not in pairs or name == TEMPERATURE]:
         known = difflib.get_close_matches(unknown[0], pairs, n=1, cutoff=0.0)
@@ -141,11 +135,6 @@ def vary(circuit: Circuit, tolerances: Tolerances, z: Floats) -> Circuit:
     An op-amp's gain-bandwidth product and second pole have the same factor, independent of its DC
     gain. Each of its input errors has the mean of its distribution and z times the tolerance. The
     temperature changes all parts of a kind by ``exp(drift z temperature)``.
-
-    Raises
-    ------
-    InputError
-        The DC gain of an op-amp becomes 1 or less, or a coupling of coils 1 or more.
     """
     varied = parameters(circuit, tolerances)
     shift = {p.name: float(value) for p, value in zip(varied, z, strict=True)}

@@ -82,13 +82,7 @@ class Wires:
         return (self.sense, self.driver) if by_column else (self.driver, self.sense)
 
     def distances(self, shape: tuple[int, int]) -> tuple[Floats, Floats]:
-        """Return pitches from a word line's port to its crossings, (N,), and a bit line's, (M,).
-
-        Examples
-        --------
-        >>> [each.tolist() for each in Wires(corner="bottom-left").distances((2, 3))]
-        [[1.0, 2.0, 3.0], [2.0, 1.0]]
-        """
+        """Return pitches from a word line's port to its crossings, (N,), and a bit line's, (M,)."""
         vertical, _, side = self.corner.partition("-")
         down, along = (np.arange(1.0, count + 1.0) for count in shape)
         return along[:: 1 if side == "left" else -1], down[:: 1 if vertical == "top" else -1]
@@ -225,12 +219,6 @@ def compensated(siemens: Floats, wires: Wires, *, by_column: bool) -> Floats:
     because wires alone take more, or because the neighbours of a small entry give more, or one that
     is zero would be needed, the result is what the steps came closest to, in the norm of all
     entries.
-
-    Examples
-    --------
-    >>> found = compensated(np.array([[0.25]]), Wires(1.0, 1.0), by_column=True)
-    >>> bool(abs(found[0, 0] - 0.5) < 1e-12)
-    True
     """
     values = np.ascontiguousarray(siemens).tobytes()
     lines = wires.word_line, wires.bit_line, wires.corner

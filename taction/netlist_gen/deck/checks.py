@@ -36,15 +36,11 @@ _NAMES: dict[str, Callable[[Any], tuple[str, ...]]] = {  # fields of the parts t
 
 
 def check_circuit(circuit: Circuit) -> None:
-    """Check every name and value of `circuit`.
+    """Raise ValueError for a name or a value that must not reach a simulator.
+
+    Only a circuit that was not made from a scene has one.
 
     ngspice runs a line after a newline in a name as a command, and reads 1/0 as 1e32.
-
-    Raises
-    ------
-    ValueError
-        A name that is not ``[A-Za-z][A-Za-z0-9_]*``, or a value that is not finite and above zero.
-        Only a circuit that was not made from a scene can cause it.
     """
     if not SCENE_NAME.fullmatch(circuit.name):
         raise ValueError(f"{circuit.name!r} is not a valid name of a scene")
@@ -87,13 +83,7 @@ def _names(circuit: Circuit) -> Iterator[str]:
 def check_request(
     analysis: Analysis, saved: Sequence[str], solver: str, matrix_file: str | None
 ) -> None:
-    """Check the nodes, options, file names and times that a deck is to contain.
-
-    Raises
-    ------
-    ValueError
-        A name that must not be in a deck, or a time that is not finite and above zero.
-    """
+    """Raise ValueError for a node, option, file name or time that no deck may contain."""
     _check_names((*saved, solver))
     if matrix_file is not None and not FILE_NAME.fullmatch(matrix_file):
         raise ValueError(f"{matrix_file!r}: a file name in a deck has only letters, digits, '_.-'")

@@ -106,12 +106,6 @@ class Dialect:
 
         `limits` follow from the scales of the board; `solver` is ngspice's option for its matrix
         solver.
-
-        Raises
-        ------
-        ValueError
-            Another analysis than a transient from zero or rest, which only ngspice has: only
-            taction's own studies ask for them.
         """
         if self.name == NATIVE:
             options = _native_options(circuit, analysis, limits, solver)
@@ -310,13 +304,7 @@ DIALECTS = {each.name: each for each in (NGSPICE, LTSPICE, HSPICE, XYCE, SPECTRE
 
 
 def refuse_unable(name: str, *, measures: bool) -> None:
-    """Refuse a name that is no dialect, and measures that a dialect does not have.
-
-    Raises
-    ------
-    InputError
-        It says which dialects have it.
-    """
+    """Refuse a name that is no dialect, and measures that a dialect does not have."""
     if name not in DIALECTS:
         text = f"expected one of {', '.join(DIALECTS)}"
         raise InputError("netlist", Complaint("dialect", repr(name), text))

@@ -117,12 +117,7 @@ def _letter(kind: str) -> str:
 
 
 def sorted_cards(cards: Iterable[str]) -> SortedCards:
-    """Sort flat cards into linear ones and elements.
-
-    Raises
-    ------
-    CardError
-        A card that is neither.
+    """Sort flat cards into linear ones and elements; raise CardError for one that is neither.
 
     Examples
     --------

@@ -106,19 +106,7 @@ class Flat:
 
 
 def read_cards(lines: Iterable[str]) -> Flat:
-    """Read flat cards.
-
-    Raises
-    ------
-    CardError
-        A card that is not linear, or has a field that is not known; it says what is accepted.
-
-    Examples
-    --------
-    >>> flat = read_cards(["v1 in 0 dc 0 pulse(0 1 1u)", "r1 in out 1k", "c1 out 0 1n"])
-    >>> flat.resistors[0].ohms, flat.stimuli["V1"].after, list(flat.nodes)
-    (1000.0, 1.0, ['in', 'out'])
-    """
+    """Read flat cards; raise CardError for one that is not linear, or has an unknown field."""
     flat, every = Flat(), tuple(lines)
     plain = {match[1]: match[2] for line in every if (match := _PASSIVE.fullmatch(line))}
     for line in every:
@@ -299,13 +287,7 @@ _READERS: Mapping[str, Callable[[Flat, str, str], None]] = {
 
 
 def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) -> tuple[str, ...]:
-    """Return the nodes of the outputs: `wanted`, or those that the deck shows, or the usual ones.
-
-    Raises
-    ------
-    InputError
-        The deck has no such node.
-    """
+    """Return the output nodes: `wanted`, which must be there, or those shown, or the usual ones."""
     nodes = flat.nodes
     if wanted:
         names = [re.sub(r"^v\((.*)\)$", r"\1", name.strip().lower()) for name in wanted]

@@ -172,12 +172,6 @@ def read_library(file: str | Path, name: str) -> ForeignDeck:
     """Read a subcircuit of a library, with those that it calls, and check every card of them.
 
     Models, parameters and functions outside of subcircuits stay; all else there is left out.
-
-    Raises
-    ------
-    InputError
-        The file, or one that it includes, cannot be read, or has no such subcircuit; a card is not
-        accepted, with its line.
     """
     path = Path(file)
     reading = _DeckReading(path)

@@ -23,14 +23,7 @@ Functions = Mapping[str, tuple[list[str], str]]  # parameters and text, by name
 
 
 def check_functions(cards: Sequence[Card]) -> None:
-    """Refuse expressions that are too long with every function in its place.
-
-    Raises
-    ------
-    Exception
-        The error of the card with which they have more than `MOST_WRITTEN` characters, or of a
-        function that calls itself.
-    """
+    """Refuse the card with which expressions are too long with every function in its place."""
     made, left = dict[str, tuple[list[str], str]](), MOST_WRITTEN
     for card in cards:
         if card.text.startswith(".func") and (match := _FUNC.fullmatch(card.text)):

@@ -66,24 +66,12 @@ class Card:
 
 
 def beyond(count: int, what: str, most: int) -> str:
-    """Return the reason for a refusal: what was counted, and the limit.
-
-    Examples
-    --------
-    >>> beyond(100_000, "characters in a line", 20_000)
-    '100,000 characters in a line; at most 20,000 are read'
-    """
+    """Return the reason for a refusal, such as ``"9 cards; at most 8 are read"``."""
     return f"{count:,} {what}; at most {most:,} are read"
 
 
 def physical_lines(content: bytes | str, file: str | Path = "netlist") -> list[str]:
-    """Return the lines of a file, or of its text.
-
-    Raises
-    ------
-    InputError
-        More lines than `MOST_LINES`, or a line over `LONGEST`.
-    """
+    """Return the lines of a file, or of its text; refuse too many of them, and a long one."""
     lines = (content if isinstance(content, str) else content.decode("latin-1")).split("\n")
     if len(lines) > MOST_LINES:
         raise Card(MOST_LINES + 1, "", file).refused(beyond(len(lines), "lines", MOST_LINES))
@@ -97,11 +85,7 @@ def physical_lines(content: bytes | str, file: str | Path = "netlist") -> list[s
 def logical_lines(content: bytes | str | Sequence[str], file: str | Path = "netlist") -> list[Card]:
     r"""Return the logical lines of a file, of its text, or of its lines, without empty ones.
 
-    Raises
-    ------
-    InputError
-        A character that is not accepted outside of comments, a continuation of nothing, or too
-        long; see `physical_lines`.
+    Refuse a character that is not accepted outside of comments, and what is too long.
 
     Examples
     --------
@@ -141,11 +125,6 @@ def subcircuits(
     """Return the cards of each subcircuit, its ``.subckt`` first, and those outside of all.
 
     With `whole` the text of each outermost one, with its ``.ends`` and those within it.
-
-    Raises
-    ------
-    InputError
-        A subcircuit without a name or an end, an end of none, or two that differ with one name.
     """
     blocks, top, inside = dict[str, list[Card]](), list[Card](), list[list[Card]]()
     for card in cards:
@@ -169,13 +148,7 @@ def subcircuits(
 
 
 def called(text: str) -> str:
-    """Return the subcircuit that a card X calls; empty where it names none.
-
-    Examples
-    --------
-    >>> called("x1 a b amp params: gain = 2"), called("x=1")
-    ('amp', '')
-    """
+    """Return the subcircuit that a card X calls; empty where it names none."""
     words = [w for w in re.sub(r" ?= ?", "=", text).split()[1:] if "=" not in w and w != "params:"]
     return words[-1] if words else ""
 
@@ -183,27 +156,7 @@ def called(text: str) -> str:
 def check_expanded(
     blocks: Mapping[str, Sequence[Card]], top: Sequence[Card], opamps: Container[str] = ()
 ) -> list[str]:
-    """Refuse a netlist that would be too large with every subcircuit in the place of its calls.
-
-    Parameters
-    ----------
-    blocks : mapping of str to sequence of Card
-        The cards of each subcircuit.
-    top : sequence of Card
-        The cards outside of subcircuits.
-    opamps : container of str
-        Subcircuits whose devices are no parts, because a model replaces them.
-
-    Returns
-    -------
-    list of str
-        The subcircuits that are called, each after those that it calls.
-
-    Raises
-    ------
-    InputError
-        At the card at which a limit is passed.
-    """
+    """Refuse a netlist that would be too large with every subcircuit in the place of its calls."""
     sizes: dict[str, _Size] = {}
     within, waiting = list[str](), _calls(top, blocks)
     while waiting:

@@ -28,11 +28,6 @@ _TOKEN = re.compile(r"[a-z_]\w*|(?:\d+(?:\.\d*)?|\.\d+)(?:e[+-]?\d+)?[a-z]*")
 def without_poly(text: str) -> str:
     """Return a card with ``POLY`` as a B card with its expression; any other card as it is.
 
-    Raises
-    ------
-    ValueError
-        Too few names of inputs, too many coefficients, or one of a higher degree that is no number.
-
     Examples
     --------
     >>> without_poly("e1 s 0 poly(2) a 0 b 0 0 1 2")
@@ -62,18 +57,7 @@ def without_poly(text: str) -> str:
 
 
 def without_calls(text: str) -> str:
-    """Return a card with each call of ``table`` or ``tbl`` as an expression of straight lines.
-
-    Raises
-    ------
-    ValueError
-        No pairs of numbers, one that is not above the one before, or too long.
-
-    Examples
-    --------
-    >>> without_calls("b1 s 0 v=1+tbl(v(a,b), 0, 1, 2, 5)")
-    'b1 s 0 v=1+(1.0+((5.0)-(1.0))/((2.0)-(0.0))*(max(min((v(a,b)),2.0),0.0)-(0.0)))'
-    """
+    """Return a card with each call of ``table`` or ``tbl`` as an expression of straight lines."""
     for _ in range(DEEPEST):
         every = list(_CALL.finditer(text))
         if not every:
@@ -101,11 +85,6 @@ def without_calls(text: str) -> str:
 def without_table(text: str) -> str:
     """Return a card with a table, of PSpice or LTspice, as a B card with its expression.
 
-    Raises
-    ------
-    ValueError
-        No pairs of numbers, or one that is not above the one before.
-
     Examples
     --------
     >>> without_table("e1 s 0 table {v(a)} = (0,0) (1,2)")
@@ -124,18 +103,7 @@ def without_table(text: str) -> str:
 
 
 def piecewise(value: str, *points: str) -> str:
-    """Return the function of straight lines through points x0, y0, x1, y1, ..., level beyond them.
-
-    Raises
-    ------
-    ValueError
-        No pairs, or an x that is not above the one before.
-
-    Examples
-    --------
-    >>> piecewise("v(a)", "0.0", "1.0", "2.0", "5.0")
-    '(1.0+((5.0)-(1.0))/((2.0)-(0.0))*(max(min(v(a),2.0),0.0)-(0.0)))'
-    """
+    """Return the function of straight lines through points x0, y0, x1, y1, ..., level outside."""
     x, y = points[::2], points[1::2]
     if not y or len(x) != len(y):
         raise ValueError("a table needs pairs of numbers")
@@ -154,16 +122,6 @@ def polynomial(inputs: list[str], coefficients: list[float]) -> str:
     The coefficients are those of 1, then of each input, then of each product of two inputs in the
     order ``x1 x1, x1 x2, ..., x2 x2, ...``, of three, and so on. A single coefficient of one input
     is that of the input itself.
-
-    Raises
-    ------
-    ValueError
-        Too long.
-
-    Examples
-    --------
-    >>> polynomial(["v(3,0)", "v(4,0)"], [0.0, 0.5, 0.5])
-    '0.5*v(3,0)+0.5*v(4,0)'
     """
     if len(inputs) == 1 and len(coefficients) == 1:
         coefficients = [0.0, *coefficients]
@@ -187,12 +145,7 @@ def _point(text: str) -> str:
 
 
 def affine(text: str) -> Sum:
-    """Return the coefficients of an expression of voltages and currents, by their probes.
-
-    Raises
-    ------
-    ValueError
-        It is not linear in them, or has another name or function.
+    """Return the coefficients of an expression by their probes; raise where it is not linear.
 
     Examples
     --------

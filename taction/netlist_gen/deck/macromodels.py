@@ -29,13 +29,7 @@ Scope = tuple[str, ...]  # subcircuits, from the outermost one
 
 
 def check_size(deck: ForeignDeck, called_one: str = "") -> None:
-    """Refuse a deck, or one subcircuit of it, that is too large with all subcircuits expanded.
-
-    Raises
-    ------
-    InputError
-        The card at which a limit is passed.
-    """
+    """Refuse a deck, or one subcircuit of it, that is too large with all subcircuits expanded."""
     blocks, top = subcircuits(deck.cards)
     if not called_one and not any(card.text[0].isalpha() for card in top):
         text = "has no part outside its subcircuits; expected a circuit, which may call them (X)"

@@ -46,18 +46,7 @@ class Measures:
 
 
 def measure_lines(circuit: Circuit, measures: Measures, stop: float) -> list[str]:
-    """Return sources and ``.meas`` cards in the words of ngspice.
-
-    Parameters
-    ----------
-    stop : float
-        End of the transient, s.
-
-    Raises
-    ------
-    ValueError
-        No channel has a step.
-    """
+    """Return sources and ``.meas`` cards, for ngspice, of a transient that ends at `stop`, s."""
     if not measures.amplitude > 0.0:
         raise ValueError("no channel has a step, so there is nothing to measure")
     width = measures.band * measures.amplitude
@@ -136,12 +125,6 @@ def noise_cards(
     """Return the cards of `analysis` for the voltage of a node.
 
     The noise of a sensor is the thermal current of a resistor on a node of its own.
-
-    Examples
-    --------
-    >>> from taction.netlist_gen.analysis import NoiseAnalysis, NoiseBand
-    >>> noise_cards(NoiseAnalysis((NoiseBand(1.0, 20, 20),)), "v_1")[2]
-    '.noise v(v_1) Vnoise dec 20 1.0 10.0'
     """
     cards = [
         f".noise v({node}) Vnoise dec {band.density} {band.start!r} {band.stop!r}"

@@ -29,18 +29,7 @@ SAME = {".measure": ".meas", ".fourier": ".four"}
 
 
 def unanswered(deck: ForeignDeck) -> Iterator[str]:
-    r"""Yield a sentence for each kind of card that is not answered as it stands.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from taction.netlist_gen.deck.foreign_deck import read_deck
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     place = pathlib.Path(folder, "rc.cir")
-    ...     _ = place.write_text("RC\nV1 in 0 1\nR1 in out 1k\n.tf v(out) v1\n.op\n.end\n")
-    ...     print(*unanswered(read_deck(place)))
-    .tf: nothing of check answers it yet
-    """
+    """Yield a sentence for each kind of card that is not answered as it stands."""
     words = dict.fromkeys(SAME.get(card.word, card.word) for card in deck.left)
     yield from (f"{word}: {ANSWERS[word]}" for word in words if word in ANSWERS)
 

@@ -26,13 +26,7 @@ _NUMBER = re.compile(r"(?:(?<=^\.model )\S+|(?<=[ =(])[-+]?[\d.]+(?:e[-+]?\d+)?[
 
 
 def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
-    """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways, last of all.
-
-    Raises
-    ------
-    InputError
-        See `read_library`; the cards are too many with all subcircuits expanded.
-    """
+    """Return a subcircuit of a vendor's file as text for ngspice in PSpice's ways, last of all."""
     deck = read_library(file, name)
     check_size(deck, name.lower())
     heads = [line for line in deck.lines if line.startswith(".subckt ")]
@@ -45,13 +39,7 @@ def vendor_subcircuit(file: str | Path, name: str) -> Subcircuit:
 
 
 def flat_subcircuit(cards: Iterable[str], nodes: Sequence[str], name: str) -> Subcircuit:
-    """Return the subcircuit of a bench from the flat cards of its listing.
-
-    Parameters
-    ----------
-    nodes : sequence of str
-        What its ports are connected to on the bench.
-    """
+    """Return the subcircuit of a bench, its ports at `nodes`, from the cards of its listing."""
     own = [spelt_card(card) for card in cards]
     own = [card if card[0] in "dqjmsw" else _NUMBER.sub(_plain, card) for card in own]
     own = [c for c in own if c.startswith(".model ") or f".{DEVICE}." in c.split(maxsplit=1)[0]]
@@ -73,11 +61,6 @@ def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircui
     """Return the subcircuit of a file of ours, with every card checked again.
 
     Its name, and those of the subcircuits that it calls, get a `prefix`.
-
-    Raises
-    ------
-    InputError
-        A card is not accepted, or there is no such subcircuit; the text has the line.
     """
     cards = logical_lines("\n".join(lines))
     for card in cards:

@@ -27,13 +27,7 @@ class Passive(Planes):
             raise InputError(scene.file, Complaint("design.topology", repr(self.name), text))
 
     def signal_node(self, board: PlanesBoard, n: int) -> str:
-        """Place R and C of channel `n`; return the signal node itself.
-
-        Raises
-        ------
-        InputError
-            The matrix loads the node so much that R would be negative, or there is a bias current.
-        """
+        """Place R and C of channel `n`; return the signal node itself."""
         parts, v, scene, resistance = board.parts, f"v_{n}", board.scene, board.facts["R"].value
         load = float(np.sum(1.0 / board.ohms[:, n - 1])) + 1.0 / board.ridge_ohms
         left = 1.0 / resistance - load

@@ -50,11 +50,6 @@ def pruned(matrix: Floats, fraction: float) -> Floats:
     """Return T (M, N) with zeros for the entries below `fraction` of the largest ``|T|``.
 
     `fraction` is below 1, so the largest entry stays; 0 returns `matrix` itself.
-
-    Examples
-    --------
-    >>> pruned(np.array([[1.0, -0.004], [0.1, 0.0]]), 0.01).tolist()
-    [[1.0, 0.0], [0.1, 0.0]]
     """
     if fraction == 0.0:
         return matrix

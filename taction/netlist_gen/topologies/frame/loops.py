@@ -149,13 +149,7 @@ class Loop(Topology):
         return "w" if self.has_first_stages else "v"
 
     def facts(self, scene: Scene) -> dict[str, Fact]:
-        """Return G0, U0, lambda and gf; see `Topology`.
-
-        Raises
-        ------
-        InputError
-            Lambda is given and the topology has none, or it is missing.
-        """
+        """Return G0, U0, lambda and gf; see `Topology`."""
         design = scene.design
         gf = design.feedback_conductance or design.unit_conductance
         numbers = {

@@ -20,13 +20,5 @@ TOPOLOGIES: Mapping[str, Topology] = OpenTable(
 
 
 def topology_of(scene: Scene) -> Topology:
-    """Return the topology of a scene.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
-    >>> topology_of(scene).facts(scene)["C"].text
-    '10 pF'
-    """
+    """Return the topology of a scene."""
     return TOPOLOGIES[scene.design.topology]
