@@ -6,7 +6,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -14,34 +14,8 @@ from typing import Any
 
 from taction.spice_models.opamp import OpAmp, poles_from_phase_margin, second_pole_from_phase_margin
 
-FIGURES = (
-    "dc_gain",
-    "gbw",
-    "second_pole",
-    "phase_margin",
-    "input_resistance",
-    "differential_capacitance",
-    "input_capacitance",
-    "output_resistance",
-    "slew_rate",
-    "output_current",
-    "saturation",
-    "least_supply",
-    "most_supply",
-    "voltage_noise",
-    "current_noise",
-    "voltage_noise_corner",
-    "supply_current",
-    "channels_per_package",
-    "offset_voltage",
-    "bias_current",
-    "offset_current",
-    "common_mode_rejection",
-    "offset_drift",
-    "bias_drift",
-    "bias_doubling",
-    "supply_rejection",
-)
+_NAMES = [each.name for each in fields(OpAmp)]
+FIGURES = (*_NAMES[1 : _NAMES.index("channels_per_package") + 1], "phase_margin")
 """The figures that `derive` can change; SI base units, phase margin in degrees, rejection in dB."""
 
 

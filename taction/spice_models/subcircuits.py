@@ -1,39 +1,15 @@
-"""Macromodels as netlist objects: the op-amp's subcircuit and the behavioural amplifier's cards."""
+"""The macromodel of an op-amp as a netlist object."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from taction.spice_models.opamp import KNEE, OVERDRIVE, OpAmp
 from taction.spice_models.thermal_noise import THERMAL
 
 if TYPE_CHECKING:
     from PySpice.Spice.Netlist import SubCircuit
-
-
-class BehaviouralAmplifier(Protocol):
-    """The fields of a circuit's signal amplifier that `amplifier_lines` reads."""
-
-    @property
-    def name(self) -> str:
-        """Name of the cards."""
-
-    @property
-    def input(self) -> str:
-        """Node of v."""
-
-    @property
-    def output(self) -> str:
-        """Node of -u."""
-
-    @property
-    def u_scale(self) -> float:
-        """U0, V."""
-
-    @property
-    def v_scale(self) -> float:
-        """Ve, V."""
 
 
 PORTS = ("inp", "inn", "out")
@@ -183,26 +159,3 @@ def _noise(cell: SubCircuit, model: OpAmp, noninverting_grounded: bool, plus: st
     cell.R("ne", "ne", "0", resistance, **flickering)
     cell.VCVS("ne", "inpe", plus, "ne", "0", voltage_gain=1.0)
     return "inpe"
-
-
-def amplifier_lines(stage: BehaviouralAmplifier, expression: str) -> tuple[str, ...]:
-    """Return the lines of one stage, ``V(output) = -u_scale g(V(input) / v_scale)``.
-
-    The `expression` of g is that of its `AmplifierKind`.
-
-    A stage is a ``B`` card. ngspice cuts a number in a B expression to 11 digits, so a `v_scale`
-    other than 1 V is the gain of a card ``Ex{name}`` before it (node ``{name}_x``), and a `u_scale`
-    other than 1 V the gain of a card ``Eu{name}`` after it (node ``{name}_g``).
-    """
-    if not expression:
-        raise ValueError(f"{stage.name}: an op-amp stage has no behavioural source")
-    name, before, after = stage.name, [], []
-    control, target, sign = stage.input, stage.output, "-"
-    if stage.v_scale != 1.0:
-        control = f"{name}_x"
-        before.append(f"Ex{name} {control} 0 {stage.input} 0 {1.0 / stage.v_scale!r}")
-    if stage.u_scale != 1.0:
-        target, sign = f"{name}_g", ""
-        after.append(f"Eu{name} {stage.output} 0 {target} 0 {-stage.u_scale!r}")
-    value = expression.format(x=f"V({control})")
-    return (*before, f"B{name} {target} 0 V={sign}{value}", *after)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import subprocess
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import mpmath
@@ -13,23 +13,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import wrightomega
 
+from taction.netlist_gen.board.parts import SignalAmplifier
+from taction.netlist_gen.deck.board_cards import amplifier_lines
 from taction.spice_models.amplifier import KINDS
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import derive, load_presets
-from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
+from taction.spice_models.subcircuits import opamp_subcircuit
 
 PRESETS = load_presets()
 ANTILOG = KINDS["exponential"].expression
 TIGHT = ".options reltol=1e-12 abstol=1e-18 vntol=1e-15"
-
-
-@dataclass(frozen=True)
-class Stage:
-    name: str
-    input: str
-    output: str
-    u_scale: float = 1.0
-    v_scale: float = 1.0
 
 
 def simulate(ngspice: str, folder: Path, *lines: str) -> dict[str, NDArray[np.generic]]:
@@ -203,7 +196,8 @@ def test_the_antilog_stage_is_the_exponential(
     lines = []
     for i, x in enumerate(arguments):
         lines += [f"V{i} in{i} 0 {x * v_scale!r}"]
-        lines += amplifier_lines(Stage(f"_{i}", f"in{i}", f"out{i}", u_scale, v_scale), ANTILOG)
+        stage = SignalAmplifier(f"_{i}", "exponential", f"in{i}", f"out{i}", u_scale, v_scale)
+        lines += amplifier_lines(stage, ANTILOG)
     result = simulate(ngspice, tmp_path, *lines, TIGHT, ".op")
     measured = [float(result[f"v(out{i})"][0]) for i in range(len(arguments))]
     expected = [-u_scale * math.exp(x * v_scale / v_scale) for x in arguments]
@@ -211,7 +205,7 @@ def test_the_antilog_stage_is_the_exponential(
 
 
 def test_beyond_thirty_the_antilog_stage_is_its_tangent(ngspice: str, tmp_path: Path) -> None:
-    lines = amplifier_lines(Stage("A", "in", "out"), ANTILOG)
+    lines = amplifier_lines(SignalAmplifier("A", "exponential", "in", "out", 1.0, 1.0), ANTILOG)
     result = simulate(ngspice, tmp_path, "V1 in 0 1000.0", *lines, TIGHT, ".op")
     assert result["v(out)"][0] == pytest.approx(-971.0 * math.exp(30.0), rel=1e-14)
 
@@ -232,7 +226,7 @@ def test_a_loop_through_the_antilog_stage_converges(
         "X2 0 y u ideal",
         "R3 a y 1e4",
         "R4 y u 1e4",
-        *amplifier_lines(Stage("A", "u2", "a"), ANTILOG),
+        *amplifier_lines(SignalAmplifier("A", "exponential", "u2", "a", 1.0, 1.0), ANTILOG),
         "E2 u2 0 v 0 1.0",
         ".options reltol=1e-9 abstol=1e-15 vntol=1e-12",
         ".op",

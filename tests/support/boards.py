@@ -141,7 +141,6 @@ def board(
         outputs=tuple(
             Output(f"a{n}", -1.0) if exponential else Output(f"v{n}", 1.0) for n in range(N)
         ),
-        omissions=(),
         roles={
             Role.SIGNAL_CAPACITOR: frozenset(part.card for part in capacitors),
             Role.CONSTRAINT_RESISTOR: frozenset(f"RRs{k}" for k in range(M)),
@@ -172,25 +171,21 @@ def single_mode(rc: float, tau: float = 0.455e-6, gain: float = 100.0) -> Circui
         facts=common_facts(G0=G, U0=1.0, R=R, C=rc / R, gain=R, **{"lambda": 1.0}),
         models={"follow": OpAmp("follow", 1e9)},
         opamps=(OpAmpCell("Xv", "follow", "0", "x", "v"), *buffers),
-        amplifiers=(),
         resistors=(
             Resistor("R", "x", "v", R),
             Resistor("R1", "v", "l1", R),
             Resistor("R2", "b1", "l2", R),
             Resistor("Rk", "b2", "x", R / gain),
         ),
-        matrices=(),
         capacitors=(
             Capacitor("C", "x", "v", rc / R),
             Capacitor("C1", "l1", "0", tau / R),
             Capacitor("C2", "l2", "0", tau / R),
         ),
         currents=(CurrentSource("I", "x", -1e-4),),
-        voltages=(),
         signal_nodes=("v",),
         constraint_nodes=("b2",),
         outputs=(Output("v", 1.0),),
-        omissions=(),
         roles={Role.SIGNAL_CAPACITOR: frozenset(("CC",))},
         knobs=common_knobs(linear=True),
     )

@@ -232,18 +232,18 @@ class Circuit(Result):
     amplifier: str
     topology: str
     facts: Mapping[str, Fact]  # by name
-    models: dict[str, OpAmp]  # op-amp types by name
-    opamps: tuple[OpAmpCell, ...]
-    amplifiers: tuple[SignalAmplifier, ...]
-    resistors: tuple[Resistor, ...]
-    matrices: tuple[ResistorMatrix, ...]
-    capacitors: tuple[Capacitor, ...]
-    currents: tuple[CurrentSource, ...]
-    voltages: tuple[VoltageSource, ...]
-    signal_nodes: tuple[str, ...]  # nodes of v_n, one per channel
-    constraint_nodes: tuple[str, ...]  # nodes of w_k, one per sensor
-    outputs: tuple[Output, ...]  # u_n
-    omissions: tuple[Omission, ...]
+    models: dict[str, OpAmp] = field(default_factory=dict)  # op-amp types by name
+    opamps: tuple[OpAmpCell, ...] = ()
+    amplifiers: tuple[SignalAmplifier, ...] = ()
+    resistors: tuple[Resistor, ...] = ()
+    matrices: tuple[ResistorMatrix, ...] = ()
+    capacitors: tuple[Capacitor, ...] = ()
+    currents: tuple[CurrentSource, ...] = ()
+    voltages: tuple[VoltageSource, ...] = ()
+    signal_nodes: tuple[str, ...] = ()  # nodes of v_n, one per channel
+    constraint_nodes: tuple[str, ...] = ()  # nodes of w_k, one per sensor
+    outputs: tuple[Output, ...] = ()  # u_n
+    omissions: tuple[Omission, ...] = ()
     supply: float = 15.0  # both supply voltages of the op-amps, ±V
     noises: tuple[NoiseCurrent, ...] = ()  # of the sensors; for noise analyses only
     transistors: tuple[TransistorCell, ...] = ()

@@ -179,24 +179,6 @@ def _branch(part: Branch, factor: float) -> Branch:
     return replace(part, value=value)
 
 
-def with_input_errors_at(circuit: Circuit, deviations: Mapping[str, float]) -> Circuit:
-    """Return `circuit` with op-amps whose input errors are `deviations` from their means.
-
-    Parameters
-    ----------
-    deviations : mapping of str to float
-        In standard deviations, by the names of `parameters`; an error that is missing has its mean.
-    """
-
-    def own(cell: OpAmpCell, model: OpAmp) -> OpAmp:
-        errors = {
-            figure: deviations.get(f"{cell.name}.{figure}", 0.0) for figure, _ in model.varying
-        }
-        return drawn(model, errors, name=f"{model.name}_{cell.name}")
-
-    return _with_own_models(circuit, own)
-
-
 def with_devices_at(circuit: Circuit, deviations: Mapping[str, float]) -> Circuit:
     """Return `circuit` with programmed devices, off by so many of `MOST` standard deviations.
 

@@ -10,11 +10,11 @@ from itertools import groupby
 import numpy as np
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact
-from taction.netlist_gen.board.parts import ResistorMatrix
+from taction.netlist_gen.board.parts import ResistorMatrix, SignalAmplifier
 from taction.netlist_gen.board.wired_arrays import wire_branches
 from taction.netlist_gen.scene.open_tables import AMPLIFIERS
 from taction.spice_models.opamp import OpAmp
-from taction.spice_models.subcircuits import amplifier_lines, opamp_subcircuit
+from taction.spice_models.subcircuits import opamp_subcircuit
 from taction.spice_models.transistor import model_card
 from taction.system.array_types import Floats
 
@@ -190,3 +190,26 @@ def _amplifiers(circuit: Circuit) -> list[str]:
         for stage in circuit.amplifiers
         for line in amplifier_lines(stage, AMPLIFIERS[stage.kind].expression)
     ]
+
+
+def amplifier_lines(stage: SignalAmplifier, expression: str) -> tuple[str, ...]:
+    """Return the lines of one stage, ``V(output) = -u_scale g(V(input) / v_scale)``.
+
+    The `expression` of g is that of its `AmplifierKind`.
+
+    A stage is a ``B`` card. ngspice cuts a number in a B expression to 11 digits, so a `v_scale`
+    other than 1 V is the gain of a card ``Ex{name}`` before it (node ``{name}_x``), and a `u_scale`
+    other than 1 V the gain of a card ``Eu{name}`` after it (node ``{name}_g``).
+    """
+    if not expression:
+        raise ValueError(f"{stage.name}: an op-amp stage has no behavioural source")
+    name, before, after = stage.name, [], []
+    control, target, sign = stage.input, stage.output, "-"
+    if stage.v_scale != 1.0:
+        control = f"{name}_x"
+        before.append(f"Ex{name} {control} 0 {stage.input} 0 {1.0 / stage.v_scale!r}")
+    if stage.u_scale != 1.0:
+        target, sign = f"{name}_g", ""
+        after.append(f"Eu{name} {stage.output} 0 {target} 0 {-stage.u_scale!r}")
+    value = expression.format(x=f"V({control})")
+    return (*before, f"B{name} {target} 0 V={sign}{value}", *after)

@@ -11,13 +11,8 @@ from pydantic import ValidationError
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.board.variation import (
-    draw,
-    parameters,
-    vary,
-    with_input_errors_at,
-    with_resistors_at,
-)
+from taction.netlist_gen.board.variation import draw, parameters, vary, with_resistors_at
+from taction.netlist_gen.scene.checks import Tolerances
 from taction.spice_models.input_errors import spreads
 from taction.system.array_types import Floats
 from taction.system.errors import InputError
@@ -37,6 +32,7 @@ DESIGN: dict[str, Any] = {
     "stray_capacitance": "5pF",
     "opamp": UA741 | {"slew_rate": "1kV/us"},
 }
+EXACT = Tolerances(resistor=0.0, capacitor=0.0, stray=0.0, opamp_gbw=0.0, opamp_gain=0.0)
 KINDS = {
     "linear": {},
     "passive": {"topology": "passive", "lambda": 100.0},
@@ -57,12 +53,18 @@ def at_rest(circuit: Circuit) -> Floats:
     return np.array([output.sign * rest[output.node] for output in circuit.outputs])
 
 
+def drawn_board(circuit: Circuit, deviations: dict[str, float]) -> Circuit:
+    """The board with errors of the inputs of its op-amps, in standard deviations from the means."""
+    varied = parameters(circuit, EXACT)
+    return vary(circuit, EXACT, np.array([deviations.get(each.name, 0.0) for each in varied]) / 3.0)
+
+
 def sampled(circuit: Circuit, count: int) -> Floats:
     """Outputs at rest, V, (count, N), of boards whose op-amps are drawn one by one."""
     random, rows = np.random.default_rng(7), []
     names = [f"{c.name}.{f}" for c in circuit.opamps for f, _ in circuit.models[c.model].varying]
     for z in random.standard_normal((count, len(names))):
-        rows.append(at_rest(with_input_errors_at(circuit, dict(zip(names, z, strict=True)))))
+        rows.append(at_rest(drawn_board(circuit, dict(zip(names, z, strict=True)))))
     return np.array(rows)
 
 
@@ -95,7 +97,7 @@ def test_common_mode_errors_move_followers_with_their_sign() -> None:
     name = max(own, key=lambda each: float(np.abs(own[each]).max()))
     (model,) = circuit.models.values()
     sigma = dict(model.varying)["common_mode_rejection"].sigma
-    up, down = (at_rest(with_input_errors_at(circuit, {name: z})) for z in (1.0, -1.0))
+    up, down = (at_rest(drawn_board(circuit, {name: z})) for z in (1.0, -1.0))
     # The other errors are at their means here, and at their typical sizes in the slope.
     np.testing.assert_allclose(own[name], (up - down) / (2.0 * sigma), rtol=0.05, atol=1e-3)
 

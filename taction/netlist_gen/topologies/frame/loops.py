@@ -199,26 +199,15 @@ class Loop(Topology):
         others = parts.roles[Role.INVERTER_RESISTOR] | parts.roles[Role.SUM]
         resistors = {part.card for part in parts.resistors} - others
         parts.roles[Role.UNIT] = resistors | {matrix.name for matrix in parts.matrices}
-        return Circuit(
-            name=scene.name,
-            amplifier=design.amplifier,
+        return parts.circuit(
+            scene,
+            model,
             topology=self.name,
             facts={**facts, **way.facts(T)},
-            models={model.name: model},
-            opamps=tuple(parts.opamps),
-            amplifiers=(),
-            resistors=tuple(parts.resistors),
-            matrices=tuple(parts.matrices),
-            capacitors=tuple(parts.capacitors),
-            currents=tuple(parts.currents),
-            voltages=tuple(parts.voltages),
             signal_nodes=tuple(f"v_{n}" for n in board.channels),
             constraint_nodes=tuple(f"{self.constraint_outputs}_{k}" for k in rows),
             outputs=tuple(Output(f"v_{n}", -1.0) for n in board.channels),
             omissions=tuple(self._omissions(scene, problem, T, model)),
-            supply=design.supply,
-            noises=tuple(parts.noises),
-            roles={role: frozenset(names) for role, names in parts.roles.items()},
             knobs=self.knobs(scene),
         )
 

@@ -6,8 +6,9 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
-from taction.netlist_gen.board.circuit import GROUND, Role
+from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
 from taction.netlist_gen.board.parts import (
     Capacitor,
     CurrentSource,
@@ -21,6 +22,8 @@ from taction.netlist_gen.board.parts import (
     VoltageSource,
 )
 from taction.netlist_gen.board.preferred_values import preferred
+from taction.netlist_gen.scene.scene import Scene
+from taction.spice_models.opamp import OpAmp
 
 
 @dataclass(slots=True)
@@ -53,6 +56,20 @@ class Parts:
         part = Capacitor(name, *ends, farads)
         self.capacitors.append(part)
         self.roles[role].add(part.card)
+
+    def circuit(self, scene: Scene, model: OpAmp, **stated: Any) -> Circuit:
+        """Return the board of these parts; `stated` are the other fields of `Circuit`."""
+        kinds = ("opamps", "amplifiers", "transistors", "resistors", "matrices", "capacitors")
+        kinds += ("currents", "noises", "voltages")
+        return Circuit(
+            name=scene.name,
+            amplifier=scene.design.amplifier,
+            models={model.name: model},
+            supply=scene.design.supply,
+            roles={role: frozenset(names) for role, names in self.roles.items()},
+            **{kind: tuple(getattr(self, kind)) for kind in kinds},
+            **stated,
+        )
 
     def matrix(self, role: str, matrix: ResistorMatrix) -> None:
         """Place a matrix of resistors."""

@@ -97,29 +97,17 @@ class Planes(Topology):
         sinks = self._signal_plane(board)
         self._constraint_plane(board, problem.strain)
         self._connect(board, sinks)
-        return Circuit(
-            name=scene.name,
-            amplifier=design.amplifier,
+        return parts.circuit(
+            scene,
+            model,
             topology=self.name,
             facts=facts,
-            models={model.name: model},
-            opamps=tuple(parts.opamps),
-            amplifiers=tuple(parts.amplifiers),
-            resistors=tuple(parts.resistors),
-            matrices=tuple(parts.matrices),
-            capacitors=tuple(parts.capacitors),
-            currents=tuple(parts.currents),
-            voltages=tuple(parts.voltages),
             signal_nodes=tuple(f"v_{n}" for n in board.channels),
             constraint_nodes=tuple(f"w_{k}" for k in board.sensors),
             outputs=tuple(board.outputs),
             omissions=tuple(self._omissions(scene, problem, kept, model)),
-            supply=design.supply,
-            noises=tuple(parts.noises),
-            transistors=tuple(parts.transistors),
             transistor_models={} if stage is None else {stage.pair.name: stage.pair},
             temperature=design.antilog.temperature,
-            roles={role: frozenset(names) for role, names in parts.roles.items()},
             knobs=self.knobs(scene),
         )
 
