@@ -8,11 +8,11 @@ joined, and all is in lower case. Lengths are counted before any regular express
 
 from __future__ import annotations
 
+import operator
 import re
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from taction.system.errors import Complaint, InputError
 
@@ -153,68 +153,45 @@ def called(text: str) -> str:
     return words[-1] if words else ""
 
 
-def check_expanded(
-    blocks: Mapping[str, Sequence[Card]], top: Sequence[Card], opamps: Container[str] = ()
-) -> list[str]:
-    """Refuse a netlist that would be too large with every subcircuit in the place of its calls."""
-    sizes: dict[str, _Size] = {}
-    within, waiting = list[str](), _calls(top, blocks)
-    while waiting:
-        name, card = waiting.pop()
-        if card is None:  # all that it calls is done
-            sizes[name] = _size(blocks[name], sizes, name in opamps)
-            within.remove(name)
-        elif name in within:
-            raise card.refused("a subcircuit that calls itself")
-        elif name not in sizes:
-            within.append(name)
-            waiting += [(name, None), *_calls(blocks[name], blocks)]
-    _size(top, sizes, False)
-    return list(sizes)
-
-
-class _Size(NamedTuple):
-    """What a subcircuit holds with all that it calls."""
-
-    levels: int = 0
-    devices: int = 0
-    parts: int = 0
-    couplings: int = 0
-
-
-LIMITS = _Size(MOST_LEVELS, MOST_CARDS, MOST_PARTS, MOST_COUPLINGS)
-COUNTED = (
-    "levels of subcircuits within one another",
-    "devices with all subcircuits expanded",
-    "parts with all subcircuits expanded",
-    "couplings K",
+LIMITS = (
+    ("levels of subcircuits within one another", MOST_LEVELS),
+    ("devices with all subcircuits expanded", MOST_CARDS),
+    ("parts with all subcircuits expanded", MOST_PARTS),
+    ("couplings K", MOST_COUPLINGS),
 )
 
 
-def _calls(
-    cards: Sequence[Card], blocks: Mapping[str, Sequence[Card]]
-) -> list[tuple[str, Card | None]]:
-    return [
-        (name, card)
-        for card in cards
-        if card.text[0] == "x" and (name := called(card.text)) in blocks
-    ]
+def check_expanded(
+    blocks: Mapping[str, Sequence[Card]], top: Sequence[Card], *, within: bool
+) -> list[str]:
+    """Refuse a netlist that is too large with every subcircuit in the place of its calls.
 
+    Parts and couplings count at the top, and in subcircuits where `within` says so. The subcircuits
+    that are called are returned, each after those that it calls.
+    """
+    sizes = dict[str, list[int]]()
 
-def _size(cards: Sequence[Card], sizes: Mapping[str, _Size], replaced: bool) -> _Size:
-    """Return the size of some cards; refuse the first one that passes a limit."""
-    total = _Size()
-    for card in cards:
-        own = _Size(0, 1, not replaced, card.text[0] == "k" and not replaced)
-        inner = sizes.get(called(card.text)) if card.text[0] == "x" else None
-        if inner is not None:
-            parts = (0, 0) if replaced else inner[2:]
-            own = _Size(inner.levels + 1, inner.devices, *parts)
-        elif card.text[0] == ".":
-            continue
-        levels = max(total.levels, own.levels)
-        total = _Size(levels, *(a + b for a, b in zip(total[1:], own[1:], strict=True)))
-        for count, what, most in zip(total, COUNTED, LIMITS, strict=True):
-            if count > most:
-                raise card.refused(beyond(count, what, most))
-    return total
+    def size(cards: Sequence[Card], callers: tuple[str, ...]) -> list[int]:
+        total = [0] * len(LIMITS)
+        part = int(within or not callers)
+        for card in cards:
+            letter, name = card.text[0], called(card.text)
+            if letter == ".":
+                continue
+            own = [0, 1, part, part * (letter == "k")]
+            if letter == "x" and name in blocks:
+                if name in callers:
+                    raise card.refused("a subcircuit that calls itself")
+                if len(callers) == MOST_LEVELS:
+                    raise card.refused(beyond(MOST_LEVELS + 1, *LIMITS[0]))
+                if name not in sizes:
+                    sizes[name] = size(blocks[name], (*callers, name))
+                own = [sizes[name][0] + 1, *sizes[name][1:]]
+            total = [max(total[0], own[0]), *map(operator.add, total[1:], own[1:])]
+            for count, limit in zip(total, LIMITS, strict=True):
+                if count > limit[1]:
+                    raise card.refused(beyond(count, *limit))
+        return total
+
+    size(top, ())
+    return list(sizes)

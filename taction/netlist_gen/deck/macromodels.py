@@ -36,7 +36,7 @@ def check_size(deck: ForeignDeck, called_one: str = "") -> None:
         raise InputError(deck.file, Complaint("deck", "", text))
     if called_one:
         top = [deck.cards[-1].with_text(f"x {called_one}")]
-    check_expanded(blocks, top, () if called_one else blocks)
+    check_expanded(blocks, top, within=bool(called_one))
 
 
 def is_plain(deck: ForeignDeck) -> bool:

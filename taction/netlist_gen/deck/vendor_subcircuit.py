@@ -72,7 +72,7 @@ def stored_subcircuit(lines: Sequence[str], name: str, prefix: str) -> Subcircui
     blocks, top = subcircuits(cards)
     if top or name not in blocks:
         raise (top or cards)[0].refused(f"expected a whole subcircuit {name!r}")
-    order = check_expanded(blocks, [blocks[name][0].with_text(f"x {name}")], (name,))
+    order = check_expanded(blocks, [blocks[name][0].with_text(f"x {name}")], within=False)
     new = {old: f"{prefix}_{old}" for old in order}
     written = (
         text for old in order for text in (*(card.text for card in blocks[old]), f".ends {old}")

@@ -216,18 +216,18 @@ def test_what_is_counted_before_anything_is_expanded(cards: list[str], reason: s
     blocks |= {"t": lines([f"x{k} a t1" for k in range(MOST_CARDS // 10 + 1)])}
     blocks |= {"t1": lines([f"r{k} a 0 1" for k in range(10)]), "u": lines(["x1 a u"])}
     with pytest.raises(InputError, match=reason):
-        check_expanded(blocks, lines(cards))
-    assert check_expanded(blocks, lines(["x1 a s1"]))[0] == f"s{MOST_LEVELS}"
+        check_expanded(blocks, lines(cards), within=True)
+    assert check_expanded(blocks, lines(["x1 a s1"]), within=True)[0] == f"s{MOST_LEVELS}"
     with pytest.raises(InputError, match="20,010 devices"):
-        check_expanded(blocks, lines(["x1 a t"]), list(blocks))
+        check_expanded(blocks, lines(["x1 a t"]), within=False)
 
 
-def test_an_op_amp_counts_as_one_part() -> None:
+def test_parts_within_subcircuits_count_where_they_are_asked_for() -> None:
     inner = [Card(k, f"r{k} a 0 1") for k in range(40)]
     calls_of_it = [Card(k, f"x{k} a opamp") for k in range(100)]
-    assert check_expanded({"opamp": inner}, calls_of_it, ["opamp"]) == ["opamp"]
+    assert check_expanded({"opamp": inner}, calls_of_it, within=False) == ["opamp"]
     with pytest.raises(InputError, match=r"line 75 .*3,040 parts"):
-        check_expanded({"opamp": inner}, calls_of_it)
+        check_expanded({"opamp": inner}, calls_of_it, within=True)
 
 
 def test_lengths_at_the_limit_are_read() -> None:

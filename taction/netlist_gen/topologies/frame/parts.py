@@ -25,6 +25,11 @@ from taction.netlist_gen.board.preferred_values import preferred
 from taction.netlist_gen.scene.scene import Scene
 from taction.spice_models.opamp import OpAmp
 
+KINDS = (
+    *("opamps", "amplifiers", "transistors", "resistors", "matrices"),
+    *("capacitors", "currents", "noises", "voltages"),
+)
+
 
 @dataclass(slots=True)
 class Parts:
@@ -59,15 +64,14 @@ class Parts:
 
     def circuit(self, scene: Scene, model: OpAmp, **stated: Any) -> Circuit:
         """Return the board of these parts; `stated` are the other fields of `Circuit`."""
-        kinds = ("opamps", "amplifiers", "transistors", "resistors", "matrices", "capacitors")
-        kinds += ("currents", "noises", "voltages")
+        parts: dict[str, Any] = {kind: tuple(getattr(self, kind)) for kind in KINDS}
         return Circuit(
             name=scene.name,
             amplifier=scene.design.amplifier,
             models={model.name: model},
             supply=scene.design.supply,
             roles={role: frozenset(names) for role, names in self.roles.items()},
-            **{kind: tuple(getattr(self, kind)) for kind in kinds},
+            **parts,
             **stated,
         )
 
