@@ -36,11 +36,6 @@ def read_array(
     """Return the array for `key` of `scene`: from the file `name`, or `name` itself.
 
     `shape` is that of `fitted`, `transposed` the length of a vector if T were transposed.
-
-    Raises
-    ------
-    InputError
-        The file or the array cannot be used; the message has file, line and column.
     """
     if isinstance(name, str):
         path, text = scene.folder / name, repr(name)
@@ -65,13 +60,7 @@ def _decimal_commas(values: Floats, shape: tuple[int | None, ...]) -> str:
 
 
 def read_profile(scene: StatedProblem, key: str, name: str) -> tuple[Floats, Floats]:
-    """Read a stress profile: two columns, y (increasing) and stress.
-
-    Raises
-    ------
-    InputError
-        See `read_array`; also a y that does not increase.
-    """
+    """Read a stress profile: two columns, y (increasing) and stress."""
     table = read_array(scene, key, name, (None, 2))
     if np.any(np.diff(table[:, 0]) <= 0):
         line = int(np.argmax(np.diff(table[:, 0]) <= 0)) + 2
@@ -84,11 +73,6 @@ def read_table(path: Path, key: str) -> tuple[Floats, bool]:
     """Return the numbers of a .csv or .npy file, and whether its first row is a header.
 
     A first row without any number is a header.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or has an entry that is no number; with line and column.
     """
     if path.suffix == ".npy":
         return _read_npy(path, key), False

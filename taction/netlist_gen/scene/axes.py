@@ -75,11 +75,6 @@ def parse_axes(
 
     `over` is text or a mapping (see the head of this file); `points` and `around` are those of
     `parse_axis`.
-
-    Raises
-    ------
-    InputError
-        See `parse_axis`; also zipped axes of different lengths, or a key that occurs twice.
     """
     if isinstance(over, Mapping):
         texts: Iterable[str] = [_as_text(name, values) for name, values in over.items()]
@@ -279,11 +274,6 @@ def with_values(scene: Scene, changes: Point) -> Scene:
 
     A resistance replaces a lambda and the reverse, likewise second pole and phase margin. A whole
     table (``design.opamp = "tl084"``) is replaced before keys in it.
-
-    Raises
-    ------
-    InputError
-        An unknown key, or a value that its key does not accept.
     """
     tables = {path for path in changes if any(other.startswith(f"{path}.") for other in changes)}
     if tables:
@@ -326,13 +316,7 @@ Fixed = str | Iterable[str] | Mapping[str, Value | None]
 
 
 def fixed_values(scene: Scene, fixed: Fixed) -> dict[str, Value]:
-    """Return the fixed values by the dotted paths of their keys.
-
-    Raises
-    ------
-    InputError
-        An unknown key, a value that is not of the key's kind, or a key without a value of its own.
-    """
+    """Return the fixed values by the dotted paths of their keys, or refuse a key or a value."""
     if isinstance(fixed, Mapping):
         texts = [name if value is None else f"{name}={value}" for name, value in fixed.items()]
     else:
@@ -344,13 +328,7 @@ def fixed_values(scene: Scene, fixed: Fixed) -> dict[str, Value]:
 
 
 def check_axes(groups: Sequence[Sequence[SweepAxis]], fixed: Mapping[str, Value]) -> None:
-    """Refuse an axis that changes the engine, or a fixed key, or that replaces it.
-
-    Raises
-    ------
-    InputError
-        For the first such axis.
-    """
+    """Refuse an axis that changes the engine, or a fixed key, or that replaces it."""
     for axis in (axis for group in groups for axis in group):
         if axis.key.path == ENGINE:
             raise InputError(

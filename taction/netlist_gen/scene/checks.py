@@ -33,13 +33,7 @@ LONG = 0.1  # s; boards of op-amps settle in microseconds to milliseconds
 
 
 def unitless_times(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a question for each time of the checks that has no unit and is long for a board.
-
-    Examples
-    --------
-    >>> print(*unitless_times({"checks": {"settling_time": 10}}))
-    checks.settling_time = 10 has no unit and is 10 s; is that meant? '10us' is 10 microseconds
-    """
+    """Yield a question for each time of the checks that has no unit and is long for a board."""
     checks = data.get("checks")
     for name in TIMES:
         check = checks.get(name) if isinstance(checks, Mapping) else None

@@ -49,13 +49,7 @@ def to_document(name: str, opamp: ImportedOpAmp) -> dict[str, Any]:
 
 
 def from_document(data: Any) -> tuple[str, ImportedOpAmp]:
-    """Return the name and the op-amp of JSON data; the netlist is checked again.
-
-    Raises
-    ------
-    ValueError
-        The data is no imported op-amp; the text says where, and what is expected.
-    """
+    """Return the name and the op-amp of JSON data, or raise ValueError; its netlist is checked."""
     if isinstance(data, dict) and data.get("taction_opamp") in (1, 2):
         data = data | {"linear": None, "missing": FITTED}
     stored = read(StoredOpAmp, data)

@@ -72,11 +72,6 @@ def with_strains(scene: StatedProblem, strains: ArrayLike) -> list[InverseProble
     """Return the problem of `scene` with each row of `strains` (K, M) instead of its strain.
 
     The scene's noise is not added to the rows, and the true stress is unknown.
-
-    Raises
-    ------
-    InputError
-        See `make_problem`; also strains of a wrong shape, or with an entry that is not finite.
     """
     problem = make_problem(scene)
     try:

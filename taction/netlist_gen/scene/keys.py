@@ -48,10 +48,7 @@ class Key:
 def find_key(scene: Scene, name: str) -> Key:
     """Return the key of `scene` with the path, the end of a path, or the symbol `name`.
 
-    Raises
-    ------
-    InputError
-        An unknown key; the message has the nearest known key.
+    It refuses an unknown name with the nearest one.
     """
     keys = dict(_keys(scene, "", ""))
     if (key := _search(keys, name)) is not None:
@@ -117,13 +114,7 @@ def _parts(annotation: Any) -> Iterator[Any]:
 
 
 def read_value(key: Key, text: str) -> Value:
-    """Return the value of `text` for `key`, in base units.
-
-    Raises
-    ------
-    InputError
-        The text is not a value of the key's kind.
-    """
+    """Return the value of `text` for `key`, in base units, or refuse it."""
     try:
         if key.kind == "choice":
             return {"true": True, "false": False}.get(text, text)

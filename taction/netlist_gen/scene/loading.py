@@ -43,13 +43,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def read_toml(path: Path, accepted: str) -> tuple[dict[str, Any], str]:
-    """Return the data of a file, and its text.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or is not TOML; the text ends with what would be `accepted`.
-    """
+    """Return the data of a file, and its text, or refuse it with what would be `accepted`."""
     try:
         text = read_text(path, MAX_BYTES)
         if _DEEP.search(text):  # tomllib takes quadratic time

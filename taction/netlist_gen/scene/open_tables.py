@@ -108,13 +108,7 @@ def _default(keys: type[Model]) -> Model | None:
 
 
 def refuse_unknown(opamp: str, option: str) -> None:
-    """Refuse an op-amp that is no preset.
-
-    Raises
-    ------
-    InputError
-        The message has the nearest preset, and all of them.
-    """
+    """Refuse an op-amp that is no preset, with the nearest one and all of them."""
     if opamp not in OPAMPS:
         hint = nearest_question(opamp, tuple(OPAMPS), 0.6)
         text = f"no preset; {hint}known: {', '.join(OPAMPS)}"

@@ -26,13 +26,7 @@ class ProblemTable:
 
 
 def problem_tables(matrix: Path, strain: Path) -> tuple[ProblemTable, ProblemTable]:
-    """Read a matrix (M, N), transposed where only that fits, and a strain (M,).
-
-    Raises
-    ------
-    InputError
-        A file cannot be read, has an entry that is no number, or the shapes do not fit.
-    """
+    """Read a matrix (M, N), transposed where only that fits, and a strain (M,), or refuse them."""
     T, header = read_table(matrix, "problem.matrix")
     eps, other = read_table(strain, "problem.strain")
     try:

@@ -81,14 +81,6 @@ def axis_questions(scene: Scene, groups: Sequence[Sequence[SweepAxis]]) -> Itera
     """Yield what may be a slip in the axes of a study: falling ranges, values that no board has.
 
     And which figures every op-amp of an axis keeps.
-
-    Examples
-    --------
-    >>> import taction
-    >>> from taction.netlist_gen.scene.axes import parse_axes
-    >>> scene = taction.load_scene("scenes/paper-breadboard.toml")
-    >>> print(*axis_questions(scene, parse_axes(scene, "C=1nF:1pF:4")))
-    --over C: the range falls from 1 nF to 1 pF; are its bounds swapped?
     """
     own = set(value_questions(scene))
     yield from kept_figures(scene, [axis.key.path for group in groups for axis in group])

@@ -98,11 +98,5 @@ def _quoted(text: str) -> str:
 
 
 def write_scene(scene: Scene, output: str | Path) -> None:
-    """Write a scene file; names of files in it are relative to its folder.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-    """
+    """Write a scene file; names of files in it are relative to its folder."""
     write_atomically(Path(output), scene_text(scene, Path(output).parent))
