@@ -113,23 +113,6 @@ def test_refused(case: str, tmp_path: Path) -> None:
         read_raw(tmp_path / "nowhere.raw")
 
 
-def test_refused_whole_files(tmp_path: Path) -> None:
-    good = raw_bytes(tmp_path)
-    path = tmp_path / "bad.raw"
-    for content, message in (
-        (good + good, "several plots"),
-        (
-            good.partition(b"Binary:")[0].replace(b"Points: 3", b"Points: 0") + b"Binary:\n",
-            "no poi",
-        ),
-    ):
-        path.write_bytes(content)
-        with pytest.raises(BadEvidence, match=message):
-            read_raw(path)
-    with pytest.raises(BadEvidence, match="never written"):
-        read_raw(tmp_path / "nowhere.raw")
-
-
 def test_a_file_that_was_not_written_to_its_end_is_a_full_disk(tmp_path: Path) -> None:
     """On a full disk ngspice loses whole blocks, or the number of points, which it writes last."""
     good, path = raw_bytes(tmp_path), tmp_path / "cut.raw"
