@@ -108,10 +108,17 @@ GIVEN: dict[str, float] = {"gbw": 790e3, "second_pole": 2.37e6, "output_resistan
     [
         ("ua741", GIVEN, GIVEN),
         ("ua741", {"dc_gain": 1e5}, {"dc_gain": 1e5, "gbw": None, "second_pole": None}),
+        ("ua741", {"channels_per_package": 2}, {"channels_per_package": 2, "gbw": None}),
         ("ideal", {"gbw": 1e6}, {"gbw": 1e6, "second_pole": math.inf}),
         ("ua741", {"gbw": math.inf}, {"gbw": math.inf, "second_pole": math.inf}),
     ],
-    ids=["second pole given", "another gain", "a pole for the ideal one", "poles taken away"],
+    ids=[
+        "second pole given",
+        "another gain",
+        "two in a package",
+        "a pole for the ideal one",
+        "poles taken away",
+    ],
 )
 def test_figures_that_are_given_stay_and_others_follow(
     preset: str, changes: dict[str, float], expected: dict[str, float | None]

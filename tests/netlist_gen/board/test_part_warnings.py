@@ -109,11 +109,22 @@ def test_currents_and_supplies(design: dict[str, Any], kinds: list[str]) -> None
 
 def test_common_mode_at_rest() -> None:
     """The exponential stages of transistors have an op-amp whose input is not ground."""
-    circuit = synthesise(make_scene(design=GOOD), matrix_problem([[1.0]], [1.0]))
+    design = GOOD | {"opamp": "ideal"}
+    circuit = synthesise(make_scene(design=design), matrix_problem([[1.0]], [1.0]))
     cell = replace(circuit.opamps[0], noninverting="high")
     lifted = replace(circuit, opamps=(cell, *circuit.opamps[1:]))
     found = broken_limits(lifted, lambda node: 13.0 if node == "high" else 0.0)
     assert list(found) == ["common-mode voltages at rest above 80 % of the supply"]
+    assert broken_limits(circuit, lambda node: 1300.0) == {}  # equal voltages: no current
+
+
+def test_the_largest_strain_counts_and_a_voltage_by_its_resistor() -> None:
+    design = GOOD | {"unit_voltage": "1.5V", "unit_conductance": "10mS", "strain_input": "voltage"}
+    problem = matrix_problem([[1.0], [1.0]], [1.0, 1e-7])
+    (found,) = part_warnings(synthesise(make_scene(design=design), problem))
+    assert found.startswith("1 of 2 strain currents are above 10 mA, up to 15 mA (Veps_1); remedy")
+    small = GOOD | {"unit_voltage": "1V"}
+    assert part_warnings(synthesise(make_scene(design=small), problem)) == ()
 
 
 def test_a_proposal_may_have_what_the_scene_has_but_for_rounding() -> None:

@@ -202,7 +202,9 @@ def test_a_section_that_calls_a_section_of_its_file(ngspice: str) -> None:
     ("cards", "reason"),
     [
         ([f"r{k} a 0 1" for k in range(MOST_PARTS + 1)], "parts"),
-        (["x1 a s"], "levels"),
+        (["x1 a s"], "31 levels"),
+        (["x1 a s15", "x2 a d0"], "31 levels"),
+        (["x1 a e0"], "31 levels"),
         (["x1 a u"], "calls itself"),
     ],
 )
@@ -212,6 +214,8 @@ def test_what_is_counted_before_anything_is_expanded(cards: list[str], reason: s
 
     blocks = {f"s{k}": lines([f"x1 a s{k + 1}"]) for k in range(MOST_LEVELS)}
     blocks["s"] = lines(["x1 a s0"])
+    blocks |= {f"d{k}": lines([f"x1 a d{k + 1}"]) for k in range(14)} | {"d14": lines(["x1 a s15"])}
+    blocks |= {f"e{k}": lines([f"x1 a e{k + 1}"]) for k in range(2000)}
     blocks[f"s{MOST_LEVELS}"] = lines(["r1 a 0 1"])
     blocks |= {"t": lines([f"x{k} a t1" for k in range(MOST_CARDS // 10 + 1)])}
     blocks |= {"t1": lines([f"r{k} a 0 1" for k in range(10)]), "u": lines(["x1 a u"])}
