@@ -76,19 +76,11 @@ class OperatingPoint:
 
 @dataclass(frozen=True, slots=True)
 class NoiseBand:
-    """Frequencies in geometric progression.
+    """Frequencies in geometric progression."""
 
-    Attributes
-    ----------
-    start : float
-        The lowest, Hz.
-    steps, density : int
-        Number of steps, and of steps per decade.
-    """
-
-    start: float
+    start: float  # the lowest, Hz
     steps: int
-    density: int
+    density: int  # steps per decade
 
     @property
     def stop(self) -> float:

@@ -46,19 +46,11 @@ Level = Literal["typical", "max", "none"]
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """The temperatures and supply voltages at which a board must work.
+    """The temperatures and supply voltages at which a board must work."""
 
-    Attributes
-    ----------
-    colder, hotter : float
-        The ends of the temperatures, from `ROOM`, K.
-    volts : float
-        Largest deviation of both supply voltages, V.
-    """
-
-    colder: float = 0.0
-    hotter: float = 0.0
-    volts: float = 0.0
+    colder: float = 0.0  # the lowest temperature, from `ROOM`, K
+    hotter: float = 0.0  # the highest one
+    volts: float = 0.0  # largest deviation of both supply voltages, V
 
     @property
     def kelvin(self) -> float:

@@ -44,19 +44,12 @@ ZERO_OR_MORE = (
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """One input error, or its change, over all op-amps of a type: a normal distribution.
+    """One input error, or its change, over all op-amps of a type: a normal distribution."""
 
-    Attributes
-    ----------
-    mean, sigma : float
-        V or A; of the common-mode error the voltage at the input over the common-mode voltage.
-    assumed : bool
-        Whether the sheet has no largest size, or it is not confirmed.
-    """
-
+    # V or A; of the common-mode error the voltage at the input over the common-mode voltage
     mean: float
     sigma: float
-    assumed: bool = False
+    assumed: bool = False  # whether the sheet has no largest size, or it is not confirmed
 
 
 @dataclass(frozen=True, slots=True)

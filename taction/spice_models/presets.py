@@ -83,21 +83,14 @@ def _notes() -> dict[str, dict[str, str]]:
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a figure of a preset comes from.
+    """Where a figure of a preset comes from."""
 
-    Attributes
-    ----------
-    document, limit : str
-        Title and revision of the document that prints the figure, and its guaranteed limit;
-        ``"derived"`` from other figures as the note says, or ``"assumed"``: in no public text that
-        was found. Empty where there is no limit.
-    note : str
-        What the data file says beside it.
-    """
-
+    # title and revision of the document that prints the figure, and its guaranteed limit;
+    # ``"derived"`` from other figures as the note says, or ``"assumed"``: in no public text that
+    # was found. Empty where there is no limit
     document: str
     limit: str
-    note: str
+    note: str  # what the data file says beside it
 
 
 def figure_origins(name: str) -> dict[str, Origin]:

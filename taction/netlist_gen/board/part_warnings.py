@@ -166,18 +166,10 @@ class BrokenLimit:
 
 @dataclass(frozen=True, slots=True)
 class AcceptedParts:
-    """What a proposal may have beyond the limits: what the scene itself has, but for rounding.
+    """What a proposal may have beyond the limits: what the scene itself has, but for rounding."""
 
-    Attributes
-    ----------
-    own : mapping of str to BrokenLimit
-        What the scene has, by the kind of part and the limit.
-    any_part : bool
-        Whether any part may be proposed.
-    """
-
-    own: Mapping[str, BrokenLimit]
-    any_part: bool = False
+    own: Mapping[str, BrokenLimit]  # what the scene has, by the kind of part and the limit
+    any_part: bool = False  # whether any part may be proposed
 
     def refused(self, broken: Mapping[str, BrokenLimit]) -> str:
         """Return which parts are beyond a limit, and farther than those of the scene."""

@@ -19,21 +19,11 @@ from taction.system.array_types import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignedArray:
-    """The array that a matrix of resistors has for its entries of one sign.
+    """The array that a matrix of resistors has for its entries of one sign."""
 
-    Attributes
-    ----------
-    negative : bool
-        Whether it is that of the negative entries.
-    siemens : ndarray (M, N)
-        Its entries; zero where there is none.
-    words, bits : tuple of str
-        The nodes at which its lines end.
-    """
-
-    negative: bool
-    siemens: Floats
-    words: Sequence[str]
+    negative: bool  # whether it is that of the negative entries
+    siemens: Floats  # (M, N): its entries; zero where there is none
+    words: Sequence[str]  # the nodes at which its lines end
     bits: Sequence[str]
 
 

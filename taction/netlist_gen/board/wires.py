@@ -41,26 +41,14 @@ KEPT = 8  # arrays whose reduction is kept: a budget and a margin ask for the sa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wires:
-    """The wires of an array, ohm.
+    """The wires of an array, ohm."""
 
-    Attributes
-    ----------
-    word_line, bit_line : float
-        Resistance per pitch of a row and of a column.
-    driver, sense : float
-        Between the output of an op-amp and its line, and between a line and the input that takes
-        its current.
-    corner : str
-        Where rows and columns have their ports: one of `CORNERS`; row 1 is at the top.
-    scale : ndarray (M, N), optional
-        The array's resistances over those that it would have without wires.
-    """
-
-    word_line: float = 0.0
-    bit_line: float = 0.0
-    driver: float = 0.0
-    sense: float = 0.0
-    corner: str = CORNERS[0]
+    word_line: float = 0.0  # per pitch of a row
+    bit_line: float = 0.0  # per pitch of a column
+    driver: float = 0.0  # between the output of an op-amp and its line
+    sense: float = 0.0  # between a line and the input that takes its current
+    corner: str = CORNERS[0]  # where the lines have their ports; row 1 is at the top
+    # (M, N): the array's resistances over those that it would have without wires
     scale: Floats | None = None
 
     @property
@@ -96,19 +84,11 @@ class Wires:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PortConductances:
-    """An array as conductances between its ports, S, none below zero.
+    """An array as conductances between its ports, S, none below zero."""
 
-    Attributes
-    ----------
-    across : ndarray (M, N)
-        Between word lines and bit lines: what the array computes with.
-    words, bits : ndarray (M, M) and (N, N)
-        Among word lines and among bit lines, with zeros on the diagonal.
-    """
-
-    across: Floats
-    words: Floats
-    bits: Floats
+    across: Floats  # (M, N), between word lines and bit lines: what the array computes with
+    words: Floats  # (M, M): among word lines, with zeros on the diagonal
+    bits: Floats  # (N, N): among bit lines
 
     def admittance(self) -> Floats:
         """Return the currents into word, then bit lines over their voltages, (M + N, M + N)."""

@@ -29,43 +29,21 @@ LONGEST = 500  # characters of a line: HSPICE cuts off a line of more than 1024
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """One language of decks.
+    """One language of decks."""
 
-    Attributes
-    ----------
-    name : str
-        Key of `DIALECTS`.
-    head : tuple of str
-        Lines after the title: what checked a deck like this one.
-    cards_as : tuple of (str, str)
-        Patterns of ngspice's cards and what is written for them, the first to the last.
-    options, heated : tuple of str
-        Options, and those of a board with transistors. Names in braces are those of `closing`.
-    analysis : tuple of str
-        Saved voltages, the transient, the end of the deck.
-    saved : str
-        A node to save.
-    uncharged : str
-        What a transient has that begins with no charge.
-    refused : tuple of str
-        Keys of `_UNCHECKED`: no program could check the deck of a board with them.
-    measures : bool
-        Whether the dialect has ``.meas``, and a program that checks it.
-    language : str
-        First line of an included file.
-    """
-
-    name: str
-    head: tuple[str, ...] = ()
+    name: str  # key of `DIALECTS`
+    head: tuple[str, ...] = ()  # lines after the title: what checked a deck like this one
+    # patterns of ngspice's cards and what is written for them, the first to the last
     cards_as: tuple[tuple[str, str], ...] = ()
-    options: tuple[str, ...] = ()
-    heated: tuple[str, ...] = ()
-    analysis: tuple[str, ...] = ()
-    saved: str = "v({})"
-    uncharged: str = " uic"
+    options: tuple[str, ...] = ()  # names in braces are those of `closing`
+    heated: tuple[str, ...] = ()  # options of a board with transistors
+    analysis: tuple[str, ...] = ()  # saved voltages, the transient, the end of the deck
+    saved: str = "v({})"  # a node to save
+    uncharged: str = " uic"  # what a transient has that begins with no charge
+    # keys of `_UNCHECKED`: no program could check the deck of a board with them
     refused: tuple[str, ...] = ()
-    measures: bool = True
-    language: str = ""
+    measures: bool = True  # whether the dialect has ``.meas``, and a program that checks it
+    language: str = ""  # first line of an included file
 
     def refusals(self, circuit: Circuit) -> Iterator[Complaint]:
         """Yield what the dialect cannot express of `circuit`, by the key of the scene."""

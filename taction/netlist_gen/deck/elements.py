@@ -33,37 +33,20 @@ ACCEPTED = "accepted are R C L K V I E F G H B, D Q J M with a .model, and switc
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Element:
-    """A card that is measured.
+    """A card that is measured."""
 
-    Attributes
-    ----------
-    name : str
-        Of the flat card.
-    pattern : str
-        The card: ``~`` for its name, ``{0}`` ``{1}`` for held nodes, ``{i0}`` for controlling
-        sources, ``{o0}`` ``{o1}`` for the nodes of an output.
-    held : tuple of str
-        Nodes whose voltages are held, terminals first.
-    currents : tuple of str
-        Sources whose currents are held.
-    outs : tuple
-        Kind (``v``, ``i`` or ``l``) and both nodes of an output.
-    terminals : int
-        How many of `held` are terminals, whose currents are read.
-    inner : mapping
-        By terminal, the inner node behind an ohmic resistance, ohm.
-    whole : str
-        The pattern with these resistances in it; empty without them.
-    """
-
-    name: str
+    name: str  # of the flat card
+    # the card: ``~`` for its name, ``{0}`` ``{1}`` for held nodes, ``{i0}`` for controlling
+    # sources, ``{o0}`` ``{o1}`` for the nodes of an output
     pattern: str
-    held: tuple[str, ...]
-    currents: tuple[str, ...] = ()
+    held: tuple[str, ...]  # nodes whose voltages are held, terminals first
+    currents: tuple[str, ...] = ()  # sources whose currents are held
+    # kind (``v``, ``i`` or ``l``) and both nodes of an output
     outs: tuple[tuple[str, str, str], ...] = ()
-    terminals: int = 0
+    terminals: int = 0  # how many of `held` are terminals, whose currents are read
+    # by terminal, the inner node behind an ohmic resistance, ohm
     inner: Mapping[int, tuple[str, float]] = field(default_factory=dict)
-    whole: str = ""
+    whole: str = ""  # the pattern with these resistances in it; empty without them
 
     @property
     def subcircuit(self) -> str:

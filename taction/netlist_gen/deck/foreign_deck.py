@@ -87,24 +87,12 @@ _NODE = re.compile(r"\b[vi] ?\([^()=]*\)")  # may have the name of anything
 
 @dataclass(frozen=True, slots=True)
 class ForeignDeck:
-    """A checked deck.
+    """A checked deck."""
 
-    Attributes
-    ----------
-    file : Path
-        Where it stands.
-    cards : tuple of Card
-        Cards of parts and values, in their order.
-    left : tuple of Card
-        Cards that are left out: analyses, outputs, options.
-    remarks : tuple of str
-        What a reader of the deck should know: commands that do not run.
-    """
-
-    file: Path
-    cards: tuple[Card, ...]
-    left: tuple[Card, ...] = ()
-    remarks: tuple[str, ...] = ()
+    file: Path  # where it stands
+    cards: tuple[Card, ...]  # cards of parts and values, in their order
+    left: tuple[Card, ...] = ()  # cards that are left out: analyses, outputs, options
+    remarks: tuple[str, ...] = ()  # what a reader of the deck should know: commands that do not run
 
     @property
     def lines(self) -> tuple[str, ...]:

@@ -34,20 +34,10 @@ _COMMENT = re.compile(r";|//|(?:^|(?<=\s))\$")
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """A logical line of a netlist.
+    """A logical line of a netlist."""
 
-    Attributes
-    ----------
-    number : int
-        The line of the file where it begins, from 1.
-    text : str
-        In lower case.
-    file : path
-        The file.
-    """
-
-    number: int
-    text: str
+    number: int  # the line of the file where it begins, from 1
+    text: str  # in lower case
     file: str | Path = "netlist"
 
     @property

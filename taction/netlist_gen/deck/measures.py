@@ -25,19 +25,11 @@ NOT_SETTLED = 1e99  # s: the settling time of a record that ends outside the ban
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """What the measures of a deck compare with.
+    """What the measures of a deck compare with."""
 
-    Attributes
-    ----------
-    targets, starts : tuple of float
-        Of each output node, V: the numerical solution, and the voltage before the step.
-    band : float
-        Half width of the settling band, fraction of the largest step.
-    """
-
-    targets: tuple[float, ...]
-    starts: tuple[float, ...]
-    band: float
+    targets: tuple[float, ...]  # the numerical solution at each output node, V
+    starts: tuple[float, ...]  # their voltages before the step, V
+    band: float  # half width of the settling band, fraction of the largest step
 
     @property
     def amplitude(self) -> float:

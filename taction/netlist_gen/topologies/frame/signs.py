@@ -33,28 +33,14 @@ from taction.system.array_types import Bools, Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Array:
-    """An array of conductances with the signs of T.
+    """An array of conductances with the signs of T."""
 
-    Attributes
-    ----------
-    role : str
-        `Role.FORWARD`: columns drive and rows sum; else rows drive and columns sum.
-    name : str
-        Of its resistors in the deck.
-    T : ndarray (M, N)
-        The entries.
-    drives : tuple of str
-        Nodes of the drivers.
-    sinks, others : tuple of str
-        The input of each op-amp that takes the array, and its other input.
-    """
-
-    role: str
-    name: str
-    T: Floats
-    drives: tuple[str, ...]
-    sinks: tuple[str, ...]
-    others: tuple[str, ...]
+    role: str  # `Role.FORWARD`: columns drive and rows sum; else rows drive and columns sum
+    name: str  # of its resistors in the deck
+    T: Floats  # (M, N): the entries
+    drives: tuple[str, ...]  # nodes of the drivers
+    sinks: tuple[str, ...]  # the input of each op-amp that takes the array
+    others: tuple[str, ...]  # its other input
 
     @property
     def by_column(self) -> bool:
@@ -67,14 +53,9 @@ class Array:
 
 
 class Way(ABC):
-    """How the entries of an array get their signs.
+    """How the entries of an array get their signs."""
 
-    Attributes
-    ----------
-    uses_other_input : bool
-        Whether negative entries end at the other input of an op-amp.
-    """
-
+    # whether negative entries end at the other input of an op-amp
     uses_other_input: ClassVar[bool] = False
 
     @abstractmethod
