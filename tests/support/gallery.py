@@ -5,26 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from taction.netlist_gen.kicad.picture import Strokes
-from taction.verification.report.blocks import (
-    NOTEBOOK,
-    PAGE,
-    TERMINAL,
-    Bar,
-    Bars,
-    Block,
-    Cell,
-    Code,
-    Drawing,
-    Facts,
-    Notes,
-    Page,
-    Range,
-    Ranges,
-    Section,
-    Shares,
-    Table,
-)
-from taction.verification.report.charts import (
+from taction.system.charts import (
     Axis,
     Band,
     Cells,
@@ -39,6 +20,23 @@ from taction.verification.report.charts import (
     segments,
     spread_colours,
 )
+from taction.verification.report.blocks import (
+    NOTEBOOK,
+    PAGE,
+    TERMINAL,
+    Bar,
+    Bars,
+    Block,
+    Cell,
+    Code,
+    Drawing,
+    Facts,
+    Notes,
+    Page,
+    Section,
+    Table,
+)
+from taction.verification.report.views.waveforms import end_names
 
 EVERYWHERE = (TERMINAL, PAGE, NOTEBOOK)
 
@@ -55,9 +53,8 @@ def charts() -> dict[str, Chart]:
             Curve(time, record, f"u{n}", look, label="", line="dash" if n == 3 else "solid")
             for n, (record, look) in enumerate(zip(records, colours, strict=True), 1)
         ),
-        *(Text(f"u{n}", None, float(r[-1]), ("right", "middle"), look)
-          for n, (r, look) in enumerate(zip(records, colours, strict=True), 1)),
-        Curve(time, records[2], "second engine", colours[2], "", "circle-open", marks=12),
+        *end_names([float(record[-1]) for record in records], -0.06, 0.12, colours),
+        Curve(time, records[2], "second engine", colours[2], "", "circle-open"),
         Limit(4e-5, "x", "settled", "ink"),
         Band(-0.01, 0.01, "y", "band of 1 %"),
     )  # fmt: skip
@@ -154,8 +151,6 @@ def gallery() -> Page:
                 Bar("stability", "inconclusive", None, 0.0, "–", "", "a pole is near the axis"),
             ),
         ),
-        Ranges("Spreads", (Range("rise time", 0.2, 0.4, 0.9, (0.8,), "fail", ("least 1 µs",)),)),
-        Shares("Samples", (("pass", 7), ("fail", 2), ("inconclusive", 1))),
         Facts("Board", (("R", "10 kΩ"), ("channels", "3"))),
         Code("deck", "* a board\nR1 a b 1e4"),
         Notes("Warnings", ("the record ends early",), "fail"),

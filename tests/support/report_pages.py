@@ -13,6 +13,7 @@ import taction
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.charts import Axis, Chart, Curve
 from taction.system.errors import InputError
 from taction.verification.design.choice_plan import ChoiceRequest, choice_plan
 from taction.verification.design.choose import (
@@ -35,7 +36,6 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.charts import Axis, Chart, Curve
 from taction.verification.report.views import (
     accuracy,
     choose,

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import taction
+from taction.system.charts import Curve, Text
 from taction.system.errors import InputError
-from taction.verification.report.charts import Curve, Text
 from taction.verification.report.views.board_check import _family
 from taction.verification.report.views.stability import pole_map
 from tests.support.designer_decks import DECKS

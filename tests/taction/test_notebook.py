@@ -14,9 +14,9 @@ from lxml import etree, html
 
 import taction
 from taction.netlist_gen.card import LONGEST
+from taction.system.charts import OUTCOMES
 from taction.system.quantities import quantity
 from taction.verification.report.blocks import NOTEBOOK, Cell, Notes, Page, Section, Table
-from taction.verification.report.charts import OUTCOMES
 from taction.verification.report.renderers.notebook import MOST_NOTES, MOST_ROWS
 from taction.verification.report.renderers.notebook import card as card_of
 from taction.verification.studies.tolerance.corners import worst_of

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from taction.system.after_result import attempt
-from taction.verification.report.charts import Chart, Outcome
+from taction.system.charts import Chart, Outcome
 
 if TYPE_CHECKING:
     from taction.netlist_gen.kicad.picture import Strokes
@@ -207,48 +207,6 @@ class Bars:
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
-    """The spread of a quantity; places are fractions of the width, from 0 to 1."""
-
-    name: str
-    low: float
-    middle: float
-    high: float
-    limits: tuple[float, ...]  # places of the limits
-    outcome: Outcome
-    texts: tuple[str, ...]  # the least, the typical and the largest value, and the limits
-
-
-@dataclass(frozen=True, slots=True)
-class Ranges:
-    """Spreads of several quantities."""
-
-    kind: ClassVar[str] = "ranges"
-    title: str
-    rows: tuple[Range, ...]
-    note: str = ""
-
-    @property
-    def table(self) -> Table:
-        """The ranges as a table."""
-        columns: dict[str, Callable[[Range], Shown]] = {
-            "quantity": lambda each: each.name,
-            "outcome": lambda each: Cell(each.outcome, None, each.outcome),
-            "range": lambda each: ", ".join(each.texts),
-        }
-        return Table.of(self.title, self.rows, columns, self.note)
-
-
-@dataclass(frozen=True, slots=True)
-class Shares:
-    """Numbers by outcome, as one bar."""
-
-    kind: ClassVar[str] = "shares"
-    title: str
-    rows: tuple[tuple[Outcome, int], ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Drawing:
     """A drawing of lines, circles and texts."""
 
@@ -287,7 +245,7 @@ class Notes:
     outcome: Outcome = ""
 
 
-Block = Table | Bars | Ranges | Shares | Chart | Drawing | Facts | Code | Notes
+Block = Table | Bars | Chart | Drawing | Facts | Code | Notes
 TERMINAL, PAGE, NOTEBOOK, PICTURE = "terminal", "page", "notebook", "picture"
 BOTH, EVERYWHERE, DRAWN = (TERMINAL, PAGE), (TERMINAL, PAGE, NOTEBOOK), (PAGE, PICTURE)
 

@@ -7,6 +7,7 @@ import re
 from decimal import Decimal
 
 from taction.spice_models.presets import opamp_name as opamp_name
+from taction.system.charts import Outcome
 from taction.system.quantities import NONE as NONE
 from taction.system.quantities import UNITS, show
 from taction.system.quantities import banded as banded
@@ -16,7 +17,6 @@ from taction.system.quantities import quantity as quantity
 from taction.system.quantities import readable as readable
 from taction.system.quantities import spaced as spaced
 from taction.verification.report.blocks import Cell
-from taction.verification.report.charts import Outcome
 
 NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
 UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;:.]?(?:\s|$))")

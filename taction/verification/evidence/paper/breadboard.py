@@ -14,6 +14,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.charts import SERIES, Axis, Chart, Curve
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import simulate
@@ -26,7 +27,7 @@ from taction.verification.evidence.paper.findings import (
     seconds,
     weigh,
 )
-from taction.verification.evidence.paper.pictures import Panel, Picture, curve
+from taction.verification.evidence.paper.pictures import Picture, level, panel
 from taction.verification.stability.margin import find_margin
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.verify import Effort, Verdict, verify
@@ -145,32 +146,26 @@ def _negligible(scene: Scene) -> Finding:
 
 
 def _figure_10(verdict: Verdict, unstable: Waveforms) -> Picture:
-    target = verdict.measurements.channels[CENTRE].target
-    at_target, levels = ((target, "target"),), ((0.1 * target, "10 %"), (0.9 * target, "90 %"))
-    stable = (verdict.waveforms.time, verdict.u[:, CENTRE])
-    oscillating = (unstable.time, unstable[f"v_{CENTRE + 1}"])
+    target, node = verdict.measurements.channels[CENTRE].target, f"v_{CENTRE + 1}"
+    at_target, levels = {target: "target"}, {0.1 * target: "10 %", 0.9 * target: "90 %"}
+    stable = verdict.waveforms.time, verdict.u[:, CENTRE]
+    oscillating = unstable.time, unstable[node]
     caption = (
         "Figure 10 by ngspice at 10 pF, the ringing that follows, and the same board with 8.2 pF."
     )
-    panels = (
-        _outputs("C = 10 pF: the rise", *stable, 60e-6, ("µs", 1e6), "C0-", levels),
-        _outputs("C = 10 pF: the ringing", *stable, 1e-3, ("ms", 1e3), "C0-", at_target),
-        _outputs("C = 8.2 pF", *oscillating, 1e-3, ("ms", 1e3), "C3-", at_target),
+    charts = (
+        _output("C = 10 pF: the rise", *stable, 60e-6, levels),
+        _output("C = 10 pF: the ringing", *stable, 1e-3, at_target),
+        _output("C = 8.2 pF", *oscillating, 1e-3, at_target, SERIES[3]),
     )
-    return Picture("figure-10", caption, panels)
+    return Picture("figure-10", caption, charts)
 
 
-def _outputs(
-    title: str,
-    time: Floats,
-    u: Floats,
-    end: float,
-    unit: tuple[str, float],
-    style: str,
-    marks: tuple[tuple[float, str], ...],
-) -> Panel:
-    """Return the centre output up to `end`, s; `unit` is its name and how many make a second."""
-    name, per_second = unit
+def _output(
+    title: str, time: Floats, u: Floats, end: float, levels: dict[float, str], look: str = SERIES[0]
+) -> Chart:
+    """Return the centre output up to `end`, s, with labelled levels, V."""
     shown = time <= end
-    line = curve(per_second * time[shown], u[shown], "", style)
-    return Panel(title, f"time ({name})", "centre output (V)", (line,), marks=marks)
+    lines = (level(value, text, k) for k, (value, text) in enumerate(levels.items(), 1))
+    axes = Axis("time", "s"), Axis("centre output", "V")
+    return panel(title, *axes, Curve(time[shown], u[shown], colour=look, width=0.6), *lines)

@@ -10,8 +10,9 @@ import math
 
 import numpy as np
 
+from taction.system.charts import SERIES, Axis, Curve
 from taction.verification.evidence.paper.findings import Chapter, finding, weigh
-from taction.verification.evidence.paper.pictures import Panel, Picture, curve
+from taction.verification.evidence.paper.pictures import Picture, panel
 from taction.verification.evidence.paper.tactile import Geometry
 
 RATIOS = (2.0, 4.0, 8.0, 10.0)  # depth / spacing; at the last one cond(T) is 3e11
@@ -40,14 +41,16 @@ def conditioning(quick: bool) -> Chapter:
         in_double=condition_number(BEYOND, NARROW),
     )
     dense = np.linspace(2.0, BEYOND, 50).tolist()
-    lines = (
-        curve(ratios, wide, f"range of {WIDE:g} depths", "C0o"),
-        curve(ratios, narrow, f"range of {NARROW:g} depths", "C1s"),
-        curve(dense, [asymptotic(r) for r in dense], "exp(pi r) / (2 e pi r)", "k-"),
+    chart = panel(
+        "condition number of T",
+        Axis("r = depth / spacing"),
+        Axis("cond(T)", scale="log"),
+        Curve(ratios, wide, f"range of {WIDE:g} depths", line="", mark="circle"),
+        Curve(ratios, narrow, f"range of {NARROW:g} depths", SERIES[1], "", "square"),
+        Curve(dense, [asymptotic(r) for r in dense], "exp(pi r) / (2 e pi r)", "ink"),
     )
-    panel = Panel("condition number of T", "r = depth / spacing", "cond(T)", lines, logs="y")
     text = "A finer grid on the same range: the condition number grows exponentially."
-    return Chapter((result,), (Picture("condition", text, (panel,)),))
+    return Chapter((result,), (Picture("condition", text, (chart,)),))
 
 
 def asymptotic(ratio: float) -> float:

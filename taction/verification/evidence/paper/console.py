@@ -10,6 +10,7 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.charts import SERIES, Axis, Curve
 from taction.verification.evidence.paper.findings import (
     Chapter,
     Finding,
@@ -18,7 +19,7 @@ from taction.verification.evidence.paper.findings import (
     seconds,
     weigh,
 )
-from taction.verification.evidence.paper.pictures import Panel, Picture, curve
+from taction.verification.evidence.paper.pictures import Picture, panel
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.verdict.checks import Outcome
@@ -29,6 +30,7 @@ FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)  # of the s
 GAINS = 49  # tried by the search
 OVERSHOOT = 0.05  # its limit
 CENTRE = 3  # channel 4 of 7
+SETTLING = Axis("settling time to ±1 %", "s", "log")
 
 
 def console(quick: bool) -> Chapter:
@@ -55,15 +57,14 @@ def _controls(scene: Scene) -> tuple[Finding, Picture]:
         settling=[settling[k] for k in shown],
         overshoot=[overshoot[k] for k in shown],
     )
-    gains = [factor * scene.design.gain / 1e6 for factor in FACTORS]
-    ms, percent = [1e3 * each for each in settling], [100.0 * each for each in overshoot]
-    x, style = "gain (MΩ)", "C0o-"
-    panels = (
-        Panel("settling time to ±1 %", x, "ms", (curve(gains, ms, "", style),), logs="y"),
-        Panel("overshoot", x, "% of the step", (curve(gains, percent, "", style),)),
+    gains, x = [factor * scene.design.gain for factor in FACTORS], Axis("gain", "ohm")
+    times, shares = (Curve(gains, each, mark="circle") for each in (settling, overshoot))
+    charts = (
+        panel("settling time to ±1 %", x, SETTLING, times),
+        panel("overshoot", x, Axis("overshoot", "step"), shares),
     )
     text = "The gain alone trades settling time against overshoot (R and C as they are)."
-    return result, Picture("gain", text, panels)
+    return result, Picture("gain", text, charts)
 
 
 def _tuned(scene: Scene) -> tuple[Finding, Picture]:
@@ -101,14 +102,15 @@ def _tuned(scene: Scene) -> tuple[Finding, Picture]:
         simulator=verdict.waveforms.engine,
     )
     over, times = _front(found.values())
-    lines = (
-        curve(over, [1e3 * t for t in times], "no other gain tried is better than these", "o-"),
-        curve([100.0 * before[1]], [1e3 * before[0]], "before", "C3s"),
-        curve([100.0 * overshoot], [1e3 * settling], "after, by ngspice", "C2*"),
+    chart = panel(
+        "settling time against overshoot",
+        Axis("overshoot", "step"),
+        SETTLING,
+        Curve(over, times, "no other gain tried is better than these", mark="circle"),
+        Curve([before[1]], [before[0]], "before", SERIES[3], "", "square"),
+        Curve([overshoot], [settling], "after, by ngspice", SERIES[2], "", "star", size=13.0),
     )
-    x, y = "overshoot (% of the step)", "settling time to ±1 % (ms)"
-    panel = Panel("settling time against overshoot", x, y, lines, logs="y")
-    return result, Picture("console", "The trade-off that the gain offers.", (panel,))
+    return result, Picture("console", "The trade-off that the gain offers.", (chart,))
 
 
 def _times(measurements: Measurements) -> tuple[float, float]:
@@ -118,9 +120,9 @@ def _times(measurements: Measurements) -> tuple[float, float]:
 
 
 def _front(found: Iterable[tuple[float, float]]) -> tuple[list[float], list[float]]:
-    """Return overshoot, %, and settling time, s, of the gains that no other one beats in both."""
+    """Return overshoot and settling time, s, of the gains that no other one beats in both."""
     best: list[tuple[float, float]] = []
     for settling, overshoot in sorted(found, key=lambda pair: (pair[1], pair[0])):
         if not best or settling < best[-1][1]:
-            best.append((100.0 * overshoot, settling))
+            best.append((overshoot, settling))
     return [pair[0] for pair in best], [pair[1] for pair in best]

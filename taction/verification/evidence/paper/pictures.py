@@ -1,36 +1,10 @@
-"""Pictures of the reproduction as plain data; `verification.report.views.paper` draws them."""
+"""Pictures of the reproduction: charts with the name of their file and a caption."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from taction.system.array_types import Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PaperCurve:
-    """One line of a picture; `style` is a format string of matplotlib."""
-
-    x: Floats
-    y: Floats
-    label: str = ""
-    style: str = "-"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Panel:
-    """One set of axes; `marks` are labelled horizontal lines, `logs` names axes (``"xy"``)."""
-
-    title: str
-    x: str
-    y: str
-    curves: tuple[PaperCurve, ...]
-    logs: str = ""
-    limits: tuple[float, float] | None = None
-    marks: tuple[tuple[float, str], ...] = ()
+from taction.system.charts import SERIES, Axis, Chart, Limit, Mark
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +13,15 @@ class Picture:
 
     name: str
     caption: str
-    panels: tuple[Panel, ...]
+    charts: tuple[Chart, ...]
 
 
-def curve(x: ArrayLike, y: ArrayLike, label: str = "", style: str = "-") -> PaperCurve:
-    """Return a `PaperCurve` of any two array-like values."""
-    return PaperCurve(
-        np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), label, style
-    )
+def panel(title: str, x: Axis, y: Axis, *marks: Mark) -> Chart:
+    """Return a chart of a picture; a legend of many names stands below it."""
+    named = sum(bool(getattr(mark, "name", "")) for mark in marks)
+    return Chart(title, x, y, marks, legend="inside" if named <= 2 else "below", height=330)
+
+
+def level(value: float, text: str, colour: int = 1) -> Limit:
+    """Return a labelled horizontal line in one of the colours of curves."""
+    return Limit(value, "y", f"{text}: {value:.3g}", SERIES[colour], "dash")

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from taction.system.array_types import Bools, Floats
+from taction.system.charts import SERIES, Axis, Curve
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.pictures import Panel, Picture, curve
+from taction.verification.evidence.paper.pictures import Picture, level, panel
 from taction.verification.evidence.paper.tactile import (
     COARSE,
     FINE,
@@ -194,45 +195,55 @@ def _figures() -> Picture:
         "Fig 9: lambda = 10": entropy(FINE.matrix, strain, 10.0),
         "best of 13: lambda = 0.31": entropy(FINE.matrix, strain, 0.31),
     }
-    panels = []
+    axes, charts = (Axis("y (in depths)"), Axis("stress")), []
     for title, u in answers.items():
-        lines = [curve(y, truth, "true", "k--"), curve(y, u, "recovered", "C0-")]
+        lines = [Curve(y, truth, "true", "ink", "dash"), Curve(y, u, "recovered")]
         if title.startswith("Fig 5"):
-            lines.append(curve(y, flow.at(LATER, strain), "stopped 100 times later", "C1-"))
-        panels.append(Panel(title, "y (in depths)", "stress", tuple(lines)))
+            later = flow.at(LATER, strain)
+            lines.append(Curve(y, later, "stopped 100 times later", SERIES[1]))
+        charts.append(panel(title, *axes, *lines))
     text = "Figures 5 to 9 again: N = 51 over y = -3 to 3, noise variance 0.1, one seed."
-    return Picture("figures-5-to-9", text, tuple(panels))
+    return Picture("figures-5-to-9", text, tuple(charts))
+
+
+ERROR = Axis("mean squared error, eq (20)", scale="log")
 
 
 def _errors(coarse: _Trials, fine: _Trials) -> Picture:
-    panels = []
+    charts = []
     for t in (coarse, fine):
         low, middle, high = np.quantile(t.scanned, (0.1, 0.5, 0.9), axis=0)
-        lines = (
-            curve(LAMBDAS, middle, "median of the seeds", "C0o-"),
-            curve(LAMBDAS, low, "10 and 90 %", "C0:"),
-            curve(LAMBDAS, high, "", "C0:"),
-            curve(PRINTED, np.median(t.printed, axis=0), "the paper's three", "C3s"),
+        printed = np.median(t.printed, axis=0)
+        charts.append(
+            panel(
+                t.geometry.title,
+                Axis("lambda", scale="log"),
+                ERROR,
+                Curve(LAMBDAS, middle, "median of the seeds", mark="circle"),
+                Curve(LAMBDAS, low, "10 and 90 %", line="dot"),
+                Curve(LAMBDAS, high, line="dot"),
+                Curve(PRINTED, printed, "the paper's three", SERIES[3], "", "square"),
+            )
         )
-        y = "mean squared error, eq (20)"
-        panels.append(Panel(t.geometry.title, "lambda", y, lines, logs="xy"))
     text = "Which lambda is best depends on the grid, which the paper does not give."
-    return Picture("error-over-lambda", text, tuple(panels))
+    return Picture("error-over-lambda", text, tuple(charts))
 
 
 def _flow() -> Picture:
-    times = np.geomspace(0.1, 1e6, 60)
-    panels = []
+    times, charts = np.geomspace(0.1, 1e6, 60), []
     for geometry in (COARSE, FINE):
         strain, truth = geometry.strain(PICTURE_SEED), geometry.stress
         flow = GradientFlow(geometry.matrix)
         errors = [squared_error(flow.at(t, strain), truth) for t in times.tolist()]
-        marks = (
-            (squared_error(by_transform(geometry, strain), truth), "Fourier transform"),
-            (squared_error(flow.converged(strain), truth), "converged"),
+        charts.append(
+            panel(
+                geometry.title,
+                Axis("time (time constants of the fastest mode)", scale="log"),
+                ERROR,
+                Curve(times, errors, "gradient flow, lambda = 0"),
+                level(squared_error(by_transform(geometry, strain), truth), "Fourier transform"),
+                level(squared_error(flow.converged(strain), truth), "converged", 2),
+            )
         )
-        line = curve(times, errors, "gradient flow, lambda = 0", "C0-")
-        x, y = "time (time constants of the fastest mode)", "mean squared error"
-        panels.append(Panel(geometry.title, x, y, (line,), logs="xy", marks=marks))
     text = "Without regularisation the error is least when the flow is stopped, largest at rest."
-    return Picture("stopped-flow", text, tuple(panels))
+    return Picture("stopped-flow", text, tuple(charts))

@@ -11,8 +11,9 @@ from typing import Literal
 import numpy as np
 
 from taction.system.array_types import Floats
+from taction.system.charts import SERIES, Axis, Curve
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.pictures import Panel, Picture, curve
+from taction.verification.evidence.paper.pictures import Picture, level, panel
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
 from taction.verification.reference.dynamics import (
     TOLERANCE,
@@ -157,20 +158,25 @@ def _accuracy(run: Response | None, second_opinion: float) -> Finding:
 
 
 def _picture(explicit: list[_Run], implicit: list[_Run]) -> Picture:
-    methods = (
-        (explicit, "Runge-Kutta 4, explicit", "C3s-"),
-        (implicit, "Radau IIA, implicit", "C0o-"),
-    )
-    panels = []
+    y, charts = Axis("largest error / largest output", scale="log"), []
     for title, x, key in (
-        ("error against run time", "wall time (s)", "seconds"),
-        ("error against work", "evaluations of the right-hand side", "evaluations"),
+        ("error against run time", Axis("wall time", "s", "log"), "seconds"),
+        (
+            "error against work",
+            Axis("evaluations of the right-hand side", scale="log"),
+            "evaluations",
+        ),
     ):
-        lines = tuple(
-            curve([getattr(run, key) for run in runs], [run.error for run in runs], name, style)
-            for runs, name, style in methods
-        )
-        y, enough = "largest error / largest output", ((MAX_ERROR, "enough"),)
-        panels.append(Panel(title, x, y, lines, logs="xy", marks=enough))
+        curves = (
+            Curve(
+                [getattr(run, key) for run in runs], [run.error for run in runs], name, look,
+                mark=mark,
+            )
+            for runs, name, look, mark in (
+                (explicit, "Runge-Kutta, explicit", SERIES[3], "square"),
+                (implicit, "Radau IIA, implicit", SERIES[0], "circle"),
+            )
+        )  # fmt: skip
+        charts.append(panel(title, x, y, *curves, level(MAX_ERROR, "enough")))
     text = "The explicit method is stable only where it is far more accurate than necessary."
-    return Picture("simnon", text, tuple(panels))
+    return Picture("simnon", text, tuple(charts))

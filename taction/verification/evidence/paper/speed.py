@@ -12,9 +12,10 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from taction.netlist_gen.scene.inverse_problem import kernel
 from taction.system.array_types import Floats
+from taction.system.charts import SERIES, Axis, Curve
 from taction.system.errors import SolverError
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.pictures import Panel, Picture, curve
+from taction.verification.evidence.paper.pictures import Picture, panel
 from taction.verification.evidence.paper.tactile import Geometry, entropy, unit_network
 from taction.verification.reference.dynamics import ideal_linear
 from taction.verification.reference.problem import Problem
@@ -120,19 +121,22 @@ def _best(run: Callable[[], object], *, repeats: int = 1, tries: int = TRIES) ->
 
 
 def _picture(sizes: tuple[int, ...], plain: Times, weighted: Times) -> Picture:
-    panels = []
-    for title, (rise, settling) in (
-        ("T as printed, without weights", plain),
-        ("T times the spacing", weighted),
-    ):
-        lines = (
-            curve(sizes, rise, "rise of the centre", "C0o-"),
-            curve(sizes, settling, "1 % settling", "C1s-"),
+    axes = Axis("channels N", scale="log"), Axis("time (RC)", scale="log", limits=AXIS)
+    charts = tuple(
+        panel(
+            title,
+            *axes,
+            Curve(sizes, rise, "rise of the centre", mark="circle"),
+            Curve(sizes, settling, "1 % settling", SERIES[1], mark="square"),
         )
-        panels.append(Panel(title, "channels N", "time (RC)", lines, logs="xy", limits=AXIS))
+        for title, (rise, settling) in (
+            ("T as printed, without weights", plain),
+            ("T times the spacing", weighted),
+        )
+    )
     fastest = sizes[int(np.argmin(plain[1]))]
     text = (
         "More channels on the same range: without weights the rise time falls, and the settling"
         f" time up to N = {fastest}; with weights neither does."
     )
-    return Picture("time-over-channels", text, tuple(panels))
+    return Picture("time-over-channels", text, charts)

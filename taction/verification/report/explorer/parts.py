@@ -12,6 +12,17 @@ import numpy as np
 from taction.netlist_gen.scene.open_tables import OPAMPS
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.charts import (
+    Axis,
+    Band,
+    Chart,
+    Curve,
+    Limit,
+    Line,
+    Mark,
+    spread_colours,
+    thinned,
+)
 from taction.system.errors import EngineError
 from taction.verification.design.exploration import (
     ExplorerCurves,
@@ -23,17 +34,6 @@ from taction.verification.design.exploration import (
 )
 from taction.verification.design.explorer_settings import STEPS, Control, Settings, Start
 from taction.verification.design.outcomes_along import CELLS
-from taction.verification.report.charts import (
-    Axis,
-    Band,
-    Chart,
-    Curve,
-    Limit,
-    Line,
-    Mark,
-    spread_colours,
-    thinned,
-)
 from taction.verification.report.renderers.plotly import plotly_spec
 from taction.verification.report.texts import figure, quantity, readable
 from taction.verification.report.views.answer import answer_text, true_error_text

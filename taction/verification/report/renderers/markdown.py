@@ -74,7 +74,7 @@ def _section(
 
 def _block(block: Block, above: str, level: int) -> Iterator[str]:
     """Yield the lines of a block, the first of them empty; what Markdown cannot show has none."""
-    if block.kind in ("chart", "drawing", "ranges", "shares"):
+    if block.kind in ("chart", "drawing"):
         return
     if block.title and block.title != above:
         yield from ("", f"{'#' * level} {line(block.title)}")

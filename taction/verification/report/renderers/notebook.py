@@ -11,7 +11,6 @@ from typing import Any
 
 from taction.netlist_gen.card import (
     CELL,
-    LINE,
     PLAIN,
     ROW,
     boxed,
@@ -20,6 +19,7 @@ from taction.netlist_gen.card import (
     head,
     whole_table,
 )
+from taction.system.charts import OUTCOMES, Chart, Outcome
 from taction.verification.report.blocks import (
     NOTEBOOK,
     Bars,
@@ -29,14 +29,10 @@ from taction.verification.report.blocks import (
     Facts,
     Notes,
     Page,
-    Ranges,
-    Shares,
     Table,
 )
-from taction.verification.report.charts import OUTCOMES, Chart, Outcome
 
 INK = {"pass": "#fff", "fail": "#000", "inconclusive": "#000", "error": "#000"}
-HATCH = "repeating-linear-gradient(135deg,{0} 0 3px,transparent 3px 6px)"
 MOST_ROWS, MOST_NOTES = 40, 6
 
 
@@ -76,21 +72,6 @@ def _head(page: Page, kind: str) -> str:
     return head(kind, page.title, outcome) + "".join(lines)
 
 
-def _shares(block: Shares) -> str:
-    """Draw the shares of the outcomes, each with its number below."""
-    total = sum(number for _, number in block.rows)
-    if not total:
-        return ""
-    parts = []
-    for outcome, number in block.rows:
-        look = OUTCOMES[outcome]
-        fill = HATCH.format(look.colour) if look.hatch else look.colour
-        parts.append(f'<div style="width:{100 * number / total:.4g}%;background:{fill}"></div>')
-    style = f"display:flex;height:.8em;border:{LINE};margin:.5em 0 .2em"
-    words = " ".join(f"{number} {_mark(outcome)}" for outcome, number in block.rows if number)
-    return f'<div style="{style}" aria-hidden="true">{"".join(parts)}</div><div>{words}</div>'
-
-
 def _table(block: Table) -> str:
     if not block.rows:
         return ""
@@ -126,7 +107,5 @@ SHOWN: dict[type, Callable[[Any], str]] = {
     Drawing: lambda block: _note(block.summary),
     Facts: lambda block: facts_table(block.rows),
     Notes: lambda block: "".join(map(_note, _first(block.lines, MOST_NOTES))),
-    Ranges: lambda block: _table(block.table),
-    Shares: _shares,
     Table: _table,
 }

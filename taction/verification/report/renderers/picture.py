@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from taction.netlist_gen.kicad.sheet import GRID
+from taction.system.charts import OUTCOMES, Chart
 from taction.verification.report.blocks import PICTURE, Bars, Block, Drawing, Notes, Page
-from taction.verification.report.charts import OUTCOMES, Chart
 from taction.verification.report.renderers.figures import figure_file, wrapped
 from taction.verification.report.renderers.picture_chart import draw_chart
 

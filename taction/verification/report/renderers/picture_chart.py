@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
-from taction.verification.report.charts import (
+from taction.system.charts import (
     BLUE,
     GREY,
     ORANGE,
@@ -37,12 +37,10 @@ MARKS = {
 }  # fmt: skip
 LINES = {"solid": "-", "dash": (0, (4.0, 4.0)), "dot": ":", "dashdot": "-.", "": "none"}
 THEME = {"ink": "#1a1a1a", "muted": "#555555", "band": "#d9d9d9", "true": GREY}
-PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"),
-            (1e-12, "p"), (1e-15, "f"))  # fmt: skip
 DIVERGING = (BLUE, "#f4f4f2", ORANGE)
+FEW = 5  # steps between labels with a unit, which are long
 LABELLED = 0.5  # height of the ticks and the label of the horizontal axis, inches
 TURNED = 0.3  # more height of turned names, inches
-LEAST_GAP = 0.055  # between two labels, share of the height of the axes
 
 
 def draw_chart(axes: Axes, chart: Chart) -> None:
@@ -63,7 +61,6 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
             getattr(axes, f"invert_{name}axis")()
     for name in ("x", "y"):
         _label(axes, chart, name)
-    _end_labels(axes, chart)
     _legend(axes, chart)
     axes.set_title(wrapped(chart.heading, LETTERS * _inches(axes)), fontsize="medium")
 
@@ -78,23 +75,6 @@ def colour(name: str) -> str:
 def hatch(name: str) -> str:
     """Return the hatching of an outcome; other colours have none."""
     return OUTCOMES[name].hatch if name in OUTCOMES else ""
-
-
-def apart(wanted: Floats, gap: float = LEAST_GAP) -> Floats:
-    """Return the places (n,) nearest to the wanted ones that are at least `gap` apart.
-
-    Examples
-    --------
-    >>> apart(np.array([0.5, 0.5, 0.1]), 0.1).round(2).tolist()
-    [0.45, 0.55, 0.1]
-    """
-    from scipy.optimize import isotonic_regression
-
-    order = np.argsort(wanted, kind="stable")
-    steps = gap * np.arange(len(wanted))
-    places = np.empty(len(wanted))
-    places[order] = isotonic_regression(np.asarray(wanted)[order] - steps).x + steps
-    return places
 
 
 def cell_edges(places: ArrayLike, *, log: bool = False) -> Floats:
@@ -141,9 +121,8 @@ def _label(axes: Axes, chart: Chart, name: str) -> None:
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(NullFormatter())
     elif unit and unit != "%":
-        size, prefix = _prefix(max(abs(low), abs(high)))
-        ruler.set_major_formatter(lambda value, _: f"{value / size:.6g}".replace("-", "−"))
-        shown = f"{prefix}{unit}"
+        ruler.set_major_locator(MaxNLocator(FEW))
+        ruler.set_major_formatter(EngFormatter(unit))
     else:
         ruler.set_major_formatter(lambda value, _: f"{value:.6g}".replace("-", "−"))
         shown = unit
@@ -178,10 +157,6 @@ def _power(value: float, _: object = None) -> str:
     return f"${digit}\\cdot10^{{{int(exponent)}}}$".replace("$1\\cdot", "$")
 
 
-def _prefix(reach: float) -> tuple[float, str]:
-    return next(((size, name) for size, name in PREFIXES if reach >= size), (1.0, ""))
-
-
 def _marker(name: str, look: str, size: float) -> dict[str, Any]:
     shape = name.removesuffix("-open")
     open_mark = name.endswith("-open")
@@ -197,11 +172,6 @@ def _curve(axes: Axes, mark: Curve, chart: Chart) -> None:
     style: dict[str, Any] = {"color": look, "lw": mark.width, "ls": LINES[mark.line]}
     style |= {"zorder": 1.5 if mark.behind else 2.5, "label": name}
     style |= _marker(mark.mark, look, mark.size)
-    if mark.mark and mark.marks and mark.line:
-        style["markevery"] = max(len(x) // mark.marks, 1)
-    elif mark.marks:
-        chosen = np.unique(np.linspace(0, len(x) - 1, mark.marks).round().astype(int))
-        x, y = x[chosen], y[chosen]
     if mark.shades is not None and mark.shade is not None:
         _shaded(axes, mark, x, y)
     elif mark.spread is None:
@@ -365,12 +335,11 @@ def _cells(axes: Axes, mark: Cells, chart: Chart) -> None:
 
 
 def _text(axes: Axes, mark: Text, chart: Chart) -> None:
-    if _is_end_label(mark):
-        return
     side, level = mark.align
+    beyond = mark.x is None and level == "middle"
     place: list[Any] = []
     for value, axis, edge in (
-        (mark.x, chart.x, {"left": 0.99, "right": 0.01, "middle": 0.5}[side]),
+        (mark.x, chart.x, {"left": 0.99, "right": 1.01 if beyond else 0.01, "middle": 0.5}[side]),
         (mark.y, chart.y, {"above": 0.02, "below": 0.98, "middle": 0.5}[level]),
     ):
         place.append((edge, "axes fraction") if value is None else (axis.factor * value, "data"))
@@ -378,12 +347,8 @@ def _text(axes: Axes, mark: Text, chart: Chart) -> None:
         mark.text, (place[0][0], place[1][0]), xycoords=(place[0][1], place[1][1]),
         ha={"left": "right", "right": "left", "middle": "center"}[side],
         va={"above": "bottom", "below": "top", "middle": "center"}[level],
-        fontsize="small", color=colour(mark.colour),
+        fontsize="small", color=colour(mark.colour), annotation_clip=False,
     )  # fmt: skip
-
-
-def _is_end_label(mark: Text) -> bool:
-    return mark.x is None and mark.align == ("right", "middle")
 
 
 DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
@@ -395,28 +360,6 @@ DRAWERS: dict[type, Callable[[Any, Any, Chart], None]] = {
     Cells: _cells,
     Text: _text,
 }
-
-
-def _end_labels(axes: Axes, chart: Chart) -> None:
-    """Write the texts beside the right edge, none over another."""
-    found: list[tuple[str, float, str]] = []
-    factor = chart.y.factor
-    for mark in chart.marks:
-        if isinstance(mark, Text) and _is_end_label(mark) and mark.y is not None:
-            found.append((mark.text, factor * mark.y, mark.colour))
-    if not found:
-        return
-    to_axes = axes.transData + axes.transAxes.inverted()
-    left = axes.get_xlim()[0]
-    wanted = np.array([to_axes.transform((left, y))[1] for _, y, _ in found])
-    wanted = np.clip(wanted, 0.0, 1.0)
-    for (name, _, look), y, place in zip(found, wanted, apart(wanted), strict=True):
-        axes.annotate(
-            name, (1.0, y), (1.03, place), xycoords="axes fraction", textcoords="axes fraction",
-            va="center", fontsize="small", color=colour(look), annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": colour(look), "lw": 0.6, "shrinkA": 1,
-                        "shrinkB": 0},
-        )  # fmt: skip
 
 
 def _legend(axes: Axes, chart: Chart) -> None:

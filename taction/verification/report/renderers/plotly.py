@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from taction.system.array_types import Floats
-from taction.verification.report.charts import (
+from taction.system.charts import (
     OUTCOMES,
     Axis,
     Band,
@@ -56,16 +56,19 @@ def plotly_spec(chart: Chart) -> dict[str, Any]:
         if isinstance(mark, Text):
             texts.append(_text(mark, chart))
             continue
-        data += TRACES[type(mark)](mark, chart)
         if isinstance(mark, Limit | Band):
             shapes.append(_shape(mark, chart))
+        else:
+            data += TRACES[type(mark)](mark, chart)
     first = chart.views[0] if chart.views else None
     layout: dict[str, Any] = {
         "xaxis": _axis(chart, "x", first.x if first else None),
         "yaxis": _axis(chart, "y", first.y if first else None),
         "shapes": shapes,
         "annotations": texts,
-        "showlegend": bool(chart.legend and any(each.get("showlegend", True) for each in data)),
+        "showlegend": bool(
+            chart.legend and any(each.get("showlegend", True) for each in (*data, *shapes))
+        ),
         "hovermode": "closest",
         "margin": _margin(chart, texts),
     }
@@ -74,6 +77,11 @@ def plotly_spec(chart: Chart) -> dict[str, Any]:
     if any(isinstance(mark, Grid) for mark in chart.marks):
         layout["plot_bgcolor"] = "--card"
     return {"data": data, "layout": layout}
+
+
+def _is_named(drawn: dict[str, Any]) -> bool:
+    """Whether the legend has what is drawn; Plotly itself lists what says nothing."""
+    return bool(drawn.get("showlegend", True))
 
 
 def view_layout(chart: Chart, view: View) -> dict[str, Any]:
@@ -249,7 +257,7 @@ def _curve(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
         if ends is not None:
             trace["marker"] |= {"cmin": ends[0], "cmax": ends[1]}
     mode = [] if not mark.line else ["lines"]
-    if mark.mark and not mark.marks:
+    if mark.mark:
         mode.append("markers")
     if any(mark.written):
         mode.append("text")
@@ -260,20 +268,14 @@ def _curve(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
         middle = np.asarray(mark.x, dtype=np.float64)
         trace["error_x"] = {"type": "data", "symmetric": False, "array": numbers(high - middle),
                             "arrayminus": numbers(middle - low), "thickness": 1}  # fmt: skip
-    if mode:
-        yield trace | {"mode": "+".join(mode)}
-    if mark.mark and mark.marks:
-        x, y = (np.asarray(values, dtype=np.float64) for values in (mark.x, mark.y))
-        places = np.unique(np.linspace(0, len(x) - 1, mark.marks).round().astype(int))
-        chosen = {"x": _values(x[places], chart.x), "y": _values(y[places], chart.y)}
-        named = trace["showlegend"] and not mark.line
-        yield trace | chosen | {"mode": "markers", "showlegend": named}
+    yield trace | {"mode": "+".join(mode)}
 
 
 def _shape(mark: Limit | Band, chart: Chart) -> dict[str, Any]:
     across, other = mark.across, "y" if mark.across == "x" else "x"
     axis: Axis = getattr(chart, across)
-    rest = {f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1}
+    rest = {f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1,
+            "showlegend": bool(mark.name), "name": words(mark.name)}  # fmt: skip
     if isinstance(mark, Limit):
         value = _place(mark.value, axis)
         look = {"color": colour(mark.colour), "width": max(1.5, mark.width), "dash": mark.line}
@@ -288,17 +290,6 @@ def _shape(mark: Limit | Band, chart: Chart) -> dict[str, Any]:
 def _place(value: float, axis: Axis) -> float:
     """Return a place for a shape or an annotation; Plotly wants logarithms of annotations only."""
     return axis.factor * value
-
-
-def _key(mark: Limit | Band, chart: Chart) -> Iterator[dict[str, Any]]:
-    """Yield an empty curve that has the name of a line or a band in the legend."""
-    if not (mark.name and chart.legend):
-        return
-    dash = mark.line if isinstance(mark, Limit) else "solid"
-    width = 1.5 if isinstance(mark, Limit) else 8
-    line = {"color": colour(mark.colour), "dash": dash, "width": width}
-    yield {"type": "scatter", "mode": "lines", "x": [None], "y": [None], "name": words(mark.name),
-           "line": line, "opacity": 1.0 if isinstance(mark, Limit) else 0.4}  # fmt: skip
 
 
 def _columns(mark: Columns, chart: Chart) -> Iterator[dict[str, Any]]:
@@ -431,8 +422,6 @@ def _place_text(axis: Axis, value: float) -> str:
 
 TRACES: dict[type, Callable[[Any, Chart], Iterator[dict[str, Any]]]] = {
     Curve: _curve,
-    Limit: _key,
-    Band: _key,
     Columns: _columns,
     Grid: _grid,
     Cells: _cells,

@@ -18,10 +18,10 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
+from taction.system.charts import OUTCOMES, Chart
 from taction.system.foreign_text import escaped, visible
 from taction.verification.report import blocks
 from taction.verification.report.blocks import TERMINAL, Bar, Bars, Block, Page
-from taction.verification.report.charts import OUTCOMES, Chart
 from taction.verification.report.texts import glued
 
 WIDTH = 160  # columns of a page in a file or a pipe, unless the variable COLUMNS says otherwise
@@ -146,13 +146,6 @@ def _bar(share: float | None) -> str:
     within = min(int(LIMIT_AT * share), LIMIT_AT)
     beyond = min(math.ceil(LIMIT_AT * max(share - 1.0, 0.0)), BEYOND)
     return f"{'#' * within:.<{LIMIT_AT}}|{'#' * beyond:<{BEYOND}}"
-
-
-def _shares(block: blocks.Shares) -> Text:
-    text = Text(f"{block.title}: " if block.title else "")
-    for place, (outcome, number) in enumerate(block.rows):
-        text.append(", " * bool(place)).append_text(outcome_text(f"{number} {outcome}", outcome))
-    return text
 
 
 def _lines(title: str, lines: Iterable[Text]) -> Group:
@@ -291,8 +284,6 @@ class FittedTable:
 SHOWN: dict[type, Callable[[Any], RenderableType]] = {
     blocks.Table: FittedTable,
     Bars: _bars,
-    blocks.Ranges: lambda block: FittedTable(block.table),
-    blocks.Shares: _shares,
     blocks.Facts: _facts,
     blocks.Notes: _notes,
     blocks.Code: lambda block: _lines(block.title, [Text(escaped(block.text, "\n\t"))]),

@@ -7,6 +7,7 @@ from functools import partial
 
 import numpy as np
 
+from taction.system.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark
 from taction.verification.report.blocks import (
     BOTH,
     DRAWN,
@@ -18,7 +19,6 @@ from taction.verification.report.blocks import (
     Shown,
     Table,
 )
-from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark
 from taction.verification.report.texts import number_cell, quantity
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.work_precision.methods import Method

@@ -14,6 +14,7 @@ from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.problem import StatedProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
+from taction.system.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
 from taction.system.quantities import readable, sizes
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.blocks import (
@@ -28,7 +29,6 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.charts import BLUE, GREY, Axis, Chart, Curve, Grid, Limit, segments
 from taction.verification.report.texts import counted, opamp_name, quantity
 from taction.verification.report.views.parts import nearest_value, part_columns
 from taction.verification.verdict.board_power import board_power

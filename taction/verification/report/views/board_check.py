@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
+from taction.system.charts import SERIES, Axis, Chart, Curve, Limit, spread_colours
 from taction.verification.engines.statespace.linearised.time_scales import Ringing
 from taction.verification.report.blocks import (
     BOTH,
@@ -19,7 +20,6 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.charts import SERIES, Axis, Chart, Curve, Limit, spread_colours
 from taction.verification.report.texts import (
     KNOWN,
     banded,

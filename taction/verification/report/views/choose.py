@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.charts import Axis, Chart, Curve, Grid, segments, zero_lines
 from taction.system.foreign_text import shortened
 from taction.verification.design.choice_plan import CAPACITANCE, FEEDBACK, G0, GAIN, NAMES, U0
 from taction.verification.design.choose import Choice, ChosenDesign, Confirmation
@@ -27,7 +28,6 @@ from taction.verification.report.blocks import (
     Shown,
     Table,
 )
-from taction.verification.report.charts import Axis, Chart, Curve, Grid, segments, zero_lines
 from taction.verification.report.texts import (
     counted,
     figure,

@@ -10,18 +10,18 @@ from taction.verification.report.blocks import (
     BOTH,
     PAGE,
     TERMINAL,
+    Bar,
+    Bars,
     Block,
     Cell,
     Notes,
     Page,
-    Range,
-    Ranges,
     Section,
     Shown,
     Table,
 )
 from taction.verification.report.texts import counted, number_cell, outcome_cell, spaced
-from taction.verification.report.views.montecarlo import value_range
+from taction.verification.report.views.montecarlo import spread_bar
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
 from taction.verification.studies.tolerance.samples import Quantity
@@ -56,12 +56,13 @@ def view(study: CornerStudy) -> Page:
 def ranges(study: CornerStudy) -> Iterator[Block]:
     """Yield the least, typical and largest values of the corners, against the limits."""
     found = (_range(each, study.corners) for each in study.quantities)
-    rows = [row for row in found if row is not None]
-    note = "The line in the bar is the nominal board, the black line the limit."
-    yield Ranges("", tuple(rows), note)
+    note = (
+        "The bar is the part of the limit that the worst corner uses; typical: the nominal board."
+    )
+    yield Bars("", tuple(row for row in found if row is not None), note)
 
 
-def _range(quantity: Quantity, corners: Sequence[Corner]) -> Range | None:
+def _range(quantity: Quantity, corners: Sequence[Corner]) -> Bar | None:
     found = [corner.result.value(quantity.name) for corner in corners]
     values = [value for value in found if value is not None and math.isfinite(value)]
     if not values:
@@ -70,7 +71,7 @@ def _range(quantity: Quantity, corners: Sequence[Corner]) -> Range | None:
     count = len(found) - len(values)
     shown = {"least": min(values), "typical": nominal, "largest": max(values)}
     missing = f"{count} corners without a value" if count else ""
-    return value_range(quantity.title, quantity.unit, shown, quantity.limits, missing)
+    return spread_bar(quantity.title, quantity.unit, shown, quantity.limits, missing)
 
 
 def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Block]:

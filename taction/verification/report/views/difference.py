@@ -7,6 +7,15 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from taction.system.array_types import Floats
+from taction.system.charts import (
+    Axis,
+    Chart,
+    Curve,
+    Line,
+    Outcome,
+    spread_colours,
+    thinned,
+)
 from taction.verification.report.blocks import (
     BOTH,
     DRAWN,
@@ -17,15 +26,6 @@ from taction.verification.report.blocks import (
     Section,
     Shown,
     Table,
-)
-from taction.verification.report.charts import (
-    Axis,
-    Chart,
-    Curve,
-    Line,
-    Outcome,
-    spread_colours,
-    thinned,
 )
 from taction.verification.report.texts import (
     is_small,

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+from taction.system.charts import OUTCOMES, Outcome
 from taction.system.documents import read
 from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Table
-from taction.verification.report.charts import OUTCOMES, Outcome
 from taction.verification.report.texts import counted, number_cell, outcome_cell
 from taction.verification.report.views.checks import margin_lines
 from taction.verification.studies.verify_files import VerifiedFiles

@@ -8,22 +8,21 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from taction.system.array_types import Floats
+from taction.system.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, View
 from taction.verification.report.blocks import (
     DRAWN,
     EVERYWHERE,
     NOTEBOOK,
     TERMINAL,
+    Bar,
+    Bars,
     Block,
     Cell,
     Notes,
     Page,
-    Range,
-    Ranges,
     Section,
-    Shares,
     Table,
 )
-from taction.verification.report.charts import Axis, Band, Chart, Columns, Limit, Mark, Text, View
 from taction.verification.report.texts import counted, figure, number_cell, percent, spaced, titled
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.tolerance.samples import BoardSample
@@ -40,7 +39,6 @@ SHOWN = 10  # sensitivities in a terminal
 FAR = 1.5  # times the range of the values: a limit farther away is an arrow
 SAME = 1e-9  # relative: values that are one value
 UNITS = {"ratio": ""}
-MARGIN = 1.15  # of the largest value or limit: the width of a spread
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
 
 
@@ -52,11 +50,9 @@ def view(result: YieldReport) -> Page:
         command="taction yield montecarlo",
         summary=_summary(result),
         sections=(
-            Section("Yield", (_interval(result),)),
-            Section("Samples", (_shares(result),), media=(NOTEBOOK,)),
             Section("Checks that do not pass", tuple(failures(result)), media=EVERYWHERE),
             Section("What costs yield", lambda: (_culprits(result),), media=DRAWN),
-            Section("Spread and limits", (_ranges(result),)),
+            Section("Spread and limits", (_limits(result),)),
             Section("Quantities", (spreads(result),), media=EVERYWHERE),
             Section("Histograms", lambda: histograms(result), media=DRAWN),
             Section("Causes", (causes(result),), media=EVERYWHERE),
@@ -88,26 +84,9 @@ def _worst(result: YieldReport) -> str:
     )
 
 
-def _interval(result: YieldReport) -> Ranges | None:
-    if not result.samples:
-        return None
-    texts = (
-        f"95 % interval {percent(result.low, 4)} to {percent(result.high, 4)}",
-        f"estimate {percent(result.fraction, 4)}",
-    )
-    row = Range("yield, from 0 to 100 %", result.low, result.fraction, result.high, (), "", texts)
-    return Ranges("", (row,))
-
-
 def _check(cause: Sensitivity) -> str:
     """Return the check that a cause belongs to."""
     return CHECK_OF.get(cause.quantity, cause.quantity)
-
-
-def _shares(result: YieldReport) -> Shares:
-    failed = result.samples - result.passed - result.without_verdict
-    counts = (("pass", result.passed), ("fail", failed), ("inconclusive", result.without_verdict))
-    return Shares("", tuple((name, count) for name, count in counts if count))
 
 
 def failures(result: YieldReport) -> Iterator[Block]:
@@ -124,21 +103,18 @@ def failures(result: YieldReport) -> Iterator[Block]:
         yield Notes("Samples without a verdict", (text, *lines))
 
 
-def _ranges(result: YieldReport) -> Ranges:
+def _limits(result: YieldReport) -> Bars:
     spreads = (
         (each, {"5th percentile": each.low, "median": each.median, "95th": each.high})
         for each in result.quantities
     )
     rows = tuple(
-        value_range(each.title, each.unit, values, (each.at_least, each.at_most))
+        spread_bar(each.title, each.unit, values, (each.at_least, each.at_most))
         for each, values in spreads
         if all(map(math.isfinite, values.values()))
     )
-    note = (
-        "The bar goes from the 5th to the 95th percentile, the line in it is the median, the"
-        " black line the limit. Hatched: beyond the limit."
-    )
-    return Ranges("5th percentile, median and 95th percentile against the limits", rows, note)
+    note = "The bar is the part of the limit that the percentile nearest to it uses."
+    return Bars("5th percentile, median and 95th percentile against the limits", rows, note)
 
 
 def _ends(limits: Limits) -> tuple[float, float]:
@@ -147,10 +123,10 @@ def _ends(limits: Limits) -> tuple[float, float]:
     return -math.inf if least is None else least, math.inf if most is None else most
 
 
-def value_range(
+def spread_bar(
     name: str, unit: str, values: Mapping[str, float], limits: Limits, missing: str = ""
-) -> Range:
-    """Return the spread of a quantity.
+) -> Bar:
+    """Return the spread of a quantity against its limits; the end nearest to one is the bar.
 
     Parameters
     ----------
@@ -161,27 +137,26 @@ def value_range(
 
     Examples
     --------
-    >>> found = value_range("rise_time", "s", {"least": 1.0, "mid": 2.0, "most": 4.0}, (None, 3.0))
-    >>> found.outcome, found.texts[-1], round(4 * found.high / found.limits[0], 3)
-    ('fail', 'limit 3 s', 5.333)
+    >>> found = spread_bar("rise_time", "s", {"least": 1.0, "mid": 2.0, "most": 4.0}, (None, 3.0))
+    >>> found.outcome, found.value, found.limit, found.used
+    ('fail', 'least 1 s, mid 2 s, most 4 s', 'at most 3 s', '133 % of the limit')
     """
-    known = [limit for limit in limits if limit is not None]
-    low, middle, high = values.values()
-    bottom = min(0.0, low, *known)
-    top = MARGIN * max(0.0, high, *known)
-    width = (top - bottom) or 1.0
+    low, high = min(values.values()), max(values.values())
     least, most = _ends(limits)
-    fails = min(low, high) < least or max(low, high) > most or bool(missing)
-    texts = [f"{title} {figure(value, unit)}" for title, value in values.items()]
-    texts += [f"limit {figure(limit, unit)}" for limit in known]
-    return Range(
+    pairs = ((high, most, high / most if most > 0.0 else None),
+             (low, least, least / low if low > 0.0 else None))  # fmt: skip
+    shares = [share for _, limit, share in pairs if math.isfinite(limit) and share is not None]
+    words = zip(("at least", "at most"), limits, strict=True)
+    limited = [f"{word} {figure(limit, unit)}" for word, limit in words if limit is not None]
+    fails = low < least or high > most or bool(missing)
+    return Bar(
         name=spaced(name),
-        low=(low - bottom) / width,
-        middle=(middle - bottom) / width,
-        high=(high - bottom) / width,
-        limits=tuple((limit - bottom) / width for limit in known),
-        outcome=("fail" if fails else "pass") if known else "",
-        texts=(*texts, missing) if missing else tuple(texts),
+        outcome=("fail" if fails else "pass") if limited else "",
+        share=max(shares, default=None),
+        doubt=0.0,
+        value=", ".join(f"{title} {figure(value, unit)}" for title, value in values.items()),
+        limit=", ".join(limited),
+        reason=missing,
     )
 
 

@@ -8,6 +8,18 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from taction.system.array_types import Floats
+from taction.system.charts import (
+    Axis,
+    Band,
+    Chart,
+    Curve,
+    Limit,
+    Line,
+    Mark,
+    Outcome,
+    Scale,
+    Text,
+)
 from taction.system.quantities import counted, readable, show
 from taction.verification.report.blocks import (
     BOTH,
@@ -20,22 +32,9 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.charts import (
-    Axis,
-    Band,
-    Chart,
-    Curve,
-    Limit,
-    Line,
-    Mark,
-    Outcome,
-    Scale,
-    Text,
-    View,
-)
 from taction.verification.report.texts import number_cell, outcome_cell, quantity
 from taction.verification.report.views.origin import origin_section
-from taction.verification.report.views.stability import damping_lines, mode_marks
+from taction.verification.report.views.stability import mode_marks, upper_half_plane
 from taction.verification.stability.edges import Edge
 from taction.verification.studies.onset.onset import NOT_ASKED, Onset
 from taction.verification.studies.onset.transient_trial import Side
@@ -46,7 +45,6 @@ STATES: dict[bool | None, tuple[str, Outcome]] = {
     None: ("undecided", "inconclusive"),
 }
 LINES: dict[bool | None, Line] = {True: "dash", False: "dashdot", None: "dot"}
-DAMPING = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)  # of the thin lines of the pole map
 MAX_DAMPING = 0.5  # damping ratio up to which a mode is on the charts
 HEADROOM = 1.25
 NEAR = 6  # modes of each sample, nearest the imaginary axis, that set the limits of the pole map
@@ -277,15 +275,12 @@ def _frequency(onset: Onset, modes: Modes) -> Chart:
 
 def _map(onset: Onset, modes: Modes) -> Chart:
     value, real, imag = modes
-    left, right, top = _window(onset)
-    most = HEADROOM * float(np.hypot(real, imag).max(initial=top))
+    near = _window(onset)
+    most = HEADROOM * float(np.hypot(real, imag).max(initial=near[2]))
+    leftmost = HEADROOM * float(real.min(initial=near[0]))
     hertz = np.array([each.crossing.frequency for each in onset.findings])
-    leftmost = HEADROOM * float(real.min(initial=left))
     texts = tuple(quantity(float(each), onset.axis.key.unit) for each in value)
     marks = (
-        Band(0.0, most, "x", "grows", "fail", hatched=True),
-        Limit(0.0, "x", "", "ink", "solid"),
-        damping_lines(DAMPING, most),
         Curve(
             real, imag / math.tau, "pole", "muted", "", "circle", size=5.0, label="", hover=texts,
             shades=value, shade=_values(onset),
@@ -293,24 +288,9 @@ def _map(onset: Onset, modes: Modes) -> Chart:
         Curve(np.zeros(len(hertz)), hertz, "crossing", "fail", "", "circle-open", size=9.0),
     )  # fmt: skip
     number = len(onset.findings)
-    return Chart(
-        "Pole map",
-        Axis("real part", "1/s"),
-        Axis("frequency", "Hz"),
-        marks,
-        summary=(
-            f"Poles in the upper half plane; the colour is {onset.axis.name}. Right of the black"
-            " line a mode grows. On a thin line the damping ratio is"
-            f" {', '.join(f'{each:g}' for each in DAMPING)}, from the axis to the left."
-        ),
-        message=f"{counted(number, 'crossing')} of the axis" if number else "no crossing",
-        views=(
-            View("near the crossings", (left, right), (0.0, top / math.tau)),
-            View("all ringing poles", (leftmost, right), (0.0, most / math.tau)),
-        ),
-        legend="",
-        height=400,
-    )
+    message = f"{counted(number, 'crossing')} of the axis" if number else "no crossing"
+    windows = ("near the crossings", near), ("all ringing poles", (leftmost, near[1], most))
+    return upper_half_plane(marks, windows, message, f"The colour is {onset.axis.name}.")
 
 
 def _window(onset: Onset) -> tuple[float, float, float]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from taction.spice_models.opamp import OpAmp, phase_margin, unity_gain_bandwidth
 from taction.spice_models.presets import Origin
+from taction.system.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.system.foreign_text import visible
 from taction.system.quantities import show
 from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop
@@ -22,7 +23,6 @@ from taction.verification.report.blocks import (
     Table,
     cell,
 )
-from taction.verification.report.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.verification.report.texts import quantity
 from taction.verification.studies.vendor_model import ImportedModel
 

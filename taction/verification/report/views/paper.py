@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
-import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from taction.system.atomic_files import write_atomically
+from taction.system.charts import Outcome
 from taction.verification.evidence.paper.findings import ClaimOutcome
-from taction.verification.evidence.paper.pictures import Panel, PaperCurve
 from taction.verification.evidence.paper.reproduce import Judged, Reproduction
 from taction.verification.evidence.paper.reproduce import PaperSection as Chapter
 from taction.verification.report.blocks import (
@@ -23,16 +21,6 @@ from taction.verification.report.blocks import (
     Page,
     Section,
     Table,
-)
-from taction.verification.report.charts import (
-    SERIES,
-    Axis,
-    Chart,
-    Curve,
-    Limit,
-    Line,
-    Outcome,
-    Scale,
 )
 from taction.verification.report.output_checks import PACKAGES
 from taction.verification.report.renderers.markdown import line, markdown
@@ -54,12 +42,6 @@ OUTCOMES: dict[ClaimOutcome, Outcome] = {
     ClaimOutcome.FAILS: "fail",
     ClaimOutcome.NOT_RUN: "error",
 }
-MANY = 400  # points above which a line is thin
-# The parts of a style of the paper's curves: colour, mark and line, as in "C0o-".
-STYLE = re.compile(r"(?P<colour>C\d|k)?(?P<mark>[os*x])?(?P<line>--|-\.|-|:)?")
-COLOUR = {"k": "ink", "": SERIES[0]} | {f"C{k}": colour for k, colour in enumerate(SERIES)}
-MARK = {"o": "circle", "s": "square", "*": "star", "x": "x"}
-LINE: dict[str, Line] = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
 
 
 def view(result: Reproduction) -> Page:
@@ -120,49 +102,9 @@ def _unexpected(result: Reproduction) -> Notes:
 
 
 def _charts(chapter: Chapter) -> Iterator[Block]:
+    """Yield the charts of all pictures; the caption is that of the whole picture."""
     for picture in chapter.pictures:
-        yield from (panel_chart(panel, picture.caption) for panel in picture.panels)
-
-
-def panel_chart(panel: Panel, caption: str) -> Chart:
-    """Return one panel of a picture; `caption` is that of the whole picture."""
-    x, y = (_scale(panel, name) for name in "xy")
-    levels = (
-        Limit(level, "y", f"{text}: {level:.3g}", SERIES[k], "dash")
-        for k, (level, text) in enumerate(panel.marks, 1)
-    )
-    named = sum(bool(curve.label) for curve in panel.curves) + len(panel.marks)
-    return Chart(
-        panel.title,
-        Axis(panel.x, scale=x),
-        Axis(panel.y, scale=y, limits=panel.limits),
-        (*map(_curve, panel.curves), *levels),
-        summary=caption,
-        legend="inside" if named <= 2 else "below",
-        height=330,
-    )
-
-
-def _scale(panel: Panel, name: str) -> Scale:
-    return "log" if name in panel.logs else "linear"
-
-
-def _curve(curve: PaperCurve) -> Curve:
-    found = STYLE.fullmatch(curve.style)
-    if found is None:
-        raise ValueError(f"no style of a curve: {curve.style!r}")
-    parts = {name: text or "" for name, text in found.groupdict().items()}
-    return Curve(
-        np.asarray(curve.x),
-        np.asarray(curve.y),
-        curve.label,
-        COLOUR[parts["colour"]],
-        LINE.get(parts["line"], ""),
-        MARK.get(parts["mark"], ""),
-        width=0.6 if len(curve.x) > MANY else 1.4,
-        size=5.0,
-        label="legend" if curve.label else "",
-    )
+        yield from (replace(chart, summary=picture.caption) for chart in picture.charts)
 
 
 MARKDOWN, HTML = "paper.md", "paper.html"
@@ -185,8 +127,8 @@ def write_paper(result: Reproduction, folder: str) -> tuple[str, ...]:
     if importlib.util.find_spec("matplotlib") is not None:
         for section in result.sections:
             for picture in section.pictures:
-                charts = [panel_chart(panel, picture.caption) for panel in picture.panels]
-                draw_blocks(picture.caption, charts, path=Path(folder) / f"{picture.name}.png")
+                file = Path(folder) / f"{picture.name}.png"
+                draw_blocks(picture.caption, picture.charts, path=file)
                 names.append(f"{picture.name}.png")
                 images.setdefault(section.title, []).append((names[-1], picture.caption))
     text = markdown(page, medium=TERMINAL, images=images)

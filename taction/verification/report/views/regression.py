@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from taction.system.charts import Axis, Chart, Curve, Outcome
 from taction.verification.report.blocks import (
     BOTH,
     PAGE,
@@ -19,7 +20,6 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.charts import Axis, Chart, Curve, Outcome
 from taction.verification.report.texts import outcome_cell, readable, value_text
 from taction.verification.report.views.checks import check_bar
 from taction.verification.report.views.origin import origin_section

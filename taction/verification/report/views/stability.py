@@ -10,10 +10,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
-from taction.system.errors import EngineError
-from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.report.blocks import Block, Facts, Notes, Table
-from taction.verification.report.charts import (
+from taction.system.charts import (
     Axis,
     Band,
     Chart,
@@ -24,6 +21,9 @@ from taction.verification.report.charts import (
     View,
     segments,
 )
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.report.blocks import Block, Facts, Notes, Table
 from taction.verification.report.texts import figure, quantity
 from taction.verification.stability.edges import Edges, Range
 from taction.verification.stability.margin import AROUND, first_knob, stable_values
@@ -125,41 +125,42 @@ def pole_map(poles: Poles, ranges: str = "") -> Chart:
     """
     values = poles.poles[poles.poles.imag >= 0.0][:SHOWN]
     views = _views(values)
-    left, right, top = (
-        limit([window[k] for _, window in views]) for k, limit in enumerate((min, max, max))
-    )
-    reach = 1.5 * math.hypot(left, top)
-    marks: list[Mark] = [Band(0.0, reach, "x", colour="fail"), Limit(0.0, "x", line="solid")]
-    marks.append(damping_lines(DAMPING, reach))
-    marks += mode_marks(values.real, values.imag / math.tau, values.real)
-    marks.append(Text("grows →", None, None, ("left", "above")))
+    marks: list[Mark] = [*mode_marks(values.real, values.imag / math.tau, values.real)]
     low, _, up = views[0][1]
     if far := values[(values.real < low) | (values.imag > up)].tolist():
         size = figure(max(map(abs, far)), "1/s", 2)
         marks.append(Text(f"← {len(far)} farther, to {size}", None, None, ("right", "below")))
-    summary = (
-        "Poles of the linearised board in the upper half plane. Circles decay, crosses in the"
-        " shaded half grow. On a thin line the damping ratio is"
-        f" {', '.join(f'{zeta:g}' for zeta in DAMPING)}, from the axis to the left."
-        + (f" {ranges}" if ranges else "")
+    summary = f"Poles of the linearised board. Circles decay, crosses grow. {ranges}".rstrip()
+    return upper_half_plane(marks, views, _result(poles), summary)
+
+
+def upper_half_plane(
+    marks: Sequence[Mark], windows: Sequence[tuple[str, Window]], message: str, summary: str
+) -> Chart:
+    """Return `marks` of poles over the growing half and lines of equal damping, in `windows`."""
+    sides = [[window[k] for _, window in windows] for k in range(3)]
+    left, right, top = min(sides[0]), max(sides[1]), max(sides[2])
+    reach = 1.5 * math.hypot(left, top)
+    ends = [(-z * reach, math.sqrt(1.0 - z**2) * reach / math.tau) for z in DAMPING]
+    lines = segments([((0.0, 0.0), end) for end in ends])
+    ground = (
+        Band(0.0, reach, "x", colour="fail"),
+        Limit(0.0, "x", line="solid"),
+        Curve(*lines, "equal damping", "band", width=1.0, label="", behind=True),
+        Text("grows →", None, None, ("left", "above")),
     )
+    ratios = ", ".join(f"{zeta:g}" for zeta in DAMPING)
     return Chart(
         "Pole map",
         Axis("real part", "1/s", limits=(left, right)),
         Axis("frequency", "Hz", limits=(0.0, top / math.tau)),
-        tuple(marks),
-        _result(poles),
-        summary,
-        tuple(View(name, (low, high), (0.0, up / math.tau)) for name, (low, high, up) in views),
+        (*ground, *marks),
+        message,
+        f"The upper half plane; in the shaded part a mode grows. {summary} On a thin line the"
+        f" damping ratio is {ratios}, from the axis to the left.",
+        tuple(View(name, (low, high), (0.0, up / math.tau)) for name, (low, high, up) in windows),
         legend="below",
     )
-
-
-def damping_lines(ratios: Sequence[float], reach: float) -> Curve:
-    """Return the lines of equal damping in the upper half plane, up to `reach` in 1/s."""
-    ends = [(-z * reach, math.sqrt(1.0 - z**2) * reach / math.tau) for z in ratios]
-    x, y = segments([((0.0, 0.0), end) for end in ends])
-    return Curve(x, y, "equal damping", "band", width=1.0, label="", behind=True)
 
 
 def mode_marks(

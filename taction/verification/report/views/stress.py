@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 
+from taction.system.charts import Outcome
 from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import BOTH, PAGE, Cell, Notes, Page, Section, Table
-from taction.verification.report.charts import Outcome
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.texts import figure, number_cell, outcome_cell
 

@@ -14,6 +14,7 @@ import numpy as np
 from taction.netlist_gen.scene import axes
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.charts import OUTCOMES, Chart, looks_of
 from taction.system.errors import Complaint, InputError
 from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS
@@ -28,11 +29,9 @@ from taction.verification.report.blocks import (
     Notes,
     Page,
     Section,
-    Shares,
     Table,
     cell,
 )
-from taction.verification.report.charts import OUTCOMES, Chart, looks_of
 from taction.verification.report.texts import (
     LEAST_SHARE,
     banded,
@@ -72,8 +71,8 @@ def view(result: SweepResult) -> Page:
     """Return what a sweep shows: the stored points of its plan."""
     plan, count, path = result.plan, result.count, result.store.path
     names = " x ".join(f"{each.name} ({len(each)})" for each in plan.axes)
-    shares = tuple((n, count.outcomes[n]) for n in OUTCOMES if count.outcomes.get(n))
-    outcomes = ", ".join(f"{number} {name}" for name, number in shares)
+    known = [name for name in OUTCOMES if count.outcomes.get(name)]
+    outcomes = ", ".join(f"{count.outcomes[name]} {name}" for name in known)
     text = f"{plan.points} points are too many for this page; see --plot."
     many = (text,) if plan.points > MAPPED else ()
     foot = [f"{count.ran} computed now, {count.done - count.ran} from {path}"]
@@ -85,7 +84,6 @@ def view(result: SweepResult) -> Page:
         summary=f"{count.done} of {count.total} points: {outcomes}.",
         lines=(f"Over {names}; engine: {ENGINES[plan.engine]}.", *map(readable, result.notes)),
         sections=(
-            Section("Outcomes", (Shares("", shares),), media=(NOTEBOOK,)),
             Section("Axes", (Facts("", tuple(_axes(plan))),), media=(NOTEBOOK,)),
             Section("Pictures", (Notes("", many),)),
             Section("Pictures", lambda: _charts(result), media=(PICTURE,) if many else DRAWN),

@@ -10,8 +10,7 @@ import numpy as np
 
 from taction.netlist_gen.scene import axes
 from taction.system.array_types import Floats
-from taction.system.plugins import OpenTable
-from taction.verification.report.charts import (
+from taction.system.charts import (
     Axis,
     Band,
     Cells,
@@ -23,6 +22,7 @@ from taction.verification.report.charts import (
     segments,
     zero_lines,
 )
+from taction.system.plugins import OpenTable
 from taction.verification.report.texts import LEAST_SHARE, banded, figure, quantity, titled
 from taction.verification.studies.sweep.plan import Plan
 from taction.verification.verdict.record import FIGURES

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from taction.netlist_gen.scene.keys import find_key
+from taction.system.charts import Axis, Chart, Curve, Limit, Mark, Text
 from taction.system.quantities import written
 from taction.verification.design.trials import Trial
 from taction.verification.design.tune import Tuned, Tuning
@@ -24,7 +25,6 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.charts import Axis, Chart, Curve, Limit, Mark, Text
 from taction.verification.report.texts import banded, figure, number_cell, percent, quantity
 from taction.verification.report.views.verdict import view as verdict_report
 from taction.verification.report.views.verdict_screen import on_screen

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from taction.system.charts import Axis, Chart, Columns, Limit, View
 from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.report.blocks import (
@@ -27,7 +28,6 @@ from taction.verification.report.blocks import (
     Shown,
     Table,
 )
-from taction.verification.report.charts import Axis, Chart, Columns, Limit, View
 from taction.verification.report.texts import (
     banded,
     figure,

@@ -9,9 +9,7 @@ from typing import Literal
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.waveforms import Waveforms
-from taction.verification.report.blocks import PICTURE, Page, Section
-from taction.verification.report.charts import (
+from taction.system.charts import (
     Axis,
     Band,
     Chart,
@@ -23,6 +21,8 @@ from taction.verification.report.charts import (
     spread_colours,
     thinned,
 )
+from taction.system.waveforms import Waveforms
+from taction.verification.report.blocks import PICTURE, Page, Section
 from taction.verification.report.texts import banded, counted, figure, quantity
 from taction.verification.report.views.answer import answer_heading
 from taction.verification.verdict.verify import Verdict
@@ -32,7 +32,7 @@ EARLY_POINTS = 0.3  # of them in the first rise
 EARLY = 10.0  # rise times, or periods of an oscillation, that a view of the first rise shows
 LABELLED = 12  # channels above which curves have no names beside them
 MARKED = 6  # channels with marks of the second engine, of those without names
-SEPARATE = 0.045  # of the height: closer names become one
+SEPARATE = 0.055  # of the height: closer names become one
 OVER = 1.35  # times the supply and the targets: what is shown of a growing record
 SEEN = 20.0  # times the optimum: a larger end of the record is off the chart
 
@@ -203,7 +203,7 @@ def end_names(
     """Yield the names of the channels at their targets; neighbours share a label, by `name`."""
     groups: list[list[int]] = []
     for n in sorted(range(len(targets)), key=targets.__getitem__):
-        near = groups and targets[n] - targets[groups[-1][0]] < SEPARATE * (high - low)
+        near = groups and targets[n] - targets[groups[-1][-1]] < SEPARATE * (high - low)
         if near:
             groups[-1].append(n)
         else:

@@ -11,9 +11,9 @@ import pytest
 from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.writing import scene_text
+from taction.system.charts import Chart
 from taction.system.documents import plain
 from taction.verification.report.blocks import PICTURE, Table
-from taction.verification.report.charts import Chart
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.junit import files_junit
 from taction.verification.report.renderers.markdown import markdown

@@ -8,18 +8,26 @@ from pathlib import Path
 
 import pytest
 
+from taction.system.charts import Axis, Curve
 from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
-from taction.verification.evidence.paper.pictures import Panel, Picture, curve
-from taction.verification.report.charts import SERIES, Curve
-from taction.verification.report.views.paper import panel_chart, write_paper
+from taction.verification.evidence.paper.pictures import Picture, level, panel
+from taction.verification.report.views.paper import write_paper
 
 PNG = b"\x89PNG\r\n"
 PICTURE = Picture(
     "a-picture",
     "What <is> seen | here.",
-    (Panel("title", "x", "y", (curve([1, 2], [3, 4], "line"),), logs="x", marks=((3.5, "mark"),)),),
+    (
+        panel(
+            "title",
+            Axis("x", scale="log"),
+            Axis("y"),
+            Curve([1, 2], [3, 4], "line"),
+            level(3.5, "mark"),
+        ),
+    ),
 )
 
 
@@ -43,11 +51,12 @@ def test_the_pages_hold_every_claim_and_their_pictures(tmp_path: Path) -> None:
     html, markdown = ((tmp_path / name).read_text("utf-8") for name in ("paper.html", "paper.md"))
     assert html.count("a | b &lt;c&gt;") == len(found.judged) == markdown.count("a \\| b \\<c\\>")
     assert (tmp_path / "a-picture.png").read_bytes().startswith(PNG)
-    assert html.count('class="canvas"') == len(PICTURE.panels)
+    assert html.count('class="canvas"') == len(PICTURE.charts)
     assert "What &lt;is&gt; seen | here." in html
     assert re.findall(r'(?:src|href)="(?!#)', html) == []
     assert "A &lt;title&gt;" in html
     assert "(a-picture.png)" in markdown
+    assert "mark: 3.5" in html
 
 
 @pytest.mark.usefixtures("short")
@@ -57,23 +66,6 @@ def test_without_the_packages_there_is_a_page_without_pictures(
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert write_paper(reproduce.reproduce(), str(tmp_path)) == ("paper.md",)
     assert "![" not in (tmp_path / "paper.md").read_text("utf-8")
-
-
-@pytest.mark.parametrize(
-    ("style", "look"),
-    [
-        ("k--", ("ink", "dash", "")),
-        ("C0o-", (SERIES[0], "solid", "circle")),
-        ("C1s", (SERIES[1], "", "square")),
-        (":", (SERIES[0], "dot", "")),
-    ],
-)
-def test_a_style_of_the_paper_is_colour_line_and_mark(style: str, look: tuple[str, ...]) -> None:
-    panel = Panel("title", "x", "y", (curve([1, 2], [3, 4], "line", style),), logs="x")
-    chart = panel_chart(panel, "caption")
-    (drawn,) = (mark for mark in chart.marks if isinstance(mark, Curve))
-    assert (drawn.colour, drawn.line, drawn.mark) == look
-    assert (chart.x.scale, chart.y.scale) == ("log", "linear")
 
 
 @pytest.mark.usefixtures("short")

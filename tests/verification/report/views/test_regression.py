@@ -11,12 +11,12 @@ from itertools import groupby
 import pytest
 from lxml import etree
 
+from taction.system.charts import Chart
 from taction.system.documents import plain
 from taction.verification.evidence.stress.catalogue import load_catalogue, select
 from taction.verification.evidence.stress.compare import TruthComparison
 from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import PAGE, TERMINAL, Table
-from taction.verification.report.charts import Chart
 from taction.verification.report.junit import regression_annotations, regression_junit, stress_junit
 from taction.verification.report.renderers.markdown import markdown
 from taction.verification.report.renderers.terminal import page_text

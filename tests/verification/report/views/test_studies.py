@@ -12,9 +12,9 @@ import pytest
 
 import taction
 from taction.netlist_gen.scene.axes import with_values
+from taction.system.charts import Cells, Chart, Columns, Limit, Text, thinned
 from taction.system.quantities import readable
-from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Ranges, Table
-from taction.verification.report.charts import Cells, Chart, Columns, Limit, Text, thinned
+from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Table
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.renderers.terminal import shown
@@ -79,19 +79,22 @@ def block(report: Page, title: str, kind: type[Any] = Table) -> Any:
 
 def test_the_yield_has_its_interval_and_limits() -> None:
     report = page("montecarlo")
-    ranges = block(report, "5th percentile, median and 95th percentile against the limits", Ranges)
-    for row in ranges.rows:
-        assert 0.0 <= row.low <= row.middle <= row.high <= 1.0
-        assert all(0.0 <= place <= 1.0 for place in row.limits)
-    steady = next(row for row in ranges.rows if row.name == "steady state")
+    bars = block(report, "5th percentile, median and 95th percentile against the limits", Bars)
+    steady = next(row for row in bars.rows if row.name == "steady state")
     assert steady.outcome == "fail"
+    assert steady.share > 1.0
+    assert steady.limit == "at most 3 %"
     assert "95 % interval" in report.summary
 
 
 def test_the_corners_have_least_typical_and_largest_values() -> None:
-    (ranges,) = (b for s in page("corners").sections for b in s.made(PAGE) if isinstance(b, Ranges))
-    for row in ranges.rows:
-        assert row.low <= row.middle <= row.high
+    found = (b for s in page("corners").sections for b in s.made(PAGE) if isinstance(b, Bars))
+    (bars,) = found
+    for row in bars.rows:
+        assert all(word in row.value for word in ("least", "typical", "largest"))
+        if row.limit:
+            assert (row.outcome == "fail") is ((row.share or 0.0) > 1.0 or bool(row.reason))
+    assert any(row.limit for row in bars.rows)
     table = block(page("corners"), "Corners")
     assert {row[1].outcome for row in table.rows} <= {"pass", "fail", "inconclusive"}
 

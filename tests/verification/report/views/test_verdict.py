@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from lxml.html import document_fromstring
 
+from taction.system.charts import Chart, Columns, Curve, Grid, Limit, Text
 from taction.system.quantities import readable, show
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.readings.readings import Reading
@@ -26,7 +27,6 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.charts import Chart, Columns, Curve, Grid, Limit, Text
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.page import page_html
 from taction.verification.report.renderers.terminal import page_text, plain

@@ -207,8 +207,6 @@ class Curve:
         A text for each point that stands beside it in every medium; empty texts are left out.
     spread : ndarray (2, P) or None
         Ends of a bar along x at each point.
-    marks : int
-        At most so many marks, evenly over the curve; 0: one at each point.
     behind : bool
         Whether the curve lies below the others.
     shades : ndarray (P,) or None
@@ -229,7 +227,6 @@ class Curve:
     hover: tuple[str, ...] = ()
     written: tuple[str, ...] = ()
     spread: ArrayLike | None = None
-    marks: int = 0
     behind: bool = False
     shades: ArrayLike | None = None
     shade: Axis | None = None
