@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, overload
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from taction.netlist_gen.kicad.project import KicadProject
+    from taction.netlist_gen.kicad.board import KicadProject
     from taction.netlist_gen.scene.scene import Scene
     from taction.system.progress import Progress
     from taction.verification.reference.problem import Solution
@@ -136,11 +136,11 @@ def bom(scene: str | Path | Scene, *, output: str | Path | None = None) -> Parts
     return found
 
 
-def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) -> KicadProject:
-    """Draw one channel of SCENE for KiCad 8 or newer, and list the parts of the board.
+def kicad(scene: str | Path | Scene, *, output: str | Path) -> KicadProject:
+    """Draw the board of SCENE for KiCad 8 or newer, and list its parts.
 
-    FOLDER gets a schematic with its symbols, a project file, and the parts of the whole board as
-    CSV. References are the names in the deck.
+    FOLDER gets a project with a sheet for each channel and each sensor row, its symbols, and the
+    parts as CSV. References are the names in the deck.
 
     Parameters
     ----------
@@ -148,8 +148,6 @@ def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) ->
         The board.
     output : path
         Folder of the project; files of the same names are replaced.
-    channel : int
-        Channel to draw, from 1.
 
     Returns
     -------
@@ -159,19 +157,18 @@ def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) ->
     Raises
     ------
     InputError
-        The scene cannot be built, there is no such channel, or the folder has the table of symbols
-        of another project.
+        The scene cannot be built, or the folder has the table of symbols of another project.
 
     Examples
     --------
     >>> import taction, tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     drawn = taction.kicad("scenes/custom-matrix.toml", output=folder)
-    >>> drawn.channel, len(drawn.written)
-    (1, 5)
+    >>> len(drawn.written)
+    15
     """
     from taction.netlist_gen.board.synthesis import synthesise
-    from taction.netlist_gen.kicad.project import kicad_project
+    from taction.netlist_gen.kicad.board import kicad_project
     from taction.system.atomic_files import write_together
     from taction.system.errors import Complaint, InputError
     from taction.system.output_files import make_folder
@@ -179,7 +176,7 @@ def kicad(scene: str | Path | Scene, *, output: str | Path, channel: int = 1) ->
     from taction.verification.report.output_checks import check_separate
 
     scene, place, table = read_scene(scene), Path(output), "sym-lib-table"
-    project = kicad_project(synthesise(scene), scene, channel)
+    project = kicad_project(synthesise(scene), scene)
     files = {place / name: text for name, text in project.files.items()}
     there = place / table
     if there.exists() and there.read_bytes() != project.files[table].encode():
@@ -237,7 +234,7 @@ def build(
     """
     from taction.netlist_gen.board.bill_of_materials import bill_of_materials
     from taction.netlist_gen.board.synthesis import synthesise
-    from taction.netlist_gen.kicad.board import board_files
+    from taction.netlist_gen.kicad.board import kicad_project
     from taction.netlist_gen.kicad.parts import Catalogue
     from taction.netlist_gen.kicad.wiring import wiring
     from taction.system.atomic_files import write_together
@@ -254,7 +251,7 @@ def build(
     scene, place = read_scene(scene, engine), Path(output)
     check_packages("-o", str(output))
     circuit = synthesise(scene)
-    drawn = {f"{KICAD}/{name}": text for name, text in board_files(circuit, scene).items()}
+    drawn = {f"{KICAD}/{name}": text for name, text in kicad_project(circuit, scene).files.items()}
     check_own_folder(place, [*OWN, *drawn])
     parts = bill_of_materials(circuit, scene)
     texts = {"parts.csv": parts_csv(parts), "wiring.csv": wiring(Catalogue(circuit, scene))} | drawn

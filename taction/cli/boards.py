@@ -35,7 +35,7 @@ from taction.cli.verify_scene import Verified, change_lines, print_outcome, veri
 from taction.system.foreign_text import visible
 
 if TYPE_CHECKING:
-    from taction.netlist_gen.kicad.project import KicadProject
+    from taction.netlist_gen.kicad.board import KicadProject
     from taction.verification.design.fresh_scene import NewScene
 
 DOCUMENTS = "verification.report.documents"
@@ -239,7 +239,7 @@ KICAD = Command(
     text=_nothing,
     after=_kicad_remarks,
     files=lambda found, call: found.written,
-    parameters=(SCENE, folder("output", "-o"), option("channel", metavar="N", type=int)),
+    parameters=(SCENE, folder("output", "-o")),
 )
 BUILD = Command(
     function="build",

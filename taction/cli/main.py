@@ -26,7 +26,7 @@ COMMANDS = {
     "diff": ("boards", "Compare the keys and the readings of two boards."),
     "netlist": ("boards", "Write the ngspice deck of a scene."),
     "bom": ("boards", "List the parts to buy, with packages and power."),
-    "kicad": ("boards", "Draw one channel of a board for KiCad, and list its parts."),
+    "kicad": ("boards", "Draw a board for KiCad, and list its parts."),
     "build": ("boards", "Write all files for building a board, with its verdict."),
     "solve": ("boards", "Solve the problem numerically, with a certificate."),
     "simulate": ("boards", "Run the transient: waveforms and measurements."),

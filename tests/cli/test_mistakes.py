@@ -72,7 +72,6 @@ COMMANDS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("onset", "ok.toml"): ("Missing option '--over'", "Expected KEY"),
     ("diff", "ok.toml"): ("Missing argument 'B'", "two scene files"),
     ("netlist", "ok.toml", "--dialect", "pspice"): ("'--dialect'", "'pspice'", "'ltspice'"),
-    ("kicad", "ok.toml", "-o", "k", "--channel", "9"): ("--channel", "9", "7 channels"),
     ("montecarlo", "ok.toml", "-n", "0"): ("'--samples'", "0", "1<=x"),
     ("models", "show", "tl704"): ("'tl704'", "did you mean 'tl084'?"),
     ("new", "there.toml"): ("there.toml", "the file exists", "--force"),

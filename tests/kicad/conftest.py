@@ -18,8 +18,7 @@ from xml.etree import ElementTree
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.kicad.board import board_files
-from taction.netlist_gen.kicad.project import kicad_project
+from taction.netlist_gen.kicad.board import kicad_project
 from taction.netlist_gen.scene.scene import Scene
 
 KICAD = os.environ.get("TACTION_KICAD", "")
@@ -39,20 +38,15 @@ class Opened:
     scene: Scene
     circuit: Circuit
     files: dict[str, str]
-    channel: int  # 0: the whole board
-    row: int
 
     @classmethod
-    def of(cls, scene: Scene, folder: Path, channel: int = 0) -> Opened:
-        """Write the project of a channel of a scene, or of its whole board, into a folder."""
+    def of(cls, scene: Scene, folder: Path) -> Opened:
+        """Write the project of the board of a scene into a folder."""
         circuit = synthesise(scene)
-        files, row = board_files(circuit, scene), 0
-        if channel:
-            project = kicad_project(circuit, scene, channel)
-            files, row = project.files, project.row
+        files = kicad_project(circuit, scene).files
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
-        return cls(folder, scene, circuit, files, channel, row)
+        return cls(folder, scene, circuit, files)
 
     def file(self, ending: str) -> Path:
         """Return the first file of the project with an ending."""

@@ -13,7 +13,6 @@ import pytest
 
 import taction
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.kicad.parts import Catalogue
 from taction.netlist_gen.kicad.wiring import wiring
 from taction.netlist_gen.scene.loading import load_scene
@@ -36,13 +35,6 @@ SHEETS = {
 RAILS = {"TL084": ("4", "11"), "TL072": ("8", "4"), "UA741": ("7", "4"), "OPA189": ("7", "4")}
 SHEETS["TL074"], RAILS["TL074"] = SHEETS["TL084"], RAILS["TL084"]
 RAILS["OPA2134"] = RAILS["TL072"]
-# What a drawing of one channel cannot avoid: signals of other channels, and the op-amps of other
-# channels in the same packages.
-EXPECTED = {
-    ("warning", "global_label_dangling"),
-    ("warning", "missing_unit"),
-    ("warning", "missing_input_pin"),
-}
 
 
 def one_by_one() -> Scene:
@@ -80,22 +72,9 @@ def scene_of(name: str, folder: Path) -> Scene:
 
 
 NAMES = (
-    "paper-breadboard.toml",
-    "paper-exponential.toml",
-    "paper-exponential-devices.toml",
-    "custom-matrix.toml",
-    "one by one",
-    "npn",
-    "pnp",
-    "passive",
-    "passive exponential",
-    "wide",
-)
-
-
-WHOLE = (
     "new",
     "quad",
+    "paper-breadboard.toml",
     "tuned-breadboard.toml",
     "custom-matrix.toml",
     "paper-exponential.toml",
@@ -106,40 +85,18 @@ WHOLE = (
     "pnp",
     "passive",
     "passive exponential",
+    "wide",
 )
-PARAMS = [(name, False) for name in NAMES] + [(name, True) for name in WHOLE]
 
 
-@pytest.fixture(scope="module", params=PARAMS, ids=lambda p: f"{p[0]}{', whole' * p[1]}")
+@pytest.fixture(scope="module", params=NAMES)
 def opened(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Opened:
-    name, whole = request.param
     folder = tmp_path_factory.mktemp("project")
-    scene = scene_of(name, folder)
-    channel = 2 if len(synthesise(scene).signal_nodes) > 1 else 1
-    return Opened.of(scene, folder, 0 if whole else channel)
+    return Opened.of(scene_of(request.param, folder), folder)
 
 
 def test_the_rules_are_kept(opened: Opened) -> None:
-    if not opened.channel:
-        assert not opened.violations
-        return
-    assert set(opened.violations) <= EXPECTED
-    text = opened.file(".kicad_sch").read_text("utf-8")
-    labels = re.findall(r'\(global_label "(\w+)"', text)
-    inputs = re.findall(r'\(global_label "(\w+)"\s+\(shape input\)', text)
-    alone = sum(labels.count(label) == 1 for label in inputs)
-    assert opened.violations["warning", "global_label_dangling"] == alone
-
-
-def own_nodes(opened: Opened) -> set[str]:
-    """The nodes of which the drawing has every part."""
-    if not opened.channel:
-        pins = [each for _, nodes in deck_pins(opened.circuit) for each in nodes.values()]
-        return {*pins, *(cell.output for cell in opened.circuit.opamps)}
-    n, k = opened.channel, opened.row
-    names = {f"{kind}_{n}" for kind in ("x", "ja", "ju", "b", "e", "y", "t")}
-    names |= {f"c_{k}", f"jz_{k}"}
-    return names | ({f"v_{n}"} if opened.circuit.topology == "passive" else set())
+    assert not opened.violations
 
 
 def deck_pins(circuit: Circuit) -> Iterator[tuple[str, dict[str, str]]]:
@@ -158,31 +115,27 @@ def deck_pins(circuit: Circuit) -> Iterator[tuple[str, dict[str, str]]]:
 
 def expected_nets(opened: Opened) -> dict[tuple[str, str], str]:
     """The node of every pin that the drawing must have, from the circuit alone."""
-    circuit, own = opened.circuit, own_nodes(opened)
+    circuit = opened.circuit
     by_deck = {fields["Deck"]: ref for ref, fields in opened.fields.items() if "Deck" in fields}
     found = {}
     for name, pins in deck_pins(circuit):
-        if own & set(pins.values()):
-            # Two-ended parts may be drawn either way round: only current has a direction.
-            drawn = [opened.nets[by_deck[name], pin] for pin in ("1", "2")]
-            ends = [pins["1"], pins["2"]]
-            turned = drawn == [("GND" if node == "0" else node) for node in reversed(ends)]
-            assert not (turned and name.startswith("I"))
-            for pin, node in zip(("1", "2"), reversed(ends) if turned else ends, strict=True):
-                found[by_deck[name], pin] = node
+        # Two-ended parts may be drawn either way round: only current has a direction.
+        drawn = [opened.nets[by_deck[name], pin] for pin in ("1", "2")]
+        ends = [pins["1"], pins["2"]]
+        turned = drawn == [("GND" if node == "0" else node) for node in reversed(ends)]
+        assert not (turned and name.startswith("I"))
+        for pin, node in zip(("1", "2"), reversed(ends) if turned else ends, strict=True):
+            found[by_deck[name], pin] = node
     for place, cell in enumerate(circuit.opamps):
-        if own & {cell.inverting, cell.noninverting} or not opened.channel:
-            nodes = cell.inverting, cell.noninverting, cell.output
-            found |= dict(zip(opamp_pins(opened, place), nodes, strict=True))
+        nodes = cell.inverting, cell.noninverting, cell.output
+        found |= dict(zip(opamp_pins(opened, place), nodes, strict=True))
     for amplifier in circuit.amplifiers:
-        if amplifier.name == f"a_{opened.channel}" or not opened.channel:
-            name = by_deck[f"B{amplifier.name}"]
-            found |= {(name, "1"): amplifier.input, (name, "2"): amplifier.output}
+        name = by_deck[f"B{amplifier.name}"]
+        found |= {(name, "1"): amplifier.input, (name, "2"): amplifier.output}
     for place, cell in enumerate(circuit.transistors):
-        if own & {cell.collector, cell.base, cell.emitter}:
-            number = str(place % 2 + 1)
-            for letter, node in zip("CBE", (cell.collector, cell.base, cell.emitter), strict=True):
-                found[f"Q{place // 2 + 1}", f"{letter}{number}"] = node
+        number = str(place % 2 + 1)
+        for letter, node in zip("CBE", (cell.collector, cell.base, cell.emitter), strict=True):
+            found[f"Q{place // 2 + 1}", f"{letter}{number}"] = node
     for source in circuit.voltages:
         found |= {(by_deck[f"V{source.name}"], "1"): source.node}
         found |= {(by_deck[f"V{source.name}"], "2"): "0"}
@@ -200,9 +153,8 @@ def opamp_pins(opened: Opened, place: int) -> list[tuple[str, str]]:
 def unused_pins(opened: Opened) -> Iterator[list[tuple[str, str]]]:
     """Pins -, + and output of each op-amp without use, of a whole board."""
     size, count = packing(opened.circuit)
-    if not opened.channel:
-        for place in range(count, size * -(-count // size)):
-            yield opamp_pins(opened, place)
+    for place in range(count, size * -(-count // size)):
+        yield opamp_pins(opened, place)
 
 
 def packing(circuit: Circuit) -> tuple[int, int]:
@@ -255,21 +207,15 @@ def test_values_are_those_of_the_circuit(opened: Opened) -> None:
 
 
 def test_the_list_has_the_rows_that_kicad_makes(opened: Opened) -> None:
-    """A board of one channel is drawn whole, so both lists are the same."""
     ours, drawn = rows(opened.file(".csv")), opened.bill
     assert list(ours[0]) == list(drawn[0])
-    one = len(opened.circuit.signal_nodes) == len(opened.circuit.constraint_nodes) == 1
-    whole = one or not opened.channel
     key = ("Value", "Tolerance", "MPN", "Description", "Footprint", "Datasheet", "DNP")
     listed = {tuple(row[name] for name in key): row for row in ours}
     assert len(listed) == len(ours)
     for row in drawn:
-        found = listed.pop(tuple(row[name] for name in key))
-        assert set(row["Reference"].split()) <= set(found["Reference"].split())
         assert int(row["Qty"]) == len(row["Reference"].split())
-        if whole:
-            assert row == found
-    assert not (whole and listed)
+        assert row == listed.pop(tuple(row[name] for name in key))
+    assert not listed
 
 
 def test_the_preset_of_the_project_gives_the_same_list(opened: Opened) -> None:
@@ -285,8 +231,6 @@ def test_every_sheet_is_one_page(opened: Opened) -> None:
 
 
 def test_the_list_of_wires_is_that_of_kicad(opened: Opened) -> None:
-    if opened.channel:
-        pytest.skip("one channel is not the whole board")
     text = wiring(Catalogue(opened.circuit, opened.scene))
     listed = {(row["Part"], row["Pin"]): row["Net"] for row in csv.DictReader(text.splitlines())}
     assert len(listed) == len(text.splitlines()) - 1

@@ -7,34 +7,42 @@ supplies of all packages.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Literal
 
 from taction.netlist_gen.board.bill_of_materials import packages
-from taction.netlist_gen.board.circuit import GROUND, Circuit, Role
+from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.kicad.drawing import LEFT, TOP, BranchDrawing
 from taction.netlist_gen.kicad.parts import Catalogue, knob_values
 from taction.netlist_gen.kicad.project import project_files
 from taction.netlist_gen.kicad.sheet import TITLE, Below, Label, SchematicSheet
-from taction.netlist_gen.kicad.stages import input_of, nodes_of_branch, shared_nodes
+from taction.netlist_gen.kicad.stages import branches
 from taction.netlist_gen.scene.scene import Scene
 
 ROW = 270  # width of the first sheet, steps of the grid; a large board has a wider one
-KINDS = {Role.FEEDBACK: ("channel", "Signal plane, channel"),
-         Role.FORWARD: ("row", "Constraint plane, sensor row")}  # fmt: skip
 
 
-def board_files(circuit: Circuit, scene: Scene) -> dict[str, str]:
-    """Return the files of the KiCad project of the board of `scene` by their names.
+@dataclass(frozen=True, slots=True)
+class KicadProject:
+    """The drawing of a board, and the files that were written."""
 
-    The first one is the schematic to open.
+    DOCUMENT = ("scene = scene.name", "files = written", "not_drawn")
+
+    scene: Scene = field(repr=False)
+    files: dict[str, str] = field(repr=False)
+    not_drawn: tuple[str, ...] = field(repr=False)
+    written: tuple[str, ...] = ()
+
+
+def kicad_project(circuit: Circuit, scene: Scene) -> KicadProject:
+    """Return the KiCad project of the board of `scene`; its first file is the schematic to open.
 
     Examples
     --------
     >>> import taction
     >>> scene = taction.load_scene("scenes/custom-matrix.toml")
-    >>> files = list(board_files(taction.synthesise(scene), scene))
+    >>> files = list(kicad_project(taction.synthesise(scene), scene).files)
     >>> files[0], files[1], len(files)
     ('custom-matrix.kicad_sch', 'channel-1.kicad_sch', 15)
     """
@@ -58,26 +66,21 @@ def board_files(circuit: Circuit, scene: Scene) -> dict[str, str]:
         )
         for title, sheet in drawn.items()
     }
-    return schematics | project_files(catalogue, scene, name)
+    files = schematics | project_files(catalogue, scene, name)
+    return KicadProject(scene, files, tuple(_not_drawn(circuit)))
 
 
-def branches(circuit: Circuit) -> Iterator[tuple[str, str, str]]:
-    """Yield each branch of a board once: the name of its sheet, its first node, and its title."""
-    shared = shared_nodes(circuit)
-    known: set[str] = set()
-    for role, (word, title) in KINDS.items():
-        matrices = [each for each in circuit.matrices if each.name in circuit.named(role)]
-        sinks = (pair for each in matrices for pair in enumerate(each.sinks, 1))
-        for number, start in sinks:
-            if start and start != GROUND and start not in known:
-                known |= set(nodes_of_branch(circuit, start))
-                yield f"{word}-{number}", start, f"{title} {number}"
-    inputs = [input_of(cell) for cell in circuit.opamps]
-    left = [node for node in inputs if node not in known | shared]
-    for number, start in enumerate(left, 1):
-        if start not in known:
-            known |= set(nodes_of_branch(circuit, start))
-            yield f"more-{number}", start, f"More stages, {number}"
+def _not_drawn(circuit: Circuit) -> Iterator[str]:
+    strays = len(circuit.capacitors) - len(circuit.real_capacitors)
+    if strays:
+        yield f"{strays} stray capacitances, which are no parts"
+    if any(matrix.wires is not None for matrix in circuit.matrices):
+        yield "the wires of the arrays, which are no parts"
+    for model in circuit.models.values():
+        if model.external_part:
+            yield f"the {model.external_part} of each op-amp"
+    if circuit.amplifiers:
+        yield f"parts of the {circuit.amplifier} amplifier, which is ideal in this scene"
 
 
 def _boxes(drawing: BranchDrawing, sheets: list[SchematicSheet]) -> int:
@@ -117,9 +120,8 @@ def _supplies(drawing: BranchDrawing, top: int) -> None:
     """Draw the supplies, all voltages, and the op-amps without use, below `top`."""
     held = list(packages(drawing.circuit))
     across = max(ROW // 30, round(len(held) ** 0.5))
-    nets = {source.node for source in drawing.circuit.voltages}
     names = [each.reference for each in held]
-    end = drawing.supplies((LEFT + 6, top + 8), names, nets, across)
+    end = drawing.supplies((LEFT + 6, top + 8), names, across)
     spare = [(each.reference, 1 + len(each.opamps) + more)
              for each in held for more in range(each.spare)]  # fmt: skip
     for place, each in enumerate(spare):

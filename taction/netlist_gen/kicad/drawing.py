@@ -1,17 +1,14 @@
-"""A channel of a board and a sensor row, drawn on a sheet.
+"""The stages of a branch, drawn on a sheet: wires within a stage, labels between stages.
 
-Above is the signal plane: all feedback resistors into the channel's summing node, and the stages
-that follow. Below is the constraint plane: all forward resistors into the row's summing node, the
-strain, and the amplifier with its gain. Signals of the rest of the board have global labels.
-
-Places are in steps of the grid; every stage starts at a point on its left and returns where its
-output is on its right.
+A stage has the parts into its summing node, one below the other, and its amplifier. Places are in
+steps of the grid; what is drawn starts at a point on its left and returns where its output is on
+its right.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from itertools import count, pairwise
+from itertools import count
 from typing import Literal
 
 from taction.netlist_gen.board.circuit import GROUND, Circuit
@@ -25,45 +22,29 @@ from taction.netlist_gen.kicad.stages import (
     Rung,
     Stage,
     branch,
-    branches_of,
+    branches,
     shared_nodes,
 )
 from taction.netlist_gen.kicad.symbols import Point, Symbol
-from taction.netlist_gen.scene.scene import Scene
 
 LEFT, TOP = 12, 14  # of the drawing
-RUNG, LONGEST = 4, 32  # distance of the rungs of a ladder, and the most of them in one column
-COLUMN = 44  # width of a column
-WIDE = 120  # of a row: more chains begin the next one
+RUNG, WIDTH = 4, 31  # distance of the parts into a node, and their width with wires and label
+WIDE = 120  # of a row: more stages begin the next one
 LEVEL = 8  # height of one feedback part over an op-amp
 
 
-def channel_sheet(
-    circuit: Circuit, n: int, k: int, scene: Scene | None = None, *, brief: bool = False
-) -> SchematicSheet:
-    """Draw channel `n` of the board of `scene` with row `k`, both counted from 1.
+def channel_sheet(circuit: Circuit, n: int, k: int) -> SchematicSheet:
+    """Draw channel `n` with row `k`, counted from 1, for a picture.
 
-    A `brief` drawing has one resistor of each matrix, that between channel and row, and no
-    supplies. Every part has its name in the deck.
+    It has one resistor of each matrix, that between channel and row, and no supplies.
     """
-    drawing = BranchDrawing(
-        Catalogue(circuit, scene), SchematicSheet(f"{circuit.name}-channel-{n}")
-    )
-    hidden = (
-        {each.card for matrix in circuit.matrices for each in matrix.resistors()}
-        if brief
-        else set()
-    )
+    drawing = BranchDrawing(Catalogue(circuit), SchematicSheet(circuit.name))
+    hidden = {each.card for matrix in circuit.matrices for each in matrix.resistors()}
     hidden -= {f"{matrix.name}_{k}_{n}" for matrix in circuit.matrices}
     y = TOP
-    for title, node in branches_of(circuit, n, k):
-        y = drawing.branch(y, title, node, hidden)
-    if not brief:
-        parts = [placed.part for placed in drawing.sheet.placed]
-        used = {int(part.reference[1:]) for part in parts if part.symbol.prefix == "U"}
-        nets = {label.text for label in drawing.sheet.labels}
-        place = round(drawing.sheet.corner[0]) + 22, TOP
-        drawing.supplies(place, [f"U{number}" for number in sorted(used)], nets)
+    for name, start, title in branches(circuit):
+        if name in (f"channel-{n}", f"row-{k}"):
+            y = drawing.branch(y, title, start, hidden)
     return drawing.sheet
 
 
@@ -81,65 +62,41 @@ class BranchDrawing:
         """Draw a branch below `top`; return the top of the next one."""
         self.sheet.labels.append(Label(title, (LEFT, top), size=TITLE))
         found, x, y, bottom = branch(self.circuit, start), LEFT, top, top
-        for chain in found.chains:
-            rungs = [rung for rung in chain[0].rungs if rung[1].card not in hidden]
-            if x == LEFT or len(chain[0].rungs) > 1 or x > WIDE:
-                above = max(len(stage.feedback) for stage in found.chains[0]) * LEVEL
+        above = max((LEVEL * len(stage.feedback) for stage in found.stages), default=0)
+        for stage in found.stages:
+            rungs = [rung for rung in stage.rungs if rung[1].card not in hidden]
+            if x == LEFT or len(stage.rungs) > 1 or x > WIDE:
                 x, y = LEFT, bottom + max(above, LEVEL + 2) + 6
-            bottom = max(bottom, y + max(RUNG * (min(len(rungs), LONGEST) + 1), 22))
-            x = self.chain((x, y), chain, rungs) + 12
+            bottom = max(bottom, y + max(RUNG * (len(rungs) + 1), 22))
+            x = self.stage((x, y), stage, rungs) + 2
         return self.others(bottom, found)
 
-    def chain(self, at: Point, chain: Sequence[Stage], rungs: Sequence[Rung]) -> int:
-        """Draw stages that follow each other; return the right end."""
-        end = self.amplifier(self.ladder(at, chain[0].node, rungs), chain[0])
-        for before, stage in pairwise(chain):
-            x, y = end
-            if before.output in self.shared:  # label it below, and go on
-                self.sheet.wire(end, (x + 2, y), (x + 2, y + 8), (x + 4, y + 8))
-                self.label(before.output, (x + 4, y + 8), "right")
-                end = self.sheet.wire((x + 2, y), (x + 6, y))
-            else:
-                self.name(before.output, (x + 1, y))
-            for _, part in stage.rungs:
-                drawn = self.across(self.catalogue.part(part), (end[0] + 7, y))
-                self.sheet.wire(end, drawn.pin(0))
-                end = self.sheet.wire(drawn.pin(1), (end[0] + 12, y))
-            end = self.amplifier(end, stage)
+    def stage(self, at: Point, stage: Stage, rungs: Sequence[Rung]) -> int:
+        """Draw a stage with some of its rungs; return the right end."""
+        end = self.amplifier(self.ladder(at, stage.node, rungs), stage)
         end = self.sheet.wire(end, (end[0] + 4, end[1]))
-        self.label(chain[-1].output, end, "right")
-        return round(end[0]) + len(chain[-1].output)
+        self.label(stage.output, end, "right")
+        return round(end[0]) + len(stage.output)
 
     def ladder(self, at: Point, node: str, rungs: Sequence[Rung]) -> Point:
-        """Draw parts from signals to one node; return the node at the upper right.
-
-        Long ladders have several columns.
-        """
+        """Draw parts from signals to one node; return the node at the upper right."""
         if not rungs:
             self.label(node, at, "left")
             return at
-        buses = []
-        for first in range(0, len(rungs), LONGEST):
-            x = at[0] + COLUMN * (first // LONGEST)
-            chosen = rungs[first : first + LONGEST]
-            for place, (signal, part) in enumerate(chosen):
-                self.rung((x, at[1] + RUNG * place), signal, self.catalogue.part(part))
-            buses.append((x + 35, at[1] + RUNG * (len(chosen) - 1)))
-            self.sheet.wire((x + 35, at[1]), buses[-1])
-        level = max(y for _, y in buses) + RUNG
-        for (x, y), (other, bottom) in pairwise(buses):
-            self.sheet.wire((x, y), (x, level), (other, level))
-            if (other, bottom) == buses[-1]:
-                self.sheet.wire((other, level), (other, bottom))
-        return self.sheet.wire((buses[-1][0], at[1]), (buses[-1][0] + 4, at[1]))
+        x, y = at
+        for place, (signal, part) in enumerate(rungs):
+            self.rung((x, y + RUNG * place), signal, self.catalogue.part(part))
+        bus = x + WIDTH, y
+        self.sheet.wire(bus, (bus[0], y + RUNG * (len(rungs) - 1)))
+        return self.sheet.wire(bus, (bus[0] + 4, y))
 
     def rung(self, at: Point, signal: str, part: SymbolPart) -> Point:
         """Draw a part from a signal to the right, its texts above its wires; return its end."""
         x, y = at
-        texts = {"reference": (x + 14.5, y - 1.0), "value": (x + 29.5, y - 1.0)}
-        drawn = self.sheet.place(part, (x + 22, y), angle=90, **texts)
+        texts = {"reference": (x + 13.0, y - 1.0), "value": (x + 26.0, y - 1.0)}
+        drawn = self.sheet.place(part, (x + 20, y), angle=90, **texts)
         self.label(signal, self.sheet.wire(drawn.pin(0), (x + 9, y)), "left")
-        return self.sheet.wire(drawn.pin(1), (x + 35, y))
+        return self.sheet.wire(drawn.pin(1), (x + WIDTH, y))
 
     def amplifier(self, at: Point, stage: Stage) -> Point:
         """Draw the parts from the input of a stage to ground, and its amplifier."""
@@ -158,8 +115,6 @@ class BranchDrawing:
             return self.function(at, cell)
         if cell.inverting == stage.node:
             return self.summing(at, cell, stage.feedback)
-        if cell.inverting == cell.output:
-            return self.follower(at, cell)
         return self.open(at, cell)
 
     def function(self, at: Point, cell: SignalAmplifier) -> Point:
@@ -189,19 +144,14 @@ class BranchDrawing:
         return output
 
     def open(self, at: Point, cell: OpAmpCell) -> Point:
-        """Draw an op-amp from its non-inverting input, without feedback of its own."""
+        """Draw an op-amp from its non-inverting input: a buffer, or without feedback of its own."""
         drawn = self.cell(cell, (at[0] + 12, at[1] - 2))
         self.sheet.wire(at, drawn.pin(1))
         (left, y), (x, out) = drawn.pin(0), drawn.pin(2)
-        self.label(cell.inverting, self.sheet.wire((left, y), (left - 2, y)), "left")
-        return self.sheet.wire((x, out), (x + 2, out))
-
-    def follower(self, at: Point, cell: OpAmpCell) -> Point:
-        """Draw a buffer."""
-        drawn = self.cell(cell, (at[0] + 12, at[1] - 2))
-        self.sheet.wire(at, drawn.pin(1))
-        (left, y), (x, out) = drawn.pin(0), drawn.pin(2)
-        self.sheet.wire((left, y), (left, y - 6), (x + 2, y - 6), (x + 2, out))
+        if cell.inverting == cell.output:
+            self.sheet.wire((left, y), (left, y - 6), (x + 2, y - 6), (x + 2, out))
+        else:
+            self.label(cell.inverting, self.sheet.wire((left, y), (left - 2, y)), "left")
         return self.sheet.wire((x, out), (x + 2, out))
 
     def cell(self, cell: OpAmpCell, at: Point) -> Placed:
@@ -232,13 +182,8 @@ class BranchDrawing:
             end = drawn.pin(place)
             self.label(node, end, "right" if place else "left")
 
-    def supplies(
-        self, at: Point, packages: Sequence[str], nets: Collection[str], across: int = 2
-    ) -> int:
-        """Draw the supplies of packages, their sources for KiCad, and voltages; return the end.
-
-        Of the voltages, those that are constant and those at one of `nets`.
-        """
+    def supplies(self, at: Point, packages: Sequence[str], across: int) -> int:
+        """Draw the supplies of packages, their sources for KiCad, and voltages; return the end."""
         x, y = at
         self.sheet.labels.append(Label("Supplies", (x - 6, y), size=TITLE))
         for place, symbol in enumerate((*self.catalogue.rails, symbols.GROUND)):
@@ -249,7 +194,7 @@ class BranchDrawing:
         for place, package in enumerate(packages):
             self.supply((x + 30 * (place % across), y + 34 * (place // across)), package)
         y += 34 * -(-len(packages) // across)
-        sources = [each for each in self.circuit.voltages if not each.switched or each.node in nets]
+        sources = self.circuit.voltages
         for place, source in enumerate(sources):
             column, row = place % (2 * across), place // (2 * across)
             drawn = self.down(self.catalogue.part(source), (x + 24 * column, y + 20 * row))

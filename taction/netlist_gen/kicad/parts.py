@@ -151,18 +151,3 @@ class Catalogue:
         fields = {"Deck": part.card, "Description": f"ideal {part.kind} amplifier, no part"}
         value = f"{printed_value(-part.u_scale)}V {part.kind}(v/{printed_value(part.v_scale)}V)"
         return SymbolPart(symbols.FUNCTION, reference(part.card), value, fields)
-
-    @property
-    def bought(self) -> Iterator[SymbolPart]:
-        """The parts of the whole board, with decoupling capacitors, which the deck does not have.
-
-        A package is listed once.
-        """
-        yield from map(self.part, self.circuit.resistors)
-        for matrix in self.circuit.matrices:
-            yield from map(self.part, matrix.resistors())
-        yield from map(self.part, self.circuit.real_capacitors)
-        for package in packages(self.circuit):
-            yield from (self.decoupling(package.reference, number) for number in (1, 2))
-            yield self.opamp(package.reference)
-        yield from map(self.transistor, range(0, len(self.circuit.transistors), 2))

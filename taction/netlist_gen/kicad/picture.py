@@ -68,7 +68,7 @@ class Strokes:
 def schematic_strokes(circuit: Circuit) -> Strokes:
     """Return the drawing of the middle channel and the sensor row that it drives most."""
     n = middle_channel(circuit)
-    drawn = Strokes.of(channel_sheet(circuit, n, driven_row(circuit, n), brief=True))
+    drawn = Strokes.of(channel_sheet(circuit, n, driven_row(circuit, n)))
     drawn.texts = [
         replace(text, at=(text.at[0] + 0.6 * (1 if text.anchor == "left" else -1), text.at[1]))
         if text.kind in ("input", "output") else text for text in drawn.texts

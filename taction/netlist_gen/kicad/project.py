@@ -1,82 +1,22 @@
-"""A KiCad project of one channel: schematic, symbols, project file, and the board's parts list."""
+"""The files of a KiCad project beside its schematics: symbols, project file, parts list."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass, field
 
-from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.kicad.drawing import channel_sheet
-from taction.netlist_gen.kicad.parts import Catalogue, knob_values
+from taction.netlist_gen.kicad.parts import Catalogue
 from taction.netlist_gen.kicad.sheet import library
-from taction.netlist_gen.kicad.stages import driven_row
 from taction.netlist_gen.kicad.symbols import LIBRARY
+from taction.netlist_gen.kicad.wiring import joined_parts
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.errors import Complaint, InputError
 
 # The columns of KiCad's own lists, then ours; parts that agree in GROUPED share a row.
 COLUMNS = ("Reference", "Value", "Datasheet", "Footprint", "Qty", "DNP")
 NAMES = {"Qty": "${QUANTITY}", "DNP": "${DNP}"}  # as KiCad names them
 OWN = ("Tolerance", "MPN", "Description")
 GROUPED = ("Value", "Tolerance", "MPN", "Description")
-
-
-@dataclass(frozen=True, slots=True)
-class KicadProject:
-    """The drawing of a channel, and the files that were written."""
-
-    DOCUMENT = (
-        *("scene = scene.name", "files = written", "channel # from 1", "row # from 1"),
-        "not_drawn",
-    )
-
-    scene: Scene = field(repr=False)
-    files: dict[str, str] = field(repr=False)
-    channel: int
-    row: int
-    not_drawn: tuple[str, ...] = field(repr=False)
-    written: tuple[str, ...] = ()
-
-
-def kicad_project(circuit: Circuit, scene: Scene, channel: int = 1) -> KicadProject:
-    """Return the KiCad project of a channel, counted from 1, of the board of `scene`.
-
-    The sensor row is the one that the channel drives most. The list has the parts of the whole
-    board.
-
-    Raises
-    ------
-    InputError
-        There is no such channel, or it has no resistor in the matrix.
-
-    Examples
-    --------
-    >>> import taction
-    >>> scene = taction.load_scene("scenes/custom-matrix.toml")
-    >>> project = kicad_project(taction.synthesise(scene), scene)
-    >>> list(project.files)[:2]
-    ['custom-matrix-channel-1.kicad_sch', 'custom-matrix-channel-1.kicad_pro']
-    """
-    total, row = len(circuit.signal_nodes), 0
-    if not 1 <= channel <= total:
-        text = f"the board has {total} channels, counted from 1"
-    elif not (row := driven_row(circuit, channel)):
-        text = "this channel has no resistor in the matrix, so there is nothing to draw"
-    if not row:
-        raise InputError("--channel", Complaint("N", repr(channel), text))
-    sheet, catalogue = channel_sheet(circuit, channel, row, scene), Catalogue(circuit, scene)
-    name = sheet.project
-    comments = (
-        f"Channel {channel} of {total}, sensor row {row} of {circuit.shape[0]}",
-        knob_values(circuit),
-        "Field Deck: the name in the deck; packages U as in taction export bom",
-    )
-    drawn = {f"{name}.kicad_sch": sheet.schematic(scene.name, comments)}
-    files = drawn | project_files(catalogue, scene, name)
-    return KicadProject(scene, files, channel, row, tuple(_not_drawn(circuit)))
 
 
 def project_files(catalogue: Catalogue, scene: Scene, name: str) -> dict[str, str]:
@@ -91,22 +31,6 @@ def project_files(catalogue: Catalogue, scene: Scene, name: str) -> dict[str, st
         "sym-lib-table": table,
         f"{scene.name}-bom.csv": parts_list(catalogue),
     }
-
-
-def _not_drawn(circuit: Circuit) -> Iterator[str]:
-    strays = len(circuit.capacitors) - len(circuit.real_capacitors)
-    if strays:
-        yield f"{strays} stray capacitances, which are no parts"
-    others = len(circuit.signal_nodes) - 1
-    if others:
-        yield f"{others} other channels: their signals are global labels"
-    if any(matrix.wires is not None for matrix in circuit.matrices):
-        yield "the wires of the arrays, which are no parts"
-    for model in circuit.models.values():
-        if model.external_part:
-            yield f"the {model.external_part} of each op-amp"
-    if circuit.amplifiers:
-        yield f"parts of the {circuit.amplifier} amplifier, which is ideal in this scene"
 
 
 def _settings(name: str) -> dict[str, object]:
@@ -140,7 +64,8 @@ def parts_list(catalogue: Catalogue) -> str:
     which the deck does not have.
     """
     rows: dict[tuple[str, ...], dict[str, None]] = {}  # names in their order, each once
-    for part in catalogue.bought:
+    drawn = {part.reference: part for part, _, _ in joined_parts(catalogue) if part.symbol.bought}
+    for part in drawn.values():
         key = (part.value, *(part.fields.get(name, "") for name in OWN))
         rows.setdefault(key, {})[part.reference] = None
     text = io.StringIO()

@@ -102,7 +102,7 @@ class Label:
     ----------
     kind : str
         ``"text"``; ``"label"``: a net of this sheet, above its wire; ``"input"``, ``"output"``: a
-        net of several sheets: its label is global in a project of one sheet, else hierarchical.
+        net of several sheets.
     size : float
         Height, mm.
     """
@@ -118,8 +118,9 @@ class Label:
         """About, in steps of the grid; of labels with a frame, with it."""
         return 3.0 + len(self.text) if self.kind == "output" else 0.95 * len(self.text) * self.size
 
-    def expression(self, shared: str) -> Expression:
-        """Return the label as it stands in a schematic; `shared` is the kind with a frame."""
+    @property
+    def expression(self) -> Expression:
+        """The label as it stands in a schematic."""
         side = [] if self.anchor == "middle" else [self.anchor]
         where = ["at", *_mm(self.at), 180 if self.anchor == "right" else 0]
         if self.kind == "text":
@@ -127,7 +128,13 @@ class Label:
             return ["text", Quoted(self.text), *more, where, _effects(*side, size=self.size)]
         if self.kind == "label":
             return ["label", Quoted(self.text), where, _effects(*side, "bottom")]
-        return [shared, Quoted(self.text), ["shape", self.kind], where, _effects(*side)]
+        return [
+            "hierarchical_label",
+            Quoted(self.text),
+            ["shape", self.kind],
+            where,
+            _effects(*side),
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +167,7 @@ class Below:
 class SchematicSheet:
     """One page. Junctions follow from the wires: a wire ends on another one only to join it.
 
-    A project has one sheet, or a sheet without a `name` with the others as boxes `below` it.
+    The first sheet of a project has no `name`, and the others as boxes `below` it.
     """
 
     project: str
@@ -204,9 +211,8 @@ class SchematicSheet:
     def schematic(self, title: str, comments: tuple[str, ...]) -> str:
         """Return the file ``.kicad_sch``."""
         symbols = {placed.part.symbol.name: placed.part.symbol for placed in self.placed}
-        shared = "hierarchical_label" if self.name else "global_label"
         items = [*map(self._symbol, self.placed)]
-        items += [label.expression(shared) for label in self.labels]
+        items += [label.expression for label in self.labels]
         items += self._wires()
         block = [["comment", number, Quoted(text)] for number, text in enumerate(comments, 1)]
         whole: Expression = [

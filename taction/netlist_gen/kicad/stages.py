@@ -21,6 +21,8 @@ from taction.netlist_gen.board.parts import (
     TransistorCell,
 )
 
+KINDS = {Role.FEEDBACK: ("channel", "Signal plane, channel"),
+         Role.FORWARD: ("row", "Constraint plane, sensor row")}  # fmt: skip
 Passive = Resistor | Capacitor
 Cell = OpAmpCell | SignalAmplifier
 Rung = tuple[str, Resistor | Capacitor | CurrentSource]  # the node at the other end, and the part
@@ -53,18 +55,12 @@ class Stage:
         """The node at the output."""
         return self.node if self.cell is None else self.cell.output
 
-    def follows(self, other: Stage) -> bool:
-        """Whether the output of another stage is all that drives this one."""
-        return [signal for signal, _ in self.rungs] == [other.output] or (
-            not self.rungs and self.node == other.output
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class DrawnBranch:
-    """A channel or a sensor row: chains of stages that follow each other, and all other parts."""
+    """A channel or a sensor row: stages in the order of the signal, and all other parts."""
 
-    chains: tuple[tuple[Stage, ...], ...]
+    stages: tuple[Stage, ...]
     transistors: tuple[TransistorCell, ...]
     loose: tuple[Passive, ...]
 
@@ -82,22 +78,23 @@ def driven_row(circuit: Circuit, n: int) -> int:
     return 1 + int(np.argmin(ohms)) if np.isfinite(ohms).any() else 0
 
 
-def branches_of(circuit: Circuit, n: int, k: int) -> list[tuple[str, str]]:
-    """Return title and first node of the branches of channel `n` and row `k`, from 1, each once."""
-    found: list[tuple[str, str]] = []
-    kinds = (
-        (Role.FEEDBACK, f"Signal plane, channel {n}", n),
-        (Role.FORWARD, f"Constraint plane, sensor row {k}", k),
-    )
-    for role, title, place in kinds:
-        for matrix in circuit.matrices:
-            if matrix.name in circuit.named(role) and (node := matrix.sinks[place - 1]):
-                if node != GROUND and all(
-                    node not in nodes_of_branch(circuit, start) for _, start in found
-                ):
-                    found.append((title, node))
-                break
-    return found
+def branches(circuit: Circuit) -> Iterator[tuple[str, str, str]]:
+    """Yield each branch of a board once: the name of its sheet, its first node, and its title."""
+    shared = shared_nodes(circuit)
+    known: set[str] = set()
+    for role, (word, title) in KINDS.items():
+        matrices = [each for each in circuit.matrices if each.name in circuit.named(role)]
+        sinks = (pair for each in matrices for pair in enumerate(each.sinks, 1))
+        for number, start in sinks:
+            if start and start != GROUND and start not in known:
+                known |= set(nodes_of_branch(circuit, start))
+                yield f"{word}-{number}", start, f"{title} {number}"
+    inputs = [input_of(cell) for cell in circuit.opamps]
+    left = [node for node in inputs if node not in known | shared]
+    for number, start in enumerate(left, 1):
+        if start not in known:
+            known |= set(nodes_of_branch(circuit, start))
+            yield f"more-{number}", start, f"More stages, {number}"
 
 
 def middle_channel(circuit: Circuit) -> int:
@@ -115,19 +112,14 @@ def branch(circuit: Circuit, start: str) -> DrawnBranch:
     parts: tuple[Passive, ...] = (*circuit.resistors, *circuit.real_capacitors)
     left = {part.card: part for part in parts if known & {part.a, part.b}}
     amplifiers: tuple[Cell, ...] = (*circuit.opamps, *circuit.amplifiers)
-    chains: list[list[Stage]] = []
+    stages: list[Stage] = []
     summing = {node for matrix in circuit.matrices for node in matrix.sinks}
     for node in nodes:
         cells: list[Cell | None] = [cell for cell in amplifiers if input_of(cell) == node]
         for cell in cells or [None] * (node == start or node in summing):
-            stage = _stage(circuit, node, cell, left)
-            before = next((chain for chain in chains if stage.follows(chain[-1])), None)
-            if before is None:
-                chains.append([stage])
-            else:
-                before.append(stage)
+            stages.append(_stage(circuit, node, cell, left))
     pair = tuple(each for each in circuit.transistors if known & set(_ends(each)))
-    return DrawnBranch(tuple(map(tuple, chains)), pair, tuple(left.values()))
+    return DrawnBranch(tuple(stages), pair, tuple(left.values()))
 
 
 def _stage(circuit: Circuit, node: str, cell: Cell | None, left: dict[str, Passive]) -> Stage:

@@ -10,8 +10,9 @@ import pytest
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.kicad.board import board_files, branches
+from taction.netlist_gen.kicad.board import kicad_project
 from taction.netlist_gen.kicad.parts import Catalogue, reference
+from taction.netlist_gen.kicad.stages import branches
 from taction.netlist_gen.kicad.wiring import wiring
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
@@ -68,7 +69,7 @@ def test_every_part_is_drawn_once(scene: Scene) -> None:
     circuit = synthesise(scene)
     drawn = Counter(
         (fields(symbol)["Reference"], items(symbol, "unit")[0][1])
-        for tree in sheets(board_files(circuit, scene)).values()
+        for tree in sheets(kicad_project(circuit, scene).files).values()
         for symbol in items(tree, "symbol")
     )
     assert set(drawn.values()) == {1}  # also symbols of supplies, whose numbers are of the project
@@ -81,7 +82,7 @@ def test_every_part_is_drawn_once(scene: Scene) -> None:
 
 
 def test_the_boxes_are_the_sheets_and_their_pins_the_labels(scene: Scene) -> None:
-    found = sheets(board_files(synthesise(scene), scene))
+    found = sheets(kicad_project(synthesise(scene), scene).files)
     first, *below = found
     boxes = items(found[first], "sheet")
     assert [fields(box)["Sheetfile"] for box in boxes] == below
@@ -98,7 +99,7 @@ def test_the_boxes_are_the_sheets_and_their_pins_the_labels(scene: Scene) -> Non
 
 
 def test_no_identifier_stands_twice() -> None:
-    files = board_files(synthesise(quad()), quad())
+    files = kicad_project(synthesise(quad()), quad()).files
     found = Counter(
         line.strip()
         for name, text in files.items()
@@ -107,7 +108,7 @@ def test_no_identifier_stands_twice() -> None:
         if line.strip().startswith("(uuid")
     )
     assert set(found.values()) == {1}
-    assert files == board_files(synthesise(quad()), quad())
+    assert files == kicad_project(synthesise(quad()), quad()).files
 
 
 def test_every_node_is_in_one_branch(scene: Scene) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import taction
-from taction.netlist_gen.kicad.project import kicad_project
+from taction.netlist_gen.kicad.board import kicad_project
 from tests.support.paths import SCENES
 from tests.support.plugins import recipe
 from tests.support.running import taction as command

@@ -58,10 +58,10 @@ def _controls(scene: Scene) -> tuple[Finding, Picture]:
         overshoot=[overshoot[k] for k in shown],
     )
     gains, x = [factor * scene.design.gain for factor in FACTORS], Axis("gain", "ohm")
-    times, shares = (Curve(gains, each, mark="circle") for each in (settling, overshoot))
+    by_time, by_share = (Curve(gains, each, mark="circle") for each in (settling, overshoot))
     charts = (
-        panel("settling time to ±1 %", x, SETTLING, times),
-        panel("overshoot", x, Axis("overshoot", "step"), shares),
+        panel("settling time to ±1 %", x, SETTLING, by_time),
+        panel("overshoot", x, Axis("overshoot", "step"), by_share),
     )
     text = "The gain alone trades settling time against overshoot (R and C as they are)."
     return result, Picture("gain", text, charts)

@@ -37,7 +37,7 @@ MODELS = {
     "diff": "verification.studies.difference.VerdictDifference",
     "netlist": "verification.verdict.deck.Netlist",
     "bom": "verification.verdict.board_power.PartsList",
-    "kicad": "netlist_gen.kicad.project.KicadProject",
+    "kicad": "netlist_gen.kicad.board.KicadProject",
     "build": "verification.verdict.built_board.BuiltBoard",
     "explore": "verification.report.documents.plain.ExploreDocument",
     "solve": "verification.reference.problem.Solution",
