@@ -260,10 +260,7 @@ REGRESS = Command(
 )
 STRESS = Command(
     function="stress",
-    outputs=(
-        text_file("junit", "Write a JUnit XML report.", f"{JUNIT}:stress_junit"),
-        text_file("page", "Write a page in Markdown.", STRESS_PAGE),
-    ),
+    outputs=(text_file("page", "Write a page in Markdown.", STRESS_PAGE),),
     parameters=(option("only", multiple=True, metavar="NAME"), JOBS),
     ends="Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.",
 )

@@ -26,25 +26,13 @@ Outcome = str  # "pass", "fail", "inconclusive", "error", or "" for none
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How an outcome is shown.
-
-    Attributes
-    ----------
-    name : str
-        The outcome, or the outcome with its check: ``"fail: overshoot"``.
-    colour : str
-        Of what is drawn, as hexadecimal RGB: at least 3 to 1 against white and the dark page.
-    mark, hatch : str
-        A mark of `MARKS`, and a hatching of matplotlib.
-    sign : str
-        One character.
-    """
+    """How an outcome is shown; its name may have the check, too: ``"fail: overshoot"``."""
 
     name: str
-    colour: str
-    mark: str
-    hatch: str = ""
-    sign: str = ""
+    colour: str  # of what is drawn, hexadecimal RGB: at least 3 to 1 against both papers
+    mark: str  # one of `MARKS`
+    hatch: str = ""  # of matplotlib
+    sign: str = ""  # one character
 
 
 OUTCOMES = {
@@ -136,24 +124,10 @@ Line = Literal["solid", "dash", "dot", "dashdot", ""]
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """An axis of a chart.
+    """An axis of a chart: a quantity without its unit, and the SI unit of its values.
 
-    Attributes
-    ----------
-    title : str
-        The quantity, without its unit.
-    unit : str
-        SI unit of the values; ``"step"``: parts of the step, shown in per cent; empty: numbers.
-    scale : str
-        ``"names"`` has `names` at the places 0, 1, 2 ...
-    limits : (float, float) or None
-        The ends; None: what the marks need.
-    whole : bool
-        Whether labels stand at whole numbers only.
-    reverse : bool
-        Whether the axis runs from right to left, or from top to bottom.
-    ticks : tuple of float
-        Places of the labels; empty: the renderer chooses them.
+    Values in the unit ``"step"`` are parts of the step, shown in per cent. The scale ``"names"``
+    has `names` at the places 0, 1, 2 ... Without `limits` the axis is as long as its marks need.
     """
 
     title: str = ""
@@ -161,9 +135,9 @@ class Axis:
     scale: Scale = "linear"
     limits: Limits | None = None
     names: tuple[str, ...] = ()
-    whole: bool = False
-    reverse: bool = False
-    ticks: tuple[float, ...] = ()
+    whole: bool = False  # labels at whole numbers only
+    reverse: bool = False  # from right to left, or from top to bottom
+    ticks: tuple[float, ...] = ()  # places of the labels; empty: the renderer chooses them
 
     @property
     def factor(self) -> float:
@@ -183,52 +157,22 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """Points (P,), joined by a line, with marks, or both; NaN is a gap.
-
-    Attributes
-    ----------
-    x, y : ndarray (P,)
-        In the units of the axes.
-    name : str
-        For the legend (`label`), and for the hover.
-    colour : str
-        Hexadecimal, or one of `COLOURS`.
-    line : str
-        ``"solid"``, ``"dash"``, ``"dot"``, ``"dashdot"``, or empty for marks alone.
-    mark : str
-        One of `MARKS`, or empty for a line alone.
-    width, size : float
-        Points.
-    label : str
-        Where the name stands: ``"legend"``, or empty for nowhere.
-    hover : tuple of str
-        A text for each point, for media with a pointer; empty: the coordinates.
-    written : tuple of str
-        A text for each point that stands beside it in every medium; empty texts are left out.
-    spread : ndarray (2, P) or None
-        Ends of a bar along x at each point.
-    behind : bool
-        Whether the curve lies below the others.
-    shades : ndarray (P,) or None
-        Values on the axis `shade` that give the marks their colours, with a bar of colours.
-    shade : Axis or None
-        See `shades`.
-    """
+    """Points (P,) in the units of the axes, joined by a line, with marks, or both; NaN is a gap."""
 
     x: ArrayLike
     y: ArrayLike
-    name: str = ""
-    colour: str = SERIES[0]
+    name: str = ""  # for the legend (`label`), and for the hover
+    colour: str = SERIES[0]  # hexadecimal, or one of `COLOURS`
     line: Line = "solid"
-    mark: str = ""
-    width: float = 1.5
+    mark: str = ""  # one of `MARKS`, or none
+    width: float = 1.5  # points, as the size
     size: float = 6.0
-    label: Literal["legend", ""] = "legend"
-    hover: tuple[str, ...] = ()
-    written: tuple[str, ...] = ()
-    spread: ArrayLike | None = None
-    behind: bool = False
-    shades: ArrayLike | None = None
+    label: Literal["legend", ""] = "legend"  # where the name stands
+    hover: tuple[str, ...] = ()  # for each point, for the pointer; empty: the coordinates
+    written: tuple[str, ...] = ()  # beside each point, in every medium; empty texts are left out
+    spread: ArrayLike | None = None  # (2, P) ends of a bar along x at each point
+    behind: bool = False  # below the other marks
+    shades: ArrayLike | None = None  # (P,) on the axis `shade`: colours of the marks, with a bar
     shade: Axis | None = None
 
 
@@ -258,108 +202,53 @@ class Band:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Bars (n,): columns from below, or rows from the left where `across` is ``"y"``.
+    """Bars (n,): columns from below, or rows from the left where `across` is ``"y"``."""
 
-    Attributes
-    ----------
-    places : ndarray (n,)
-        Middles of the bars on the axis `across`.
-    sizes, bases : ndarray (n,)
-        Lengths, with their signs, and where they begin; no bases are 0.
-    widths : ndarray (n,)
-        Widths of the bars; None: 0.8.
-    looks : tuple of str
-        Colour of each bar: an outcome also gives its hatching; one look serves all.
-    written, hover : tuple of str
-        A text for each bar at its end, and for the pointer.
-    """
-
-    places: ArrayLike
-    sizes: ArrayLike
+    places: ArrayLike  # middles of the bars on the axis `across`
+    sizes: ArrayLike  # lengths, with their signs
     across: Literal["x", "y"] = "x"
-    bases: ArrayLike | None = None
-    widths: ArrayLike | None = None
-    looks: tuple[str, ...] = ("pass",)
+    bases: ArrayLike | None = None  # where the bars begin; None: 0
+    widths: ArrayLike | None = None  # None: 0.8
+    looks: tuple[str, ...] = ("pass",)  # colour of each bar, or of all; an outcome has a hatching
     name: str = ""
-    written: tuple[str, ...] = ()
+    written: tuple[str, ...] = ()  # at the end of each bar
     hover: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """Values over the two axes as colours; NaN is a cell without a value.
+    """Values (m, n) over the two axes as colours; NaN is a cell without a value.
 
-    Attributes
-    ----------
-    x, y : ndarray (n,), (m,)
-        Middles of the cells.
-    values : ndarray (m, n)
-        In `unit`.
-    unit : str
-        Of the values, as for an axis.
-    scale : str
-        ``"linear"``, ``"log"``; ``"signed"``: orange below 0 or above it (`rising`), blue on the
-        other side, by the square root; ``"share"``: parts of a limit on a logarithmic scale, blue
-        within, orange beyond.
-    limits : (float, float) or None
-        Ends of the colours.
-    title : str
-        Of the bar of colours.
-    texts : tuple of tuple of str
-        A text for each cell, for the pointer.
-    written : tuple of tuple of str
-        A text in each cell.
-    warm : str
-        Which sign of a ``"signed"`` scale is orange: ``"negative"`` or ``"positive"``.
-    bar : bool
-        Whether a bar of colours stands beside the chart.
+    A ``"signed"`` scale is orange on the `warm` side of 0 and blue on the other, by the square
+    root; ``"share"`` has parts of a limit on a logarithmic scale, blue within, orange beyond.
     """
 
-    x: ArrayLike
-    y: ArrayLike
+    x: ArrayLike  # (n,) middles of the cells
+    y: ArrayLike  # (m,)
     values: ArrayLike
     unit: str = ""
     scale: Literal["linear", "log", "signed", "share"] = "linear"
-    limits: Limits | None = None
-    title: str = ""
-    texts: tuple[tuple[str, ...], ...] = ()
-    written: tuple[tuple[str, ...], ...] = ()
+    limits: Limits | None = None  # ends of the colours
+    title: str = ""  # of the bar of colours
+    texts: tuple[tuple[str, ...], ...] = ()  # for the pointer
+    written: tuple[tuple[str, ...], ...] = ()  # in the cells
     warm: Literal["negative", "positive"] = "negative"
-    bar: bool = True
+    bar: bool = True  # of colours, beside the chart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells:
-    """Results over the two axes: cells with the look of each result.
+    """Results (m, n) over the two axes, by the names of their looks; an empty name: none."""
 
-    Attributes
-    ----------
-    x, y : ndarray (n,), (m,)
-        Middles of the cells.
-    names : ndarray (m, n) of str
-        A result of each cell, as `looks_of` takes them; empty: none.
-    looks : mapping of str to Look
-        See `looks_of`.
-    """
-
-    x: ArrayLike
-    y: ArrayLike
+    x: ArrayLike  # (n,) middles of the cells
+    y: ArrayLike  # (m,)
     names: np.ndarray[Any, Any]
-    looks: dict[str, Look]
+    looks: dict[str, Look]  # see `looks_of`
 
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A text at a place; None: at the edge that `align` says.
-
-    Attributes
-    ----------
-    x, y : float or None
-        In the units of the axes; None: the left, lower, right or upper edge.
-    align : (str, str)
-        The side of the place on which the text stands: ``"left"``, ``"right"`` or ``"middle"``,
-        and ``"above"``, ``"below"`` or ``"middle"``.
-    """
+    """A text on the side `align` of a place; None: at the edge that `align` says."""
 
     text: str
     x: float | None = None
@@ -385,37 +274,19 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chart:
-    """One pair of axes with marks.
-
-    Attributes
-    ----------
-    title : str
-        What the chart shows.
-    message : str
-        What it says, in some words behind the title.
-    summary : str
-        What it shows, for readers who cannot see it, and as its caption.
-    views : tuple of View
-        Parts of the chart; the first is shown at the start, and in a picture.
-    legend : str
-        ``"beside"``, ``"below"``, ``"inside"`` the chart, or empty for none.
-    height : int
-        On a page, pixels.
-    zoom : bool
-        Whether buttons of a page zoom and move along the horizontal axis.
-    """
+    """One pair of axes with marks; the first of its `views` is shown at the start."""
 
     kind: ClassVar[str] = "chart"
-    title: str
+    title: str  # what the chart shows
     x: Axis
     y: Axis
     marks: tuple[Mark, ...]
-    message: str = ""
-    summary: str = ""
+    message: str = ""  # what it says, behind the title
+    summary: str = ""  # for readers who cannot see it, and as its caption
     views: tuple[View, ...] = ()
     legend: Literal["beside", "below", "inside", ""] = "inside"
-    height: int = 380
-    zoom: bool = True
+    height: int = 380  # on a page, pixels
+    zoom: bool = True  # buttons of a page zoom and move along the horizontal axis
 
     @property
     def heading(self) -> str:

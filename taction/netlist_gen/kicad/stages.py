@@ -30,25 +30,13 @@ Rung = tuple[str, Resistor | Capacitor | CurrentSource]  # the node at the other
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """An amplifier with the parts at its input.
+    """An amplifier with the parts at its input."""
 
-    Attributes
-    ----------
-    node : str
-        The input: a summing node, or what a buffer or an ideal amplifier follows.
-    cell : OpAmpCell, SignalAmplifier or None
-        None for a node without an amplifier.
-    rungs : tuple of Rung
-        Parts from signals, or from ground, into the node.
-    feedback, shunts : tuple of Resistor and Capacitor
-        Parts from the output to the node, and from the node to ground.
-    """
-
-    node: str
-    cell: Cell | None
-    rungs: tuple[Rung, ...]
-    feedback: tuple[Passive, ...]
-    shunts: tuple[Passive, ...]
+    node: str  # the input: a summing node, or what a buffer or an ideal amplifier follows
+    cell: Cell | None  # None for a node without an amplifier
+    rungs: tuple[Rung, ...]  # parts from signals, or from ground, into the node
+    feedback: tuple[Passive, ...]  # from the output to the node
+    shunts: tuple[Passive, ...]  # from the node to ground
 
     @property
     def output(self) -> str:

@@ -27,26 +27,14 @@ QUIET = 2.45e6  # ohm, a gain with the least settling time (taction reproduce, c
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DemonstrationStep:
-    """One board: what it shows, in words, and its verdict.
-
-    Attributes
-    ----------
-    title : str
-        What was changed.
-    expected : Outcome
-        The outcome that the story tells.
-    verdict : Verdict
-        The verdict on the board.
-    text : str
-        Two or three sentences with the numbers of the verdict.
-    """
+    """One board: what it shows, in words, and its verdict."""
 
     DOCUMENT = ("title", "text", "outcome = verdict.outcome", "expected")
 
-    title: str
-    expected: Outcome
+    title: str  # what was changed
+    expected: Outcome  # that the story tells
     verdict: Verdict
-    text: str
+    text: str  # two or three sentences with the numbers of the verdict
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -44,26 +44,16 @@ ALIKE = 3  # rows with the same value, which `Table.folded` says once
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table; the first cell of a row is its header.
-
-    Attributes
-    ----------
-    most : mapping of str to int
-        The number of rows that a medium shows; all, if it is not named.
-    more : str
-        What is added to `note` if it does not show all: text with ``{}`` for the number left out.
-    heads : int
-        The number of first columns that say what a row is about.
-    """
+    """A table; the first cell of a row is its header."""
 
     kind: ClassVar[str] = "table"
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
-    most: Mapping[str, int] = field(default_factory=dict)
-    more: str = ""
-    heads: int = 1
+    most: Mapping[str, int] = field(default_factory=dict)  # rows that a medium shows; others all
+    more: str = ""  # added to `note` where rows are left out, with ``{}`` for their number
+    heads: int = 1  # first columns that say what a row is about
 
     @classmethod
     def of(
@@ -120,22 +110,12 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A value beside its limit.
-
-    Attributes
-    ----------
-    share : float or None
-        The part of the limit that is used: at 1 the limit is reached; None without a number.
-    doubt : float
-        Bound on the error of `share`.
-    value, limit, reason : str
-        The same in words; the value with its uncertainty.
-    """
+    """A value beside its limit, in numbers and in words; the value with its uncertainty."""
 
     name: str
     outcome: Outcome
-    share: float | None
-    doubt: float
+    share: float | None  # of the limit that is used: at 1 it is reached; None without a number
+    doubt: float  # bound on the error of `share`
     value: str
     limit: str
     reason: str = ""
@@ -254,27 +234,17 @@ BOTH, EVERYWHERE, DRAWN = (TERMINAL, PAGE), (TERMINAL, PAGE, NOTEBOOK), (PAGE, P
 class Section:
     """A part of a page with a heading; sections without blocks are left out.
 
-    Attributes
-    ----------
-    blocks : sequence of Block or None, or a function that returns them
-        A function is called only by the renderers of `media`, so that a terminal does not wait for
-        what only an HTML page shows. None, and blocks without rows, are left out.
-    lead : str
-        A sentence above the blocks.
-    media : tuple of str
-        `TERMINAL`, `PAGE`, `NOTEBOOK`, `PICTURE`: who shows the section.
-    across : int
-        Charts side by side on a wide page, where there are several.
-    folded : bool
-        Whether a page shows only the title until it is opened.
+    A function in the place of the blocks is called only by the renderers of `media`, so that a
+    terminal does not wait for what only an HTML page shows. None, and blocks without rows, are
+    left out.
     """
 
     title: str
     blocks: Sequence[Block | None] | Callable[[], Iterable[Block | None]]
-    lead: str = ""
-    media: tuple[str, ...] = (PAGE,)
-    across: int = 1
-    folded: bool = False
+    lead: str = ""  # a sentence above the blocks
+    media: tuple[str, ...] = (PAGE,)  # who shows the section
+    across: int = 1  # charts side by side on a wide page
+    folded: bool = False  # a page shows only the title until it is opened
 
     def made(self, medium: str) -> tuple[Block, ...]:
         """Return the blocks for a medium; none if it does not show this section."""
@@ -295,34 +265,16 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A whole result.
+    """A whole result."""
 
-    Attributes
-    ----------
-    title, command : str
-        The name of the scene or folder, and the command that made the result.
-    outcome : str
-        The outcome at the top; empty for a study without one.
-    summary : str
-        The result in a sentence.
-    lines : tuple of str
-        What was studied, below the title.
-    sections : tuple of Section
-        In the order in which they are shown.
-    foot : tuple of str
-        The last lines in a terminal and in a notebook: cost and error.
-    last_line : str
-        What the terminal ends with; by default the outcome.
-    """
-
-    title: str
-    command: str
-    outcome: Outcome = ""
-    summary: str = ""
-    lines: tuple[str, ...] = ()
+    title: str  # the name of the scene or folder
+    command: str  # what made the result
+    outcome: Outcome = ""  # at the top; empty for a study without one
+    summary: str = ""  # the result in a sentence
+    lines: tuple[str, ...] = ()  # what was studied, below the title
     sections: tuple[Section, ...] = ()
-    foot: tuple[str, ...] = ()
-    last_line: str = ""
+    foot: tuple[str, ...] = ()  # last lines of a terminal and a notebook: cost and error
+    last_line: str = ""  # what the terminal ends with; by default the outcome
 
     def blocks(self, medium: str = PAGE) -> Iterator[Block]:
         """Yield the blocks for a medium, of all sections."""

@@ -13,8 +13,6 @@ from typing import Any, Literal
 from xml.etree import ElementTree as ET
 
 from taction.system.foreign_text import escaped, visible, visible_lines
-from taction.verification.evidence.stress.catalogue import FOLDER
-from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.texts import value_text
 from taction.verification.report.views.files import Document, checks_of, reasons
 from taction.verification.report.views.regression import change_line, changes_line, remarks
@@ -70,16 +68,6 @@ def files_junit(files: VerifiedFiles) -> str:
 def regression_junit(report: RegressionReport) -> str:
     """Return a regression run as JUnit XML; a group of compared quantities is a test, too."""
     return junit_text("taction regress", [_scene_suite(each, report) for each in report.results])
-
-
-def stress_junit(report: StressReport) -> str:
-    """Return a run of the stress cases as JUnit XML: a suite per family, a test per run."""
-    suites = []
-    for family in dict.fromkeys(run.case.family for run in report.runs):
-        tests = [_case_test(run) for run in report.runs if run.case.family == family]
-        file = str(FOLDER / f"{family}.toml")
-        suites.append(JUnitSuite(f"stress.{family}", file, tests, dict(report.versions)))
-    return junit_text("taction self stress", suites)
 
 
 def junit_text(name: str, suites: Sequence[JUnitSuite]) -> str:
@@ -205,16 +193,6 @@ def _group_test(
     texts = [change_line(each) for each in changes]
     text = "\n".join([*texts, *lines])
     return JUnitTest(name, "skipped" if accepted else "failure", changes_line(changes), text)
-
-
-def _case_test(run: CaseRun) -> JUnitTest:
-    name = f"{run.case.name} {run.engine}"
-    if run.judgement is CaseJudgement.RIGHT:
-        return JUnitTest(name, seconds=run.seconds)
-    if run.judgement is CaseJudgement.NOT_RUN:
-        return JUnitTest(name, "skipped", run.reason or run.judgement.value)
-    message = f"{run.judgement.value}: {run.reason}"
-    return JUnitTest(name, "failure", message, f"{message}\nhard because {run.case.why}")
 
 
 _MESSAGE = {"%": "%25", "\r": "%0D", "\n": "%0A"}

@@ -23,24 +23,16 @@ SPAN = 12.0  # record length in slowest time constants
 
 @dataclass(frozen=True, slots=True)
 class ConstraintPlane:
-    """10-90 % rise times of the constraint stage with the largest resistive load, s.
+    """10-90 % rise times, s, of the constraint stage with the largest resistive load.
 
-    Attributes
-    ----------
-    row : int
-        Number of the stage, from 1.
-    amplifier_rise_time : float
-        Rise time without capacitance at the summing node.
-    stage_rise_time : float or None
-        Rise time with this capacitance; None for a stage that is not stable by itself.
-    stage_overshoot : float or None
-        Overshoot with this capacitance, fraction of the step of the stage; None likewise.
+    Those with the capacitance at the summing node are None for a stage that is not stable by
+    itself.
     """
 
-    row: int
-    amplifier_rise_time: float
+    row: int  # number of the stage, from 1
+    amplifier_rise_time: float  # without capacitance at the summing node
     stage_rise_time: float | None
-    stage_overshoot: float | None
+    stage_overshoot: float | None  # fraction of the step of the stage
 
 
 def constraint_plane(circuit: Circuit) -> ConstraintPlane:

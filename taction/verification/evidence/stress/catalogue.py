@@ -41,35 +41,19 @@ OUTCOMES = frozenset(outcome.value for outcome in Outcome) | REFUSALS
 class Case:
     """One scene with its right outcome.
 
-    Attributes
-    ----------
-    name, family : str
-        `family` is the stem of the case's file.
-    why : str
-        Why the scene is hard.
-    known : str
-        How the right outcome is known.
-    outcome : dict of str to tuple of str
-        By engine: pass, fail, inconclusive, or the exception that refuses the scene. The first is
-        the right outcome; others are accepted where the accuracy of the engine decides, and none
-        of them contradicts the first. Bad input is refused before an engine is chosen, so it has
-        one engine.
-    decided : dict of str to str
-        Outcomes of single checks, on every engine.
-    tables : dict
-        The tables of the scene.
-    truth : TrueValues or None
-        None where the scene is refused, or where they are not stored.
+    The first outcome of an engine is the right one; others are accepted where the accuracy of the
+    engine decides, and none of them contradicts the first. Bad input is refused before an engine is
+    chosen, so it has one engine.
     """
 
     name: str
-    family: str
-    why: str
-    known: str
-    outcome: Mapping[str, tuple[str, ...]]
-    decided: Mapping[str, str]
-    tables: Mapping[str, Any]
-    truth: TrueValues | None
+    family: str  # stem of the case's file
+    why: str  # why the scene is hard
+    known: str  # how the right outcome is known
+    outcome: Mapping[str, tuple[str, ...]]  # by engine: of `OUTCOMES`
+    decided: Mapping[str, str]  # outcomes of single checks, on every engine
+    tables: Mapping[str, Any]  # of the scene
+    truth: TrueValues | None  # None where the scene is refused, or where they are not stored
 
     @property
     def engines(self) -> tuple[str, ...]:

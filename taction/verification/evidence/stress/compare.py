@@ -22,33 +22,17 @@ RESTING = ("steady_state", "settling_time")  # also judged by where drawn boards
 
 @dataclass(frozen=True, slots=True)
 class TruthComparison:
-    """One stated number.
-
-    Attributes
-    ----------
-    name : str
-        Name of the quantity, with its channel.
-    value, uncertainty : float
-        As the verdict states them, in `unit`.
-    truth : float
-        The true value; NaN where there is none, although one is stated.
-    unit : str
-        ``"s"``, ``"1/s"``, ``"step"``, ``"V"`` or ``"ratio"``.
-    doubt : float
-        Error of `truth`.
-    accuracy : float
-        The error that the scene allows, in `unit`.
-    """
+    """One stated number with its true value."""
 
     DOCUMENT = ("name", "value", "uncertainty", "truth", "error", "unit", "outside", "wrong")
 
-    name: str
-    value: float
+    name: str  # of the quantity, with its channel
+    value: float  # as the verdict states it, in `unit`
     uncertainty: float
-    truth: float
-    unit: str
-    doubt: float
-    accuracy: float
+    truth: float  # NaN where there is none, although one is stated
+    unit: str  # "s", "1/s", "step", "V" or "ratio"
+    doubt: float  # error of `truth`
+    accuracy: float  # the error that the scene allows, in `unit`
 
     @property
     def error(self) -> float:

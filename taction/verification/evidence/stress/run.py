@@ -40,24 +40,7 @@ class CaseJudgement(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class CaseRun:
-    """One case on one engine.
-
-    Attributes
-    ----------
-    case : Case
-    engine : str
-    outcome : str
-        Outcome of the verdict, or the name of the exception; "-" without either.
-    judgement : CaseJudgement
-    checks : tuple of Check
-        Empty for a refused scene.
-    comparisons : tuple of TruthComparison
-        Every stated number with its true value.
-    reason : str
-        What is wrong, or why the scene was refused.
-    seconds : float
-        Wall time.
-    """
+    """One case on one engine, and every stated number with its true value."""
 
     DOCUMENT = (
         *("case = case.name", "family = case.family", "engine"),
@@ -69,12 +52,12 @@ class CaseRun:
 
     case: Case
     engine: str
-    outcome: str
+    outcome: str  # of the verdict, or the name of the exception; "-" without either
     judgement: CaseJudgement
-    checks: tuple[Check, ...] = ()
+    checks: tuple[Check, ...] = ()  # of a refused scene none
     comparisons: tuple[TruthComparison, ...] = ()
-    reason: str = ""
-    seconds: float = 0.0
+    reason: str = ""  # what is wrong, or why the scene was refused
+    seconds: float = 0.0  # wall time
 
     @property
     def right_outcomes(self) -> tuple[str, ...]:
@@ -227,22 +210,15 @@ def run_case(case: Case, engine: str) -> CaseRun:
 
 
 def _judged(case: Case, engine: str, verdict: Verdict, seconds: float) -> CaseRun:
+    """Judge a verdict by the outcomes of the case, and by its true values where they are known."""
     comparisons = () if case.truth is None else compare(verdict, case.truth)
     mistakes = list(_wrong_outcomes(case, engine, verdict))
     judgement = CaseJudgement.WRONG_OUTCOME if mistakes else CaseJudgement.RIGHT
     if wrong := [c.name for c in comparisons if c.wrong]:
         judgement = CaseJudgement.WRONG_NUMBER
         mistakes.append(f"wrong: {', '.join(wrong)}")
-    return CaseRun(
-        case=case,
-        engine=engine,
-        outcome=verdict.outcome.value,
-        judgement=judgement,
-        checks=verdict.checks,
-        comparisons=comparisons,
-        reason="; ".join(mistakes),
-        seconds=seconds,
-    )
+    outcome, reason = verdict.outcome.value, "; ".join(mistakes)
+    return CaseRun(case, engine, outcome, judgement, verdict.checks, comparisons, reason, seconds)
 
 
 def _wrong_outcomes(case: Case, engine: str, verdict: Verdict) -> list[str]:

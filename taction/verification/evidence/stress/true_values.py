@@ -9,40 +9,17 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class TrueValues:
-    """The true readings of a case's board.
+    """The true readings of a case's board."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Step amplitude A, V.
-    rightmost : tuple of float
-        Real and imaginary part of the rightmost pole, 1/s.
-    steady_state : float
-        Largest distance of the equilibrium from the reference solution, fraction of A.
-    channels : tuple of dict
-        `READINGS` of every channel by name, and `final`, in s, fractions of A and V; a reading
-        that the channel does not have is missing.
-    error : float
-        Error of the numbers: relative for times, of A for the others.
-    by : str
-        How the numbers were computed.
-    arrives : bool
-        False where the equilibrium is stable, but the transient leaves every bound.
-    readable : bool
-        False where the board rings for so many periods that times and peaks were not computed.
-    margin : float or None
-        The least factor by which C shrinks until the board oscillates; None if not computed.
-    """
-
-    amplitude: float
-    rightmost: tuple[float, float]
-    steady_state: float
-    channels: tuple[Mapping[str, float], ...]
-    error: float
-    by: str
-    arrives: bool = True
-    readable: bool = True
-    margin: float | None = None
+    amplitude: float  # of the step, V
+    rightmost: tuple[float, float]  # pole, 1/s
+    steady_state: float  # largest distance of the equilibrium from the reference, of the step
+    channels: tuple[Mapping[str, float], ...]  # the `READINGS` and `final` that exist
+    error: float  # of the numbers: relative for times, of the step for the others
+    by: str  # how the numbers were computed
+    arrives: bool = True  # False: stable, but the transient leaves every bound
+    readable: bool = True  # False: it rings for so many periods that readings were not computed
+    margin: float | None = None  # factor by which C shrinks until the board oscillates, if known
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> TrueValues:

@@ -213,15 +213,7 @@ def _bar(check: Check) -> Part:
 def outputs_chart(
     curves: ExplorerCurves, other: ExplorerCurves | None, view: RestView, window: str
 ) -> Chart:
-    """Return the outputs of all channels in a window, with their targets and bands.
-
-    Parameters
-    ----------
-    other : ExplorerCurves or None
-        The record of ngspice.
-    window : str
-        ``"rise"`` or ``"whole"``.
-    """
+    """Return the outputs in a window, ``"rise"`` or ``"whole"``, with targets and bands."""
     end = curves.rise if window == "rise" else curves.stop
     time, outputs, beyond = _shown(curves, end, view)
     targets, count = view.targets, outputs.shape[1]
@@ -299,28 +291,16 @@ def stress_chart(view: RestView) -> Chart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SliderLook:
-    """Everything that is known so far of one set of values.
-
-    Attributes
-    ----------
-    part : dict
-        What the page is told first.
-    poles : PoleView or None
-        None as long as they are not known.
-    limits : tuple of str
-        What the op-amps cannot do.
-    verdict, other : Judgement or None
-        Of the state-space engine, and of ngspice.
-    """
+    """Everything that is known so far of one set of values."""
 
     settings: Settings
     scene: Scene
     rest: RestView
-    part: Part = field(default_factory=dict)
-    poles: PoleView | None = None
-    limits: tuple[str, ...] = ()
-    verdict: Judgement | None = None
-    other: Judgement | None = None
+    part: Part = field(default_factory=dict)  # what the page is told first
+    poles: PoleView | None = None  # None as long as they are not known
+    limits: tuple[str, ...] = ()  # what the op-amps cannot do
+    verdict: Judgement | None = None  # of the state-space engine
+    other: Judgement | None = None  # of ngspice
 
     def with_poles(self, window: str) -> tuple[SliderLook, Part]:
         """Add the poles and, of a small linear board, the curves."""

@@ -100,22 +100,12 @@ class ExplorerJob:
 
 @dataclass(eq=False)
 class Session:
-    """The explorer of one page.
-
-    Attributes
-    ----------
-    start : Start
-        The scene.
-    send : callable
-        Takes a part of the page to the browser; called in the event loop.
-    judging, simulating : ExplorerJob
-        Processes for the verdict and for ngspice.
-    """
+    """The explorer of one page; `send` takes a part of it to the browser, in the event loop."""
 
     start: Start
     send: Send
-    judging: ExplorerJob
-    simulating: ExplorerJob
+    judging: ExplorerJob  # the process of the verdict
+    simulating: ExplorerJob  # the process of ngspice
     settings: Settings = field(default_factory=Settings)
     window: str = "rise"
     _number: int = 0  # of the newest values

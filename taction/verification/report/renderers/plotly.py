@@ -277,19 +277,14 @@ def _shape(mark: Limit | Band, chart: Chart) -> dict[str, Any]:
     rest = {f"{other}ref": "paper", f"{other}0": 0, f"{other}1": 1,
             "showlegend": bool(mark.name), "name": words(mark.name)}  # fmt: skip
     if isinstance(mark, Limit):
-        value = _place(mark.value, axis)
+        value = axis.factor * mark.value
         look = {"color": colour(mark.colour), "width": max(1.5, mark.width), "dash": mark.line}
         return {"type": "line", f"{across}0": value, f"{across}1": value, "line": look, **rest}
     return {
-        "type": "rect", f"{across}0": _place(mark.low, axis), f"{across}1": _place(mark.high, axis),
+        "type": "rect", f"{across}0": axis.factor * mark.low, f"{across}1": axis.factor * mark.high,
         "fillcolor": colour(mark.colour), "opacity": 0.15 if mark.colour in OUTCOMES else 0.35,
         "line": {"width": 0}, "layer": "below", **rest,
     }  # fmt: skip
-
-
-def _place(value: float, axis: Axis) -> float:
-    """Return a place for a shape or an annotation; Plotly wants logarithms of annotations only."""
-    return axis.factor * value
 
 
 def _columns(mark: Columns, chart: Chart) -> Iterator[dict[str, Any]]:

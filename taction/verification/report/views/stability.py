@@ -168,12 +168,7 @@ def mode_marks(
 ) -> tuple[Curve, Curve]:
     """Return the modes (P,) that decay, as circles, and those that grow, as crosses.
 
-    Parameters
-    ----------
-    x, y, real : ndarray (P,)
-        Places of the modes, and the real parts of their poles, 1/s.
-    texts : sequence of str
-        For the pointer, one for each mode.
+    `real` are the real parts of the poles, 1/s, and `texts` are for the pointer, one for each.
     """
 
     def marks(name: str, outcome: str, mark: str, chosen: np.ndarray) -> Curve:

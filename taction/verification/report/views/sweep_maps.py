@@ -53,14 +53,8 @@ def axis_of(where: axes.SweepAxis) -> tuple[Axis, Floats]:
 class Plane:
     """The first two axes of a plan, and the stability boundary over them.
 
-    Parameters
-    ----------
-    plan : Plan
-        With two axes or more.
-    growth : ndarray (n, m)
-        Growth rates, 1/s: the boundary is where they pass through 0, interpolated.
-    where : str
-        Where the plane is among other axes: ``" at stray_capacitance = 1 pF"``.
+    It is where the growth rates (n, m), 1/s, pass through 0, interpolated; `where` says where the
+    plane is among other axes: ``" at stray_capacitance = 1 pF"``.
     """
 
     def __init__(self, plan: Plan, growth: Floats, where: str = "") -> None:

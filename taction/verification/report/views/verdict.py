@@ -79,17 +79,10 @@ def view(
     notes: Sequence[str] = (),
     verbose: bool = False,
 ) -> Page:
-    """Return what a verdict shows.
+    """Return what a verdict shows; a `verbose` terminal has the error budget and the cost, too.
 
-    Parameters
-    ----------
-    changes : str
-        What can mend the verdict, in lines, of which the first introduces the others.
-    notes : sequence of str
-        Further lines below the checks, such as the margins.
-    verbose : bool
-        Whether a terminal also shows the error budget, and how the record and the reference were
-        made.
+    `changes` are lines about what can mend it, of which the first introduces the others; `notes`
+    stand below the checks, such as the margins.
     """
     circuit, waves = verdict.circuit, verdict.waveforms
     engine = tuple((name, getattr(waves, name) or "–") for name in ("engine", "solver", "method"))

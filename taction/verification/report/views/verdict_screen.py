@@ -26,14 +26,9 @@ LAST = 2  # lines: where more is shown, and the outcome
 
 
 def screen(verdict: Verdict, margins: Sequence[str] = (), *, searched: bool = False) -> Page:
-    """Return what a terminal shows of a verdict.
+    """Return what a terminal shows of a verdict, with the stability `margins` that were asked for.
 
-    Parameters
-    ----------
-    margins : sequence of str
-        The stability margins, where they were asked for.
-    searched : bool
-        Whether changes that mend the verdict follow, which need lines, too.
+    `searched`: changes that mend the verdict follow, which need lines, too.
     """
     headline = _headline(verdict)
     built = yield_text(verdict.answer) if verdict.outcome is Outcome.PASS else ""
