@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 MATPLOTLIB = ("matplotlib", "needs matplotlib: pip install 'taction[plot]'")
 PACKAGES = dict.fromkeys((".png", ".svg", ".pdf"), MATPLOTLIB)
-UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 REPORT = "taction.verification.report"
 
 
@@ -49,8 +48,3 @@ def plot(view: str, path: str | Path | None, *shown: Any) -> Figure:
     made = getattr(import_module(f"{REPORT}.views.{module}"), name)(*shown)
     figure: Figure = import_module(f"{REPORT}.renderers.picture").draw_page(made, path)
     return figure
-
-
-def time_unit(longest: float) -> tuple[float, str]:
-    """Return the unit of a time axis up to `longest`, s: its length in s, and its name."""
-    return next(((size, name) for size, name in UNITS if longest >= size), UNITS[-1])

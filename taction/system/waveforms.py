@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taction.system.array_types import Floats, Indices
-from taction.system.picture import plot, time_unit
+from taction.system.picture import plot
+from taction.system.quantities import quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -87,8 +88,7 @@ class Waveforms:
 
     def __repr__(self) -> str:
         count, end = len(self.time), float(self.time[-1]) if len(self.time) else 0.0
-        size, unit = time_unit(end)
-        reach = f"{count} points to {end / size:.4g} {unit}"
+        reach = f"{count} points to {quantity(end, 's')}"
         return f"Waveforms({len(self.nodes)} nodes, {reach}, {self.engine})"
 
     def __getitem__(self, node: str) -> Floats:

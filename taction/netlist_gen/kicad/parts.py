@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -107,14 +106,6 @@ class Catalogue:
         """The symbols of both supplies."""
         supply = f"{self.circuit.supply:g}V"
         return symbols.rail(f"+{supply}"), symbols.rail(f"-{supply}")
-
-    @property
-    def symbols(self) -> Iterator[Symbol]:
-        """The symbols that drawings of this board's channels need."""
-        yield from (symbols.RESISTOR, symbols.CAPACITOR, symbols.CURRENT, symbols.VOLTAGE)
-        yield from (symbols.FUNCTION, symbols.GROUND, symbols.FLAG, *self.rails, self._opamp[0])
-        if self.circuit.transistors:
-            yield self.transistor(0).symbol
 
     def part(self, part: TwoEnded) -> SymbolPart:
         """Return a part with two ends; its field Deck has the name in the deck."""

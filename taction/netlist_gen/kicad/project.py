@@ -8,7 +8,7 @@ import json
 
 from taction.netlist_gen.kicad.parts import Catalogue
 from taction.netlist_gen.kicad.sheet import library
-from taction.netlist_gen.kicad.symbols import LIBRARY
+from taction.netlist_gen.kicad.symbols import FLAG, GROUND, LIBRARY
 from taction.netlist_gen.kicad.wiring import joined_parts
 from taction.netlist_gen.scene.scene import Scene
 
@@ -21,13 +21,15 @@ GROUPED = ("Value", "Tolerance", "MPN", "Description")
 
 def project_files(catalogue: Catalogue, scene: Scene, name: str) -> dict[str, str]:
     """Return the files of the project `name` beside its schematics."""
+    drawn = (part.symbol for part, _, _ in joined_parts(catalogue))
+    symbols = {each.name: each for each in (GROUND, FLAG, *catalogue.rails, *drawn)}
     table = (
         f'(sym_lib_table\n  (version 7)\n  (lib (name "{LIBRARY}")(type "KiCad")(uri'
         f' "${{KIPRJMOD}}/{scene.name}.kicad_sym")(options "")(descr "Symbols of taction"))\n)\n'
     )
     return {
         f"{name}.kicad_pro": f"{json.dumps(_settings(name), indent=2)}\n",
-        f"{scene.name}.kicad_sym": library(catalogue.symbols),
+        f"{scene.name}.kicad_sym": library(symbols.values()),
         "sym-lib-table": table,
         f"{scene.name}-bom.csv": parts_list(catalogue),
     }

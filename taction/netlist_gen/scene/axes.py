@@ -112,19 +112,10 @@ def parse_axis(
 ) -> SweepAxis:
     """Return the axis ``KEY=VALUES`` (see the head of this file); its values are tried on `scene`.
 
-    Parameters
-    ----------
-    points : int
-        Number of points of a range without one.
-    around : float, optional
-        Accept also ``KEY`` alone: from the scene's own value divided by `around` to the value times
-        `around`, without values that the key does not accept.
-
-    Raises
-    ------
-    InputError
-        An unknown key (with the nearest known key), a value that the key does not accept, or a
-        wrong range.
+    `points` is the number of points of a range without one. With `around`, ``KEY`` alone is a range
+    from the scene's own value divided by it to the value times it, without values that the key does
+    not accept. InputError: an unknown key (with the nearest known key), a value that the key does
+    not accept, or a wrong range.
     """
     name, equals, body = (part.strip() for part in text.partition("="))
     key = find_key(scene, name)

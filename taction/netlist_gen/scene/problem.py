@@ -47,12 +47,8 @@ def in_memory(values: ArrayLike) -> Any:
 def fitted(values: Floats, shape: tuple[int | None, ...]) -> Floats:
     """Return `values` with the dimensions of `shape`, where None stands for any length.
 
-    A vector may be a row or a column.
-
-    Raises
-    ------
-    ValueError
-        Another shape, no entry, or an entry that is not finite.
+    A vector may be a row or a column. ValueError: another shape, no entry, or an entry that is not
+    finite.
     """
     import numpy as np
 

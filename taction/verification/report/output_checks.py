@@ -19,25 +19,16 @@ ENDINGS = (".html", ".htm")
 
 
 def check_report_file(path: str) -> None:
-    """Refuse a report that could not be written, before any work is done.
+    """Refuse with InputError a report that could not be written, before any work is done.
 
-    Raises
-    ------
-    InputError
-        The ending is not in `ENDINGS`, the folder is missing, or a package is not installed.
+    Its ending is not in `ENDINGS`, its folder is missing, or a package is not installed.
     """
     check_file(path, "--report", ENDINGS, {})
     check_packages("--report", path)
 
 
 def check_packages(option: str, path: str) -> None:
-    """Refuse a report for which a package is not installed.
-
-    Raises
-    ------
-    InputError
-        The message has the remedy.
-    """
+    """Refuse a report for which a package is not installed; InputError has the remedy."""
     missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
     if missing:
         text = REMEDY.format(" and ".join(missing))
@@ -45,19 +36,10 @@ def check_packages(option: str, path: str) -> None:
 
 
 def check_separate(inputs: Iterable[str | None], outputs: Mapping[str, str]) -> None:
-    """Refuse an output that would overwrite an input, or another output.
+    """Refuse with InputError an output, by option, that would overwrite an input or another output.
 
-    Parameters
-    ----------
-    inputs : iterable of str or None
-        Files that are read: a scene, whose files count, too, a folder of scenes, a baseline.
-    outputs : mapping of str to str
-        Files to write, by option.
-
-    Raises
-    ------
-    InputError
-        Two of the files are the same, also by another name.
+    `inputs` are files that are read: a scene, whose files count, too, a folder of scenes, a
+    baseline. A file may have several names.
     """
     taken = {os.path.realpath(file): "an input" for name in inputs if name for file in _read(name)}
     for option, name in outputs.items():

@@ -54,12 +54,8 @@ TOOLS: dict[str, tuple[str, tuple[str, ...]]] = {
 def serve(folder: str | Path, limit: float) -> None:
     """Answer calls over stdin and stdout until stdin ends.
 
-    Raises
-    ------
-    InputError
-        See `server`; or nothing can be read from stdin.
-    NoVerdictError
-        Stdout takes no more.
+    InputError: see `server`, or nothing can be read from stdin. NoVerdictError: stdout takes no
+    more.
     """
     if not (math.isfinite(limit) and limit > 0.0):
         expected = "expected a finite number of seconds above zero"
@@ -109,13 +105,7 @@ class _Lines:
 
 
 def server(folder: str | Path, limit: float) -> MCPServer[Any]:
-    """Return the server of the tools in a folder.
-
-    Raises
-    ------
-    InputError
-        There is no such folder, or the SDK is missing.
-    """
+    """Return the server of the tools in a folder; InputError without the folder or the SDK."""
     place = Path(folder)
     if not place.is_dir():
         raise InputError(folder, Complaint("FOLDER", repr(str(folder)), "expected a folder"))

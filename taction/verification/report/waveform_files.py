@@ -19,12 +19,9 @@ PACKAGES = {".parquet": ("pyarrow", PARQUET)}
 
 
 def check_export(path: str) -> None:
-    """Refuse a file that could not be written, before any work is done.
+    """Refuse with InputError a file that could not be written, before any work is done.
 
-    Raises
-    ------
-    InputError
-        An unknown ending, a folder that does not exist, or Parquet without pyarrow.
+    An unknown ending, a folder that does not exist, or Parquet without pyarrow.
     """
     check_file(path, "-o", WRITERS, PACKAGES)
 
@@ -32,10 +29,7 @@ def check_export(path: str) -> None:
 def export(circuit: Circuit, waveforms: Waveforms, path: str) -> None:
     """Write `waveforms`: node voltages to ``.raw``, time and u_1, u_2, ... to the others.
 
-    Raises
-    ------
-    InputError
-        See `check_export`; or the file cannot be written.
+    InputError: see `check_export`, or the file cannot be written.
     """
     check_export(path)
     with replacing(path) as file:

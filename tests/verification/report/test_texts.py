@@ -15,7 +15,6 @@ from taction.netlist_gen.board.circuit import Output
 from taction.netlist_gen.scene.loading import load_scene
 from taction.system.documents import plain
 from taction.system.errors import InputError
-from taction.system.picture import time_unit
 from taction.system.raw_file import read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.readings.readings import Reading
@@ -100,14 +99,6 @@ def verdict() -> Verdict:
     waves = found.waveforms
     waves = replace(waves, time=waves.time[every], values=waves.values[every])
     return replace(found, recording=replace(found.recording, ends=waves))
-
-
-@pytest.mark.parametrize(
-    ("longest", "size", "name"),
-    [(2.0, 1.0, "s"), (7.8e-3, 1e-3, "ms"), (9e-5, 1e-6, "µs"), (1e-12, 1e-9, "ns")],
-)
-def test_the_unit_of_a_time_axis(longest: float, size: float, name: str) -> None:
-    assert time_unit(longest) == (size, name)
 
 
 def test_a_document_is_plain_and_counts_channels_from_one() -> None:

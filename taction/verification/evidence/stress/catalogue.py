@@ -72,13 +72,7 @@ class Case:
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def scene(self, engine: str | None = None) -> Scene:
-        """Return the scene of the case, for its own or another engine.
-
-        Raises
-        ------
-        InputError
-            The scene is refused.
-        """
+        """Return the scene of the case, for its own or another engine; InputError if refused."""
         tables = copy.deepcopy(dict(self.tables))
         problem = tables.get("problem", {})
         for key in ("matrix", "strain", "stress"):
@@ -91,10 +85,7 @@ class Case:
 def load_catalogue(folder: Path = FOLDER) -> tuple[Case, ...]:
     """Return all cases by family, in the order of their files.
 
-    Raises
-    ------
-    InputError
-        A case has an unknown or missing key, or two cases have one name.
+    InputError: a case has an unknown or missing key, or two cases have one name.
     """
     found = [case for path in sorted(folder.glob("*.toml")) for case in _cases(path)]
     names = [case.name for case in found]
@@ -113,12 +104,9 @@ def stored_values() -> dict[str, dict[str, Any]]:
 
 
 def select(cases: tuple[Case, ...], names: tuple[str, ...]) -> tuple[Case, ...]:
-    """Return the cases with one of `names`, which are names of cases or families; all for none.
+    """Return the cases with one of `names`, of cases or families; all for none.
 
-    Raises
-    ------
-    InputError
-        A name that is neither; the message has the nearest.
+    InputError for a name that is neither has the nearest.
     """
     known = {case.name for case in cases} | {case.family for case in cases}
     for name in names:

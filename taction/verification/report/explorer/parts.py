@@ -39,7 +39,7 @@ from taction.verification.report.texts import figure, quantity, readable
 from taction.verification.report.views.answer import answer_text, true_error_text
 from taction.verification.report.views.checks import check_bar, decisive_text
 from taction.verification.report.views.stability import pole_map, ranges_text
-from taction.verification.report.views.waveforms import end_names
+from taction.verification.report.views.waveforms import end_names, recovered_stress
 from taction.verification.stability.edges import Edges
 from taction.verification.verdict.cause import band_text
 from taction.verification.verdict.checks import Check
@@ -266,27 +266,13 @@ def _shown(curves: ExplorerCurves, end: float, view: RestView) -> tuple[Floats, 
 
 
 def stress_chart(view: RestView) -> Chart:
-    """Return the recovered stress: the truth, the numerical solution, and the board at rest.
-
-    As the problem's, it has no unit: an output of U0 is a stress of 1.
-    """
-    places, truth, unit = (
-        view.problem.positions,
-        view.problem.stress,
-        view.board.circuit.value("U0"),
-    )
+    """Return the recovered stress: the truth, the numerical solution, and the board at rest."""
+    unit = view.board.circuit.value("U0")
     targets, rest = view.targets / unit, view.rest / unit
-    x = np.arange(1.0, len(view.rest) + 1.0) if places is None else places
-    marks: list[Mark] = []
-    if truth is not None:
-        marks.append(Curve(x, truth, "true stress", "true", mark="circle", size=3.0, width=5.0))
-    marks.append(Curve(x, targets, "regularised answer", "pass", "dash", width=2.0))
-    marks.append(Curve(x, rest, "board at rest", "fail", "", "circle-open", size=7.0))
     note = f"Board less answer: at most {float(np.abs(rest - targets).max(initial=0.0)):.3g}."
-    if truth is not None:
+    if view.problem.stress is not None:
         note += f" {true_error_text(view.answer, volts=False)}"
-    along = Axis("channel", whole=True) if places is None else Axis("place y")
-    return Chart("Recovered stress", along, Axis("stress"), tuple(marks), summary=note)
+    return replace(recovered_stress(view.problem, view.scene, targets, rest), summary=note)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -337,10 +323,7 @@ class SliderLook:
 def look_at(start: Start, settings: Settings, window: str) -> SliderLook:
     """Return what is fast: the board at rest and, of a small linear board, poles and curves.
 
-    Raises
-    ------
-    InputError, NoVerdictError
-        As `view_rest` and `view_poles`.
+    Raises as `view_rest` and `view_poles` do.
     """
     scene = settings.scene(start)
     rest = view_rest(scene, settings.problem(start, scene))

@@ -39,26 +39,14 @@ HEAD = (
 
 
 def check_explorer() -> None:
-    """Refuse an exploration without its packages, before any work is done.
-
-    Raises
-    ------
-    InputError
-        NiceGUI or Plotly is missing.
-    """
+    """Refuse with InputError an exploration without its packages, before any work is done."""
     missing = [name for key, name in PACKAGES.items() if importlib.util.find_spec(key) is None]
     if missing:
         raise InputError("explore", Complaint("", "", REMEDY.format(" and ".join(missing))))
 
 
 def free_port(wanted: int) -> int:
-    """Return `wanted`, or any free port for 0.
-
-    Raises
-    ------
-    InputError
-        Another program has the port.
-    """
+    """Return `wanted`, or any free port for 0; InputError where another program has the port."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -77,19 +65,9 @@ def has_display() -> bool:
 def explore(scene: Scene, *, port: int, show: bool, announce: Callable[[str], None]) -> None:
     """Serve the explorer of `scene` until Ctrl-C.
 
-    Parameters
-    ----------
-    port : int
-        0 for any free port.
-    show : bool
-        Whether to open a browser, where there is a display.
-    announce : callable
-        Takes the address once the page can be opened.
-
-    Raises
-    ------
-    InputError, SolverError
-        The scene cannot be used, NiceGUI is missing, or the port is taken.
+    `port` is 0 for any free one; `show` opens a browser where there is a display; `announce` takes
+    the address once the page can be opened. InputError or SolverError: the scene cannot be used,
+    NiceGUI is missing, or the port is taken.
     """
     check_explorer()
     start = Start.of(scene)

@@ -59,12 +59,8 @@ def wrapped(text: str, letters: float) -> str:
 def new_figure(width: float, height: float) -> Iterator[Figure]:
     """Give a figure of `width` by `height` inches in the style of all pictures.
 
-    A notebook shows it, though pyplot does not know it, so nothing needs to be closed.
-
-    Raises
-    ------
-    InputError
-        matplotlib is not installed.
+    A notebook shows it, though pyplot does not know it, so nothing needs to be closed. InputError:
+    matplotlib is not installed.
     """
     check_package(*MATPLOTLIB, "plot")
     import matplotlib as mpl
@@ -91,12 +87,8 @@ def figure_file(
 ) -> Iterator[Figure]:
     """Give a `new_figure` and write the finished picture to `path`, always with the same bytes.
 
-    Without a `path` nothing is written.
-
-    Raises
-    ------
-    InputError
-        See `taction.system.picture.check_plot_file`; or the file cannot be written.
+    Without a `path` nothing is written. InputError: as `check_plot_file`, or the file cannot be
+    written.
     """
     if path is not None:
         check_plot_file(path)

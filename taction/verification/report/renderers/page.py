@@ -27,13 +27,7 @@ FILES = Path(__file__).parent / "page_files"
 
 
 def write_page(page: Page, path: str) -> None:
-    """Write `page` to `path`.
-
-    Raises
-    ------
-    InputError
-        See `check_report_file`; or the file cannot be written.
-    """
+    """Write `page` to `path`; InputError as `check_report_file`, or the file cannot be written."""
     check_report_file(path)
     write_atomically(path, page_html(page))
 

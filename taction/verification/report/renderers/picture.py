@@ -31,12 +31,8 @@ ROW = 0.27  # height of a row of the checks, inches
 def draw_page(page: Page, path: str | Path | None = None) -> Figure:
     """Draw what a page has for a picture, and write the figure to `path`, if there is one.
 
-    The first charts stand on a grid, row by row; other blocks follow them.
-
-    Raises
-    ------
-    InputError
-        See `figure_file`.
+    The first charts stand on a grid, row by row; other blocks follow them. InputError as
+    `figure_file`.
     """
     found = list(page.blocks(PICTURE))
     drawn = [each for each in found if not isinstance(each, Notes)] or found

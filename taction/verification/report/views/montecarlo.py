@@ -128,12 +128,8 @@ def spread_bar(
 ) -> Bar:
     """Return the spread of a quantity against its limits; the end nearest to one is the bar.
 
-    Parameters
-    ----------
-    values : mapping of str to float
-        The least, the typical and the largest value, finite, by their names on the page.
-    missing : str
-        Which values the quantity lacks, in words; they do not pass.
+    `values` are the least, the typical and the largest one, finite, by their names on the page;
+    `missing` says which values the quantity lacks: they do not pass.
 
     Examples
     --------

@@ -115,12 +115,7 @@ def write_paper(result: Reproduction, folder: str) -> tuple[str, ...]:
     """Write `PAGES` and their pictures into `folder`; return the files' names.
 
     Without the packages of ``taction[report]`` there is no HTML page, and without matplotlib there
-    are no pictures.
-
-    Raises
-    ------
-    InputError
-        A file cannot be written.
+    are no pictures. InputError: a file cannot be written.
     """
     page, names = view(result), list[str]()
     images: dict[str, list[tuple[str, str]]] = {}

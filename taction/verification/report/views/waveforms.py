@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
+from taction.netlist_gen.scene.inverse_problem import InverseProblem
+from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.charts import (
     Axis,
@@ -293,35 +296,47 @@ def nodes_view(wave: Waveforms, nodes: Sequence[str] | None = None) -> Page:
 
 def stress_chart(verdict: Verdict) -> Chart:
     """Return the recovered stress beside the regularised answer and the true stress."""
-    problem, unit = verdict.problem, verdict.circuit.value("U0")
-    channels = verdict.measurements.channels
-    if problem.positions is None:
-        where, x = np.arange(1.0, len(channels) + 1), Axis("channel", whole=True)
-    else:
-        where = problem.positions / getattr(verdict.scene.problem, "depth", 1.0)
-        x = Axis("place y (in depths)")
+    unit, channels = verdict.circuit.value("U0"), verdict.measurements.channels
     optimum = np.array([c.target for c in channels]) / unit
-    rest, final = verdict.steady.values / unit, np.array([c.final for c in channels]) / unit
+    final = np.array([c.final for c in channels]) / unit
+    far = np.abs(final).max() >= SEEN * (np.abs(optimum).max() + 1e-300)
+    chart = recovered_stress(
+        verdict.problem,
+        verdict.scene,
+        optimum,
+        verdict.steady.values / unit,
+        None if far else final,
+    )
+    names = ", ".join(mark.name for mark in chart.marks if isinstance(mark, Curve))
+    text = " The end of the record is far off this chart." * bool(far)
+    return replace(
+        chart, message=answer_heading(verdict.answer), summary=f"Stress by channel: {names}.{text}"
+    )
+
+
+def recovered_stress(
+    problem: InverseProblem,
+    scene: Scene,
+    optimum: Floats,
+    rest: Floats,
+    final: Floats | None = None,
+) -> Chart:
+    """Return stresses (N,) over the places of the channels: of an answer, a board, and the truth.
+
+    As the problem's, they have no unit: an output of U0 is a stress of 1.
+    """
+    if problem.positions is None:
+        where, x = np.arange(1.0, len(rest) + 1), Axis("channel", whole=True)
+    else:
+        where = problem.positions / getattr(scene.problem, "depth", 1.0)
+        x = Axis("place y (in depths)")
     curves = [
         Curve(where, optimum, "regularised answer", "pass", "dash", "square-open"),
         Curve(where, rest, "board at rest", "ink", "", "line-ns", size=8.0),
     ]
-    text = ""
-    if np.abs(final).max() < SEEN * (np.abs(optimum).max() + 1e-300):
+    if final is not None:
         curves.append(Curve(where, final, "board, end of record", "fail", "", "x"))
-    else:
-        text = " The end of the record is far off this chart."
     if problem.stress is not None:
-        true = Curve(where, problem.stress, "true stress", "true", "solid", "circle")
-        curves.insert(0, true)
-    return Chart(
-        "Recovered stress",
-        x,
-        Axis("stress"),
-        tuple(curves),
-        answer_heading(verdict.answer),
-        f"Stress by channel: {', '.join(curve.name for curve in curves)}.{text}",
-        legend="below",
-        height=340,
-        zoom=False,
-    )
+        curves.insert(0, Curve(where, problem.stress, "true stress", "true", "solid", "circle"))
+    axes = x, Axis("stress")
+    return Chart("Recovered stress", *axes, tuple(curves), legend="below", height=340, zoom=False)
