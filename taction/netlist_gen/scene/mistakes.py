@@ -66,9 +66,10 @@ def placed(
     A name is a key or a table at any depth (``capacitance``, ``settling_time``), or a dotted path.
     """
     paths: dict[str, list[str]] = {}
-    for name, path in _all_keys(root, data):
-        for spelling in {name, path.rpartition(".")[2], path}:
-            paths.setdefault(spelling, []).append(path)
+    for table, name, field in _keys(root, data):
+        key = field.alias or name
+        for spelling in {name, key, f"{table}{key}"}:
+            paths.setdefault(spelling, []).append(f"{table}{key}")
     complaints = []
     for name, value in values.items():
         matches = paths.get(name, [])
@@ -85,15 +86,19 @@ def placed(
     return complaints
 
 
-def _all_keys(model: type[BaseModel], data: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield the name in Python and the path of every key and table below `model`."""
+def _keys(
+    model: type[BaseModel], data: Any, table: str = ""
+) -> Iterator[tuple[str, str, FieldInfo]]:
+    """Yield every key and table below `model`: its table with a dot, its name in Python, its field.
+
+    The kinds in `data` select the models.
+    """
     for name, field in model.model_fields.items():
+        yield table, name, field
         key = field.alias or name
-        yield name, prefix + key
-        inside = data.get(key) if isinstance(data, Mapping) else None
-        kind = inside.get("kind") if isinstance(inside, Mapping) else None
-        if (table := _pick(field.annotation, kind)) is not None:
-            yield from _all_keys(table, inside, f"{prefix}{key}.")
+        inside = _table(data).get(key)
+        if (found := _pick(field.annotation, _table(inside).get("kind"))) is not None:
+            yield from _keys(found, inside, f"{table}{key}.")
 
 
 def _complaints(
@@ -105,12 +110,12 @@ def _complaints(
             continue  # `design_mistakes` has the key
         missing = kind == "missing"
         keys = _real_path(item["loc"], data, missing=missing)
-        key = ".".join(keys) or "scene"
+        key, above = ".".join(keys) or "scene", "".join(f"{name}." for name in keys[:-1])
+        beside = {f.alias or name: f for table, name, f in _keys(root, data) if table == above}
         if missing:
-            field = _fields(root, keys[:-1], data)[keys[-1]]
-            yield Complaint(key, "", f"required; {field.description}")
+            yield Complaint(key, "", f"required; {beside[keys[-1]].description}")
         elif kind == "extra_forbidden":
-            known = list(_fields(root, keys[:-1], data))
+            known = list(beside)
             yield Complaint(key, quoted_value(item["input"]), unknown_key(key, known))
         elif kind == "union_tag_invalid":
             tag = str(context["tag"])
@@ -142,20 +147,6 @@ def _real_path(location: Sequence[int | str], data: Any, *, missing: bool) -> li
     return keys
 
 
-def _fields(root: type[BaseModel], path: Sequence[str], data: Any) -> dict[str, FieldInfo]:
-    """Return the fields of the table at `path`; the kinds in `data` select the models."""
-    model = root
-    for key in path:
-        data = data[key] if isinstance(data, Mapping) else {}
-        kind = data.get("kind") if isinstance(data, Mapping) else None
-        model = _pick(_by_alias(model)[key].annotation, kind) or model
-    return _by_alias(model)
-
-
-def _by_alias(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    return {field.alias or name: field for name, field in model.model_fields.items()}
-
-
 def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
     """Return the model in an annotation, in a union that of `kind`; None without a model."""
     options = [
@@ -168,7 +159,8 @@ def _pick(annotation: Any, kind: object) -> type[BaseModel] | None:
         for option in options
         if "kind" in option.model_fields
     }
-    return kinds.get(kind, options[0] if options else None)
+    own = kinds.get(kind) if isinstance(kind, str) else None
+    return own or (options[0] if options else None)
 
 
 def design_mistakes(data: Mapping[str, Any]) -> Iterator[Complaint]:
