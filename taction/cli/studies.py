@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -274,31 +274,10 @@ ACCURACY = Command(
 )
 
 
-def _write_paper(found: Any, call: Call) -> list[str]:
-    if call.options["output"] is None:
-        return []
-    from taction.verification.report.views.paper import write_paper
-
-    names = write_paper(found, call.options["output"])
-    return [f"{', '.join(names)} into {call.options['output']}"]
-
-
 REPRODUCE = Command(
     function="reproduce",
-    files=_write_paper,
-    parameters=(
-        replace(
-            folder(
-                "output",
-                "-o",
-                "--output",
-                metavar="DIR",
-                help="Write paper.md, paper.html (self-contained) and the pictures into DIR.",
-            ),
-            check="system.output_files:make_folder",
-        ),
-        option("quick", is_flag=True),
-    ),
+    outputs=(REPORT,),
+    parameters=(option("quick", is_flag=True),),
     ends="Exit status: 1 if a verdict differs from the verdict that taction has on record, 3 if a"
     " claim could not be tested.",
 )

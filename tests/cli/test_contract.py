@@ -24,7 +24,6 @@ SHOWN = {
     "verify": {"scenes", "annotate", "verbose", "solution"},
     "regress": {"annotate"},
     "new": {"output", "schema", "scene"},
-    "reproduce": {"output"},
 }
 # Of the function alone: Python's own arguments.
 PYTHON = {"progress", "announce", "strains"}

@@ -27,7 +27,7 @@ from taction.verification.evidence.paper.findings import (
     seconds,
     weigh,
 )
-from taction.verification.evidence.paper.pictures import Picture, level, panel
+from taction.verification.evidence.paper.pictures import Picture, level, panel, picture
 from taction.verification.stability.margin import find_margin
 from taction.verification.studies.onset.onset import onset
 from taction.verification.verdict.verify import Effort, Verdict, verify
@@ -158,7 +158,7 @@ def _figure_10(verdict: Verdict, unstable: Waveforms) -> Picture:
         _output("C = 10 pF: the ringing", *stable, 1e-3, at_target),
         _output("C = 8.2 pF", *oscillating, 1e-3, at_target, SERIES[3]),
     )
-    return Picture("figure-10", caption, charts)
+    return picture(caption, *charts)
 
 
 def _output(

@@ -12,7 +12,7 @@ import numpy as np
 
 from taction.system.charts import SERIES, Axis, Curve
 from taction.verification.evidence.paper.findings import Chapter, finding, weigh
-from taction.verification.evidence.paper.pictures import Picture, panel
+from taction.verification.evidence.paper.pictures import panel, picture
 from taction.verification.evidence.paper.tactile import Geometry
 
 RATIOS = (2.0, 4.0, 8.0, 10.0)  # depth / spacing; at the last one cond(T) is 3e11
@@ -50,7 +50,7 @@ def conditioning(quick: bool) -> Chapter:
         Curve(dense, [asymptotic(r) for r in dense], "exp(pi r) / (2 e pi r)", "ink"),
     )
     text = "A finer grid on the same range: the condition number grows exponentially."
-    return Chapter((result,), (Picture("condition", text, (chart,)),))
+    return Chapter((result,), (picture(text, chart),))
 
 
 def asymptotic(ratio: float) -> float:

@@ -19,7 +19,7 @@ from taction.verification.evidence.paper.findings import (
     seconds,
     weigh,
 )
-from taction.verification.evidence.paper.pictures import Picture, panel
+from taction.verification.evidence.paper.pictures import Picture, panel, picture
 from taction.verification.readings.measurements import Measurements
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.verdict.checks import Outcome
@@ -64,7 +64,7 @@ def _controls(scene: Scene) -> tuple[Finding, Picture]:
         panel("overshoot", x, Axis("overshoot", "step"), by_share),
     )
     text = "The gain alone trades settling time against overshoot (R and C as they are)."
-    return result, Picture("gain", text, charts)
+    return result, picture(text, *charts)
 
 
 def _tuned(scene: Scene) -> tuple[Finding, Picture]:
@@ -110,7 +110,7 @@ def _tuned(scene: Scene) -> tuple[Finding, Picture]:
         Curve([before[1]], [before[0]], "before", SERIES[3], "", "square"),
         Curve([overshoot], [settling], "after, by ngspice", SERIES[2], "", "star", size=13.0),
     )
-    return result, Picture("console", "The trade-off that the gain offers.", (chart,))
+    return result, picture("The trade-off that the gain offers.", chart)
 
 
 def _times(measurements: Measurements) -> tuple[float, float]:

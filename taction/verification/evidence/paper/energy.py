@@ -7,7 +7,7 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.charts import Axis, Curve
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.pictures import Picture, panel
+from taction.verification.evidence.paper.pictures import Picture, panel, picture
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
 from taction.verification.reference.dynamics import (
     TOLERANCE,
@@ -58,7 +58,7 @@ def _descent(network: IdealNetwork) -> tuple[Finding, Picture]:
     shown = (time > 1e-5) & (fallen > 1e-12 * fallen.max())
     axes = Axis("time (RC)", scale="log"), Axis("P - P(end)", scale="log")
     chart = panel("energy above its minimum", *axes, Curve(time[shown], fallen[shown]))
-    return result, Picture("energy", "The energy falls along a trajectory.", (chart,))
+    return result, picture("The energy falls along a trajectory.", chart)
 
 
 def _dissipated(scaled: ScaledNetwork, x0: Floats, end: float) -> float:

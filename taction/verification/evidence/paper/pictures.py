@@ -1,19 +1,17 @@
-"""Pictures of the reproduction: charts with the name of their file and a caption."""
+"""Pictures of the reproduction: charts with one caption."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 from taction.system.charts import SERIES, Axis, Chart, Limit, Mark
 
+Picture = tuple[Chart, ...]
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """A picture: `name` is the stem of its file, `caption` says what the picture shows."""
 
-    name: str
-    caption: str
-    charts: tuple[Chart, ...]
+def picture(caption: str, *charts: Chart) -> Picture:
+    """Return charts with a caption that says what all of them show."""
+    return tuple(replace(chart, summary=caption) for chart in charts)
 
 
 def panel(title: str, x: Axis, y: Axis, *marks: Mark) -> Chart:

@@ -9,7 +9,7 @@ import numpy as np
 from taction.system.array_types import Bools, Floats
 from taction.system.charts import SERIES, Axis, Curve
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.pictures import Picture, level, panel
+from taction.verification.evidence.paper.pictures import Picture, level, panel, picture
 from taction.verification.evidence.paper.tactile import (
     COARSE,
     FINE,
@@ -203,7 +203,7 @@ def _figures() -> Picture:
             lines.append(Curve(y, later, "stopped 100 times later", SERIES[1]))
         charts.append(panel(title, *axes, *lines))
     text = "Figures 5 to 9 again: N = 51 over y = -3 to 3, noise variance 0.1, one seed."
-    return Picture("figures-5-to-9", text, tuple(charts))
+    return picture(text, *charts)
 
 
 ERROR = Axis("mean squared error, eq (20)", scale="log")
@@ -226,7 +226,7 @@ def _errors(coarse: _Trials, fine: _Trials) -> Picture:
             )
         )
     text = "Which lambda is best depends on the grid, which the paper does not give."
-    return Picture("error-over-lambda", text, tuple(charts))
+    return picture(text, *charts)
 
 
 def _flow() -> Picture:
@@ -246,4 +246,4 @@ def _flow() -> Picture:
             )
         )
     text = "Without regularisation the error is least when the flow is stopped, largest at rest."
-    return Picture("stopped-flow", text, tuple(charts))
+    return picture(text, *charts)

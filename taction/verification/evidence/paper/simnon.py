@@ -13,7 +13,7 @@ import numpy as np
 from taction.system.array_types import Floats
 from taction.system.charts import SERIES, Axis, Curve
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.pictures import Picture, level, panel
+from taction.verification.evidence.paper.pictures import Picture, level, panel, picture
 from taction.verification.evidence.paper.tactile import Geometry, largest_difference, unit_network
 from taction.verification.reference.dynamics import (
     TOLERANCE,
@@ -179,4 +179,4 @@ def _picture(explicit: list[_Run], implicit: list[_Run]) -> Picture:
         )  # fmt: skip
         charts.append(panel(title, x, y, *curves, level(MAX_ERROR, "enough")))
     text = "The explicit method is stable only where it is far more accurate than necessary."
-    return Picture("simnon", text, tuple(charts))
+    return picture(text, *charts)

@@ -15,7 +15,7 @@ from taction.system.array_types import Floats
 from taction.system.charts import SERIES, Axis, Curve
 from taction.system.errors import SolverError
 from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.pictures import Picture, panel
+from taction.verification.evidence.paper.pictures import Picture, panel, picture
 from taction.verification.evidence.paper.tactile import Geometry, entropy, unit_network
 from taction.verification.reference.dynamics import ideal_linear
 from taction.verification.reference.problem import Problem
@@ -139,4 +139,4 @@ def _picture(sizes: tuple[int, ...], plain: Times, weighted: Times) -> Picture:
         "More channels on the same range: without weights the rise time falls, and the settling"
         f" time up to N = {fastest}; with weights neither does."
     )
-    return Picture("time-over-channels", text, charts)
+    return picture(text, *charts)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from taction.system.foreign_text import escaped, visible
 from taction.verification.report.blocks import (
@@ -19,7 +19,6 @@ from taction.verification.report.blocks import (
 )
 
 SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&])")
-Images = Mapping[str, Sequence[tuple[str, str]]]  # files and captions, by the title of a section
 
 
 def markdown(
@@ -28,20 +27,11 @@ def markdown(
     *,
     level: int = 1,
     medium: str = TERMINAL,
-    images: Images | None = None,
 ) -> str:
     r"""Return a page as Markdown.
 
-    Parameters
-    ----------
-    heading : str
-        In the place of the title of the page.
-    level : int
-        Of the heading; the sections are one level below.
-    medium : str
-        Whose sections are written.
-    images : mapping of str to sequence of (str, str)
-        Files of pictures with their captions, by the title of their section; charts are left out.
+    `heading` is in the place of the page's title, of a `level` above the sections, which are those
+    of the `medium`; charts are left out.
 
     Examples
     --------
@@ -53,18 +43,13 @@ def markdown(
     lines = [f"{'#' * level} {line(heading or page.title)}"]
     for text in (*page.lines, page.summary):
         lines += ["", line(text)] if text else []
-    files = images or {}
     for section in page.sections:
-        lines += _section(section, section.made(medium), level + 1, files.get(section.title, ()))
+        lines += _section(section, section.made(medium), level + 1)
     return "\n".join(lines) + "\n"
 
 
-def _section(
-    section: Section, blocks: Sequence[Block], level: int, images: Iterable[tuple[str, str]]
-) -> Iterator[str]:
+def _section(section: Section, blocks: Sequence[Block], level: int) -> Iterator[str]:
     body = [text for block in blocks for text in _block(block, section.title, level + 1)]
-    for file, caption in images:
-        body += ["", f"![{line(caption)}]({file})", "", line(caption)]
     if body:
         yield from ("", f"{'#' * level} {line(section.title)}")
         if section.lead:

@@ -1,9 +1,7 @@
-"""The pages of a reproduction, and the command."""
+"""The page of a reproduction, and its document."""
 
 from __future__ import annotations
 
-import importlib.util
-import re
 from pathlib import Path
 
 import pytest
@@ -12,23 +10,15 @@ from taction.system.charts import Axis, Curve
 from taction.system.documents import plain
 from taction.verification.evidence.paper import reproduce
 from taction.verification.evidence.paper.findings import Chapter, Finding, load_claims
-from taction.verification.evidence.paper.pictures import Picture, level, panel
-from taction.verification.report.views.paper import write_paper
+from taction.verification.evidence.paper.pictures import level, panel, picture
 
-PNG = b"\x89PNG\r\n"
-PICTURE = Picture(
-    "a-picture",
+PICTURE = picture(
     "What <is> seen | here.",
-    (
-        panel(
-            "title",
-            Axis("x", scale="log"),
-            Axis("y"),
-            Curve([1, 2], [3, 4], "line"),
-            level(3.5, "mark"),
-        ),
+    panel(
+        "title", Axis("x", scale="log"), Axis("y"),
+        Curve([1, 2], [3, 4], "line"), level(3.5, "mark"),
     ),
-)
+)  # fmt: skip
 
 
 def chapter(quick: bool) -> Chapter:
@@ -44,28 +34,15 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("short")
-def test_the_pages_hold_every_claim_and_their_pictures(tmp_path: Path) -> None:
+def test_the_page_holds_every_claim_and_the_pictures(tmp_path: Path) -> None:
     found = reproduce.reproduce()
-    names = write_paper(found, str(tmp_path))
-    assert set(names) == {path.name for path in tmp_path.iterdir()}
-    html, markdown = ((tmp_path / name).read_text("utf-8") for name in ("paper.html", "paper.md"))
-    assert html.count("a | b &lt;c&gt;") == len(found.judged) == markdown.count("a \\| b \\<c\\>")
-    assert (tmp_path / "a-picture.png").read_bytes().startswith(PNG)
-    assert html.count('class="canvas"') == len(PICTURE.charts)
-    assert "What &lt;is&gt; seen | here." in html
-    assert re.findall(r'(?:src|href)="(?!#)', html) == []
-    assert "A &lt;title&gt;" in html
-    assert "(a-picture.png)" in markdown
+    found.report(tmp_path / "paper.html")
+    html = (tmp_path / "paper.html").read_text("utf-8")
+    assert html.count("a | b &lt;c&gt;") == len(found.judged)
+    assert html.count('class="canvas"') == len(PICTURE)
     assert "mark: 3.5" in html
-
-
-@pytest.mark.usefixtures("short")
-def test_without_the_packages_there_is_a_page_without_pictures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert write_paper(reproduce.reproduce(), str(tmp_path)) == ("paper.md",)
-    assert "![" not in (tmp_path / "paper.md").read_text("utf-8")
+    assert "What &lt;is&gt; seen | here." in html
+    assert "A &lt;title&gt;" in html
 
 
 @pytest.mark.usefixtures("short")
