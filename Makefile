@@ -68,7 +68,7 @@ regress: ready ## verify scenes/ against scenes/baseline.json; ARGS=--update acc
 reproduce: ready ## every claim of the paper, whole: about 50 s of processor time
 	.venv/bin/taction reproduce $(ARGS)
 
-stress: ready ## the stiff and extreme cases as a table; ARGS="--page docs/stress-results.md" writes the page
+stress: ready ## the stiff and extreme cases as a table; ARGS="--report stress.html" writes a page
 	.venv/bin/taction self stress --jobs $(JOBS) $(ARGS)
 
 proof: ready ## outcomes and readings of scenes, decks, stress and coverage against stored ones; ARGS=--update stores them

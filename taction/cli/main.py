@@ -73,6 +73,11 @@ WITHDRAWN = {
     "netlist --parameters": "Change the number in the scene and write the deck again; 'taction"
     " sweep' and 'taction yield montecarlo' run many boards.",
     "sweep --retry": "The same command computes points without a verdict again.",
+    "kicad --channel": "Leave it out: the project has a sheet for each channel.",
+    "reproduce -o": "'--report FILE' writes the claims and the pictures as a page.",
+    "reproduce --output": "'--report FILE' writes the claims and the pictures as a page.",
+    "stress --junit": "The exit status and '--json' say what is wrong.",
+    "stress --page": "'--report FILE' writes a page.",
     "sweep --keep-waveforms": "Write the waveforms of a board with 'taction export waveforms'.",
 }
 """What to do in the place of a command that is no more, or of one of its options."""

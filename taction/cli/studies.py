@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from taction.verification.studies.regression.run import RegressionReport
 
 JUNIT = "verification.report.junit"
-STRESS_PAGE = "verification.report.views.stress:stress_page"
 
 
 SAMPLE = Job(
@@ -260,7 +259,7 @@ REGRESS = Command(
 )
 STRESS = Command(
     function="stress",
-    outputs=(text_file("page", "Write a page in Markdown.", STRESS_PAGE),),
+    outputs=(REPORT,),
     parameters=(option("only", multiple=True, metavar="NAME"), JOBS),
     ends="Exit status: 1 if an outcome or a number is wrong, 3 if ngspice is missing.",
 )

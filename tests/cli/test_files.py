@@ -50,7 +50,7 @@ LINES: tuple[tuple[str, tuple[str, ...], dict[str, str]], ...] = (
     ("onset", ("a.toml", "--over", "C=8pF:9pF:3", "--no-confirm"), PICTURES),
     ("sweep", ("a.toml", *GRID), {**PICTURES, "-o": "x.sqlite", "--export": "x.csv"}),
     ("regress", (".", *TABLE), {"--junit": "x.xml", "--markdown": "x.md", "--report": "x.html"}),
-    ("stress", ("--only", "one-channel", "--jobs", "1"), {"--page": "x.md"}),
+    ("stress", ("--only", "one-channel", "--jobs", "1"), {"--report": "x.html"}),
     ("accuracy", ("a.toml",), PICTURES),
     ("reproduce", ("--quick",), {"--report": "x.html"}),
     ("demo", (), {"-o": "x.html", "--plot": "x.png"}),

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from lxml import etree
 
 from tests.support.entries import write_fast
 from tests.support.paths import ROOT, SCENES
@@ -45,9 +44,9 @@ ONE = ("stress", "--jobs", "1", "--only")
 
 
 @pytest.mark.usefixtures("ngspice")
-def test_one_case_as_json_and_in_files(tmp_path: Path) -> None:
-    junit, page = tmp_path / "s.xml", tmp_path / "s.md"
-    done = taction(*ONE, "two-channels", "--junit", str(junit), "--page", str(page), "--json")
+def test_one_case_as_json_and_in_a_file(tmp_path: Path) -> None:
+    page = tmp_path / "s.html"
+    done = taction(*ONE, "two-channels", "--report", str(page), "--json")
     assert done.exit_code == 0, done.stderr
     found = document(done)
     assert [(run["case"], run["engine"]) for run in found["runs"]] == [
@@ -55,10 +54,9 @@ def test_one_case_as_json_and_in_files(tmp_path: Path) -> None:
         ("two-channels", "statespace"),
     ]
     assert found["count"] == {"right": 2}
-    assert etree.parse(str(junit)).getroot().get("tests") == "2"
-    assert "| two-channels | ngspice | pass |" in page.read_text("utf-8")
+    assert "two-channels" in page.read_text("utf-8")
     assert "taction: cases: 1" in done.stderr
-    assert done.stderr.splitlines()[-2:] == [f"wrote {junit}", f"wrote {page}"]
+    assert done.stderr.splitlines()[-1:] == [f"wrote {page}"]
 
 
 def test_without_ngspice_the_status_is_3(monkeypatch: pytest.MonkeyPatch) -> None:

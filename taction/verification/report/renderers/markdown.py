@@ -21,17 +21,10 @@ from taction.verification.report.blocks import (
 SPECIAL = re.compile(r"([\\`*_{}\[\]<>#|~&])")
 
 
-def markdown(
-    page: Page,
-    heading: str = "",
-    *,
-    level: int = 1,
-    medium: str = TERMINAL,
-) -> str:
+def markdown(page: Page, heading: str = "", *, level: int = 1) -> str:
     r"""Return a page as Markdown.
 
-    `heading` is in the place of the page's title, of a `level` above the sections, which are those
-    of the `medium`; charts are left out.
+    `heading` is in the place of the page's title, of a `level` above the sections.
 
     Examples
     --------
@@ -44,7 +37,7 @@ def markdown(
     for text in (*page.lines, page.summary):
         lines += ["", line(text)] if text else []
     for section in page.sections:
-        lines += _section(section, section.made(medium), level + 1)
+        lines += _section(section, section.made(TERMINAL), level + 1)
     return "\n".join(lines) + "\n"
 
 

@@ -8,8 +8,7 @@ from collections.abc import Iterable, Iterator
 from taction.system.charts import Outcome
 from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
-from taction.verification.report.blocks import BOTH, PAGE, Cell, Notes, Page, Section, Table
-from taction.verification.report.renderers.markdown import markdown
+from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Table
 from taction.verification.report.texts import figure, number_cell, outcome_cell
 
 OUTCOMES: dict[CaseJudgement, Outcome] = {
@@ -102,8 +101,3 @@ def _outcomes(case: Case) -> Iterator[str]:
     else:
         yield from (f"{engine}: {outcome}" for engine, outcome in words.items())
     yield from (f"{name} {outcome}" for name, outcome in case.decided.items())
-
-
-def stress_page(report: StressReport) -> str:
-    """Return a run as a page in Markdown: the table, then every case in words."""
-    return markdown(view(report), "Stiff and extreme cases: results", medium=PAGE)
