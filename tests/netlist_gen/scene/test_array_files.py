@@ -165,10 +165,7 @@ def scene_file(folder: Path, matrix: str) -> Path:
 @pytest.mark.parametrize(
     ("matrix", "text"),
     [
-        (
-            "[[1.0, 0.2], [0.2]]",
-            "problem.matrix = [[1.0, 0.2], [0.2]]: expected the name",
-        ),
+        ("[[1.0, 0.2], [0.2]]", "problem.matrix = [[1.0, 0.2], [0.2]]: expected the name"),
         ("[true, false]", "or an array of real numbers: rows of one length"),
         ("[[[1.0]]]", "or an array of real numbers"),
         ('[["1"]]', "or an array of real numbers"),

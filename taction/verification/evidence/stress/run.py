@@ -127,10 +127,7 @@ class StressReport(Result):
 
 
 def stress(
-    *,
-    only: Sequence[str] = (),
-    jobs: int | None = None,
-    progress: Progress = lambda stage: None,
+    *, only: Sequence[str] = (), jobs: int | None = None, progress: Progress = lambda stage: None
 ) -> StressReport:
     """Verify the catalogue of stiff and extreme scenes, whose right results are known.
 

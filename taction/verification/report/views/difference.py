@@ -7,15 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.charts import (
-    Axis,
-    Chart,
-    Curve,
-    Line,
-    Outcome,
-    spread_colours,
-    thinned,
-)
+from taction.system.charts import Axis, Chart, Curve, Line, Outcome, spread_colours, thinned
 from taction.verification.report.blocks import (
     BOTH,
     DRAWN,

@@ -8,18 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.charts import (
-    Axis,
-    Band,
-    Chart,
-    Curve,
-    Limit,
-    Line,
-    Mark,
-    Outcome,
-    Scale,
-    Text,
-)
+from taction.system.charts import Axis, Band, Chart, Curve, Limit, Line, Mark, Outcome, Scale, Text
 from taction.system.quantities import counted, readable, show
 from taction.verification.report.blocks import (
     BOTH,

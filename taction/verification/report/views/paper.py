@@ -7,14 +7,7 @@ from itertools import chain
 from taction.system.charts import Outcome
 from taction.verification.evidence.paper.findings import ClaimOutcome
 from taction.verification.evidence.paper.reproduce import Judged, Reproduction
-from taction.verification.report.blocks import (
-    BOTH,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Table,
-)
+from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Table
 from taction.verification.report.texts import outcome_cell
 from taction.verification.report.views.origin import origin_section
 

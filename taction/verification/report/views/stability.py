@@ -10,17 +10,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes, Floats
-from taction.system.charts import (
-    Axis,
-    Band,
-    Chart,
-    Curve,
-    Limit,
-    Mark,
-    Text,
-    View,
-    segments,
-)
+from taction.system.charts import Axis, Band, Chart, Curve, Limit, Mark, Text, View, segments
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.report.blocks import Block, Facts, Notes, Table

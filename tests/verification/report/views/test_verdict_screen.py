@@ -62,8 +62,7 @@ def test_a_shipped_scene_fits_on_a_screen(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[pytest.mark.nightly] * (n not in SAMPLE)) for n in STRESS],
+    "name", [pytest.param(n, marks=[pytest.mark.nightly] * (n not in SAMPLE)) for n in STRESS]
 )
 def test_a_stress_case_fits_on_a_screen(name: str) -> None:
     with suppress(TactionError):  # accepted of some cases; the tests of the catalogue judge it
