@@ -66,10 +66,10 @@ def placed(
     A name is a key or a table at any depth (``capacitance``, ``settling_time``), or a dotted path.
     """
     paths: dict[str, list[str]] = {}
-    for table, name, field in _keys(root, data):
+    for above, name, field in _keys(root, data):
         key = field.alias or name
-        for spelling in {name, key, f"{table}{key}"}:
-            paths.setdefault(spelling, []).append(f"{table}{key}")
+        for spelling in {name, key, f"{above}{key}"}:
+            paths.setdefault(spelling, []).append(f"{above}{key}")
     complaints = []
     for name, value in values.items():
         matches = paths.get(name, [])
