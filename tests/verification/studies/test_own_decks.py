@@ -10,11 +10,14 @@ import pytest
 from scipy.optimize import brentq
 
 import taction
+from taction.netlist_gen.deck.flat_cards import circuit_of, read_cards
 from taction.netlist_gen.topologies.frame.table import TOPOLOGIES
 from taction.verification.engines.statespace.linearised.board import LinearBoard
+from taction.verification.stability.edges import Edge
 from taction.verification.stability.poles import poles
 from taction.verification.studies.foreign_board import read_board
 from taction.verification.studies.measured_board import measure_board
+from taction.verification.studies.part_influence import _least, _Nearest
 
 READABLE = ("ngspice", "ltspice", "hspice")  # the dialects that ngspice can read
 LINEAR = ("integrator", "passive", "inv", "pinv", "ridge")
@@ -86,6 +89,18 @@ def test_a_real_pole_that_crosses_beyond_the_margin_is_decided(
     assert row.above is not None
     assert 22.70 < row.above / row.value < 22.72
     assert not any(row.doubt for row in found.parts)
+
+
+@pytest.mark.parametrize(("sure", "doubt"), [(1.5, "R1: a pole comes close"), (9.0, "")])
+def test_a_doubt_counts_within_the_margin_only(sure: float, doubt: str) -> None:
+    """A loop gain of 2 at R1/R2 = 1: the edge is at R2 of twice its value."""
+    cards = ["v1 in 0 1", "r1 in a 1e3", "c1 a 0 1e-9", "g1 0 a a 0 5e-4", "r2 a 0 1e6"]
+    circuit = circuit_of(read_cards(cards), "negative", ["a"])
+    edge = Edge(2.002, 0.0, 0, 1, 1e-9)  # over the factor of the part
+    doubtful = _Nearest(None, None, "a pole comes close", sure)
+    least = _least(circuit, {"G1": _Nearest(above=edge), "R1": doubtful})
+    assert least.factor == pytest.approx(2.002, rel=1e-6)
+    assert least.doubt == doubt
 
 
 def test_an_output_that_returns_settles_in_shares_of_its_exact_peak(tmp_path: Path) -> None:
