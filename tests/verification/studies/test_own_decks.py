@@ -103,6 +103,12 @@ def test_a_doubt_counts_within_the_margin_only(sure: float, doubt: str) -> None:
     assert least.doubt == doubt
 
 
+def test_the_edges_of_a_negative_value_are_in_the_order_of_values() -> None:
+    nearest = _Nearest(Edge(0.5, 0.0, 0, 1), Edge(2.0, 0.0, 0, 1))
+    assert nearest.values(10.0) == (5.0, 20.0)
+    assert nearest.values(-10.0) == (-20.0, -5.0)
+
+
 def test_an_output_that_returns_settles_in_shares_of_its_exact_peak(tmp_path: Path) -> None:
     """A parallel resonator of quality 100: peak and settling time in closed form."""
     ohms, henry, farads = 1e5, 1e-2, 1e-8
