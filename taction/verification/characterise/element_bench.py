@@ -170,11 +170,10 @@ def _wrong_state(
     threshold, half = (number(given.get(key, "0")) for key in keys)
     on, off = 1.0 / number(given.get("ron", "1")), 1.0 / number(given.get("roff", "1e12"))
     closed = abs(G[0, 0] - on) < abs(G[0, 0] - off)
-    if closed and control < threshold - abs(half):
-        return "ngspice leaves it closed below its threshold; expected a resistor of its state"
-    if not closed and control > threshold + abs(half):
-        return "ngspice leaves it open above its threshold; expected a resistor of its state"
-    return ""
+    if abs(control - threshold) <= abs(half) or closed == (control > threshold):
+        return ""
+    state = "closed below" if closed else "open above"
+    return f"ngspice leaves it {state} its threshold; expected a resistor of its state"
 
 
 def _matrix(copies: Sequence[Reads], table: Table) -> Complexes:

@@ -96,8 +96,8 @@ def compare_verdicts(
     if one.keys is not None and two.keys is not None:
         keys = tuple(key_differences(one.keys, two.keys))
     readings = compare(
-        _record(one),
-        _record(two),
+        one.record,
+        two.record,
         within_uncertainties(),
         figures=FIGURES,
         channel_figures=CHANNEL_FIGURES,
@@ -142,54 +142,35 @@ class _StoredVerdict:
     keys: dict[str, StoredKey] | None = None
 
     @property
-    def rest(self) -> float | None:
-        """Bound on the error of the equilibrium, V."""
+    def record(self) -> Record:
+        """What is compared; the bound of an equilibrium is that of the check of all."""
+        found = self.stability
+        (rate, speed), bound = found.rightmost_pole, found.rightmost_pole_uncertainty
         share = next((c.uncertainty for c in self.checks if c.name == "steady_state"), None)
-        amplitude = self.step_amplitude
-        return None if share is None or amplitude is None else share * amplitude
+        amplitude, error = self.step_amplitude, self.step_amplitude_uncertainty
+        rest = None if share is None or amplitude is None else share * amplitude
+        turns = None if bound is None else bound / math.tau
+        values = (rate, speed / math.tau, amplitude), (bound, turns, error)
+        figures, bounds = (dict(zip(FIGURES, each, strict=True)) for each in values)
+        channels = (
+            Channel(
+                each.index, each.state, each.figures, each.uncertainties | {"equilibrium": rest}
+            )
+            for each in self.channels
+        )
+        return Record(
+            self.outcome,
+            self.engine,
+            figures=figures,
+            uncertainties=bounds,
+            checks=self.checks,
+            channels=tuple(channels),
+        )
 
 
 def document_record(document: Document) -> Record:
-    """Return the record of a verdict's document of version 1 or 2.
-
-    Raises
-    ------
-    ValueError
-        A field is missing or has another type; the text begins with its place.
-    """
-    return _record(read(_StoredVerdict, document))
-
-
-def _record(stored: _StoredVerdict) -> Record:
-    (rate, speed), bound = (
-        stored.stability.rightmost_pole,
-        stored.stability.rightmost_pole_uncertainty,
-    )
-    turn = 2.0 * math.pi
-    return Record(
-        outcome=stored.outcome,
-        engine=stored.engine,
-        figures={
-            "growth_rate": rate,
-            "frequency": speed / turn,
-            "step_amplitude": stored.step_amplitude,
-        },
-        uncertainties={
-            "growth_rate": bound,
-            "frequency": None if bound is None else bound / turn,
-            "step_amplitude": stored.step_amplitude_uncertainty,
-        },
-        checks=stored.checks,
-        channels=tuple(
-            Channel(
-                each.index,
-                each.state,
-                each.figures,
-                each.uncertainties | {"equilibrium": stored.rest},
-            )
-            for each in stored.channels
-        ),
-    )
+    """Return the record of a verdict's document; a `ValueError` names the place of a mistake."""
+    return read(_StoredVerdict, document).record
 
 
 def key_differences(
@@ -207,13 +188,7 @@ def key_differences(
 
 
 def stored_verdict(path: str | Path) -> dict[str, Any]:
-    """Return the document in a file.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is not JSON, or does not hold the document of one verdict.
-    """
+    """Return the document in a file; `InputError` where it is none of one verdict."""
     try:
         document = json.loads(read_bounded(path, LARGEST))
     except UnusableFileError as error:

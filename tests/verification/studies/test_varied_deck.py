@@ -70,6 +70,9 @@ def test_the_yield_is_the_share_of_slow_capacitors(tmp_path: Path) -> None:
     share = 0.5 * (1.0 + math.log(1.02) / math.log(1.05))
     assert found.yields.low <= share <= found.yields.high
     assert found.yields.samples == 400
+    assert found.corners is not None
+    (settling,) = (each for each in found.corners.quantities if each.name == "settling_time")
+    assert settling.limits == (None, limit)
     assert found.outcome.value == "fail"  # a corner is beyond the limit, though the board passes
     assert {check.outcome.value for check in found.checks} == {"pass"}
 
