@@ -228,11 +228,13 @@ def test_a_model_in_the_words_of_pspice_has_its_figures(ngspice: str, tmp_path: 
 @pytest.mark.parametrize("decades", [4, 8])
 def test_a_large_gain_is_no_matter_of_rounding(decades: int, ngspice: str, tmp_path: Path) -> None:
     """A first pole of 0.03 Hz below a unity-gain bandwidth of 3 MHz."""
-    text = PSPICE.replace("a0=200k", f"a0=1e{decades}")
+    text = PSPICE.replace("a0=200k", f"a0=1e{decades}").replace("slew=10meg", "slew=1000meg")
     found = imported(tmp_path, text, name="amp/x").figures
     assert found.dc_gain == pytest.approx(10.0**decades, rel=1e-2)
     assert found.unity_gain_bandwidth == pytest.approx(2.9e6, rel=0.02)
     assert found.phase_margin == pytest.approx(74.7, abs=0.5)
+    assert found.slew_rate is None  # 38 V/us for 2 V: the slope follows the input
+    assert found.swing == pytest.approx(12.05 * 10e3 / 10.1e3, rel=5e-3)
 
 
 ONE_POLE = """
