@@ -75,13 +75,13 @@ proof: ready ## outcomes and readings of scenes, decks, stress and coverage agai
 	$(PYTHON_IN_VENV) scripts/proof.py $(ARGS)
 
 # Debian's testing suite (forky) has the newest Python, which no registry of packages has.
-NIGHTLY := processors pythons simulators random-scenes long-tests fuzz torture boards bare newer-debian newest-debian
+NIGHTLY := processors pythons simulators random-scenes long-tests fuzz torture bare newer-debian newest-debian
 nightly-processors: ; $(MAKE) test-processors ARGS=
 nightly-pythons: ; $(MAKE) test-pythons ARGS=--all
 nightly-simulators: ; $(MAKE) test-simulators ARGS=--all
 nightly-random-scenes: ; TACTION_RANDOM_SCENES=200 TACTION_ROUNDING_SCALE=20 TACTION_RANDOM_CIRCUITS=3000 $(MAKE) test ARGS=tests/verification
 nightly-long-tests: ; TACTION_NIGHTLY=yes $(MAKE) test ARGS="-m nightly"
-nightly-fuzz nightly-torture nightly-boards: nightly-%: ; $(MAKE) $* ARGS=
+nightly-fuzz nightly-torture: nightly-%: ; $(MAKE) $* ARGS=
 nightly-bare: ; $(MAKE) test-bare ARGS="make test-browser test-kicad test-install docs"
 nightly-newer-debian: ; $(MAKE) test-bare RELEASE=trixie ARGS="make demo test"
 nightly-newest-debian: ; $(MAKE) test-bare RELEASE=forky ARGS="make demo test"
@@ -91,14 +91,14 @@ nightly: ready ## what takes too long for every commit (some hours); ARGS=fuzz r
 		CI=true $(MAKE) nightly-$$step || red="$$red $$step"; \
 	done; echo "nightly: red:$${red:- none}"; [ -z "$$red" ]
 
-fuzz: ready ## damaged inputs of every kind, for ARGS="--minutes 60"; prints how often each outcome occurred
-	$(PYTHON_IN_VENV) -m tests.fuzz $(ARGS)
+fuzz: ready ## INPUTS=2000 damaged inputs of every kind, others each time; ARGS="-k decks" draws some kinds
+	TACTION_FUZZ=$(or $(INPUTS),2000) $(PYTHON_IN_VENV) -m pytest -n $(JOBS) $(SHARED) tests/fuzz $(ARGS)
 
-torture: ready ## 200 kills of studies at random instants and 200 commands on bad machines, in an hour; prints the table of docs/torture.md
-	$(PYTHON_IN_VENV) -m tests.torture $(ARGS)
+torture: ready ## ROUNDS=2 of every kill and disaster of a study, and of every command on every bad machine; others by SEED
+	TACTION_TORTURE=$(or $(ROUNDS),1) TACTION_SEED=$(or $(SEED),0) $(PYTHON_IN_VENV) -m pytest -n $(JOBS) tests/torture $(ARGS)
 
-boards: ready ## boards that commands write and that pass, each with 100 drawn ones in ngspice: 20 minutes; ARGS="op27 tactile" runs these
-	$(PYTHON_IN_VENV) -m tests.bench $(ARGS)
+boards: ready ## boards that commands write and that pass, each with 100 drawn ones in ngspice: 20 minutes; ARGS="-k op27"
+	TACTION_NIGHTLY=yes $(PYTHON_IN_VENV) -m pytest -n $(JOBS) -m nightly tests/bench $(ARGS)
 
 docs: ready ## the documentation into docs/_build/html: pages, pictures and reference; a warning is an error
 	$(PYTHON_IN_VENV) -m sphinx -W --keep-going -q -b html docs docs/_build/html

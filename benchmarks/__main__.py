@@ -13,7 +13,7 @@ from importlib import import_module
 
 from threadpoolctl import threadpool_limits
 
-from benchmarks import boards, check, commands, deck, grid, page, studies
+from benchmarks import boards, check, commands, deck, engines, page, studies
 from benchmarks.measuring import ROOT, Figure, machine
 from taction.system.processes import THREADS
 
@@ -21,7 +21,7 @@ SECTIONS = {
     "commands": commands,
     "studies": studies,
     "boards": boards,
-    "grid": grid,
+    "engines": engines,
     "check": check,
     "deck": deck,
 }

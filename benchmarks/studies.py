@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.bare import solver
 from benchmarks.measuring import (
     IMPORTS,
     SCENES,
@@ -127,7 +126,7 @@ def write_decks(file: Path, over: tuple[str, ...], folder: Path) -> None:
         design = design_board(scene, Clock(lambda stage: None))
         place = folder / f"{k:04}"
         place.mkdir(parents=True)
-        deck = write_deck(design.circuit, design.transient, solver=solver())
+        deck = write_deck(design.circuit, design.transient, solver=find_simulator().solver_option)
         (place / "deck.cir").write_text(deck.text)
         (place / "spinit").write_text("* none\n")
 

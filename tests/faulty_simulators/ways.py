@@ -1,54 +1,72 @@
-"""Ways in which a simulator fails to end, leaves something running, or writes a wrong result.
+"""A simulator that fails in one way: ``python -m tests.faulty_simulators.ways WAY`` and ngspice's
+words, which are ``-v`` or a deck.
 
-What the bytes of a result file decide is tested without a process: `tests/system/test_raw_file.py`
-and `tests/verification/engines/ngspice/test_evidence.py`.
+It imports nothing of taction, so that it starts in milliseconds. What the bytes of a result file
+decide is tested without a process: `tests/system/test_raw_file.py` and
+`tests/verification/engines/ngspice/test_evidence.py`.
 """
 
 from __future__ import annotations
 
 import math
 import os
+import re
 import shutil
 import signal
+import struct
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tests.faulty_simulators.correct import good, raw_file, requested, straight_lines, write
-
 Way = Callable[[], None]
+POINTS = 500
 MEGABYTES = 120  # on a stream that a program floods, before it waits
 FOREVER = 1000.0  # s
 HIDDEN = 0.8  # s: longer than the interval in which a run is looked at
+TOO_SMALL = "doAnalyses: TRAN:  Timestep too small; time = 1e-9"
 
 
-def nothing() -> None:
-    """Write nothing and end with exit status 0."""
+def good(last: float = 1.0) -> bytes:
+    """Return the right result for the deck in this folder: the k-th voltage is ``k + time / stop``.
+
+    `last` is added to the last voltage of the last point, less 1.
+    """
+    text = Path("deck.cir").read_text()
+    saved = re.search(r"^\.save (.*)$", text, re.MULTILINE)
+    stop = re.search(r"^\.tran \S+ (\S+)", text, re.MULTILINE)
+    if saved is None or stop is None:
+        sys.exit("this deck asks for nothing that the program understands")
+    vectors = [("time", "time"), *((name, "voltage") for name in saved[1].split())]
+    shares = [index / (POINTS - 1) for index in range(POINTS)]
+    rows = [[x * float(stop[1]), *(k + x for k in range(len(vectors) - 1))] for x in shares]
+    rows[-1][-1] += last - 1.0
+    lines = [
+        *("Title: board", "Plotname: Transient Analysis", "Flags: real"),
+        *(f"No. Variables: {len(vectors)}", f"No. Points: {POINTS}", "Variables:"),
+        *(f"\t{index}\t{name}\t{kind}" for index, (name, kind) in enumerate(vectors)),
+        *("Binary:", ""),
+    ]
+    data = b"".join(struct.pack(f"<{len(row)}d", *row) for row in rows)
+    return "\n".join(lines).encode() + data
 
 
-def correct() -> None:
-    """Do what was asked for."""
-    write(good())
+def write(content: bytes | None = None, name: str = "out.raw") -> None:
+    """Write a file of this folder in one go; without `content` the right result."""
+    with open(name, "wb", buffering=0) as file:  # noqa: PTH123
+        file.write(good() if content is None else content)
 
 
-def says(text: str, status: int = 0, *, result: bool = True) -> Way:
-    """Return a way: a good result (or none), `text` on the error stream, and an exit status."""
+def says(text: str, status: int = 0, *, stream: int = 2, result: bool = True) -> Way:
+    """Return a way: a good result (or none), `text` on a stream, and an exit status."""
 
     def way() -> None:
         if result:
-            write(good())
-        os.write(2, text.encode("latin-1"))
+            write()
+        os.write(stream, text.encode("latin-1"))
         sys.exit(status)
 
     return way
-
-
-def gives_up_late() -> None:
-    """Open the result, work for a while without a first point, and give up."""
-    write(b"")
-    time.sleep(HIDDEN)
-    says("doAnalyses: TRAN:  Timestep too small; time = 1e-9", 1, result=False)()
 
 
 def ends_by(number: int) -> Way:
@@ -57,36 +75,26 @@ def ends_by(number: int) -> Way:
 
 
 def waits() -> None:
-    """Never end."""
-    time.sleep(FOREVER)
-
-
-def ignores_signals() -> None:
     """Never end, and ignore every signal that may be ignored."""
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    waits()
+    time.sleep(FOREVER)
 
 
-def floods(stream: int) -> Way:
-    """Return a way: many lines on a stream, and then no end."""
+def floods(stream: int | str) -> Way:
+    """Return a way: many lines on a stream or into a file, and then no end."""
 
     def way() -> None:
+        number = os.open(stream, os.O_WRONLY | os.O_CREAT) if isinstance(stream, str) else stream
         block = b"noise noise noise noise noise noise\n" * 30_000
         for _ in range(MEGABYTES):
-            os.write(stream, block)
+            os.write(number, block)
         waits()
 
     return way
 
 
-def floods_result() -> None:
-    """Write a result that never ends."""
-    with open("out.raw", "wb") as file:  # noqa: PTH123
-        floods(file.fileno())()
-
-
-def leaves(*, session: bool, clean: bool = False, first: Way) -> Way:
+def leaves(first: Way, *, session: bool = True, clean: bool = False) -> Way:
     """Return a way: `first`, and the end of the program but not of its child.
 
     The child may have a session of its own. A child that is `clean` also has another environment
@@ -112,19 +120,18 @@ def leaves(*, session: bool, clean: bool = False, first: Way) -> Way:
     return way
 
 
+def gives_up_late() -> None:
+    """Open the result, work for a while without a first point, and give up."""
+    write(b"")
+    time.sleep(HIDDEN)
+    says(TOO_SMALL, 1, result=False)()
+
+
 def closes_streams() -> None:
     """Close stdin, stdout and stderr, and then do what was asked for."""
     for stream in (0, 1, 2):
         os.close(stream)
-    correct()
-
-
-def with_no_number() -> None:
-    """Write a result with one voltage that is no number."""
-    vectors, stop = requested()
-    rows = straight_lines(len(vectors), stop)
-    rows[len(rows) // 2][-1] = math.nan
-    write(raw_file(vectors, rows))
+    write()
 
 
 def slowly() -> None:
@@ -143,17 +150,11 @@ def by_a_child() -> None:
         write(content)
 
 
-def elsewhere() -> None:
-    """Write the result in another folder."""
-    Path("results").mkdir()
-    write(good(), "results/out.raw")
-
-
 def without(name: str) -> Way:
-    """Return a way: the right result, and no file or pipe where the run has a file."""
+    """Return a way: the right result, and no file, or a pipe, where the run has a file."""
 
     def way() -> None:
-        write(good())
+        write()
         Path(name).unlink()
         if name == "stderr.txt":
             os.mkfifo(name)
@@ -161,50 +162,64 @@ def without(name: str) -> Way:
     return way
 
 
-def linked(target: str) -> Way:
-    """Return a way: the result is a symbolic link."""
-    return lambda: Path("out.raw").symlink_to(target)
-
-
 def unreadable() -> None:
     """Write a result that nobody may read."""
-    write(good())
+    write()
     Path("out.raw").chmod(0)
 
 
 RUNS: dict[str, Way] = {
-    "correct": correct,
-    "no result": nothing,
+    "correct": write,
+    "no result": lambda: None,
     "exit status 1 with a result": says("", 1),
     "exit status of a shell for a signal": says("Segmentation fault", 139, result=False),
     "exit status of a shell for no program": says("sh: 1: ngspice: not found", 127, result=False),
-    "segmentation fault": ends_by(signal.SIGSEGV),
     "abort": ends_by(signal.SIGABRT),
     "a signal without a name": ends_by(signal.SIGRTMIN + 3),
-    "hangs and ignores signals": ignores_signals,
-    "floods stdout": floods(1),
+    "hangs and ignores signals": waits,
     "floods stderr": floods(2),
-    "floods its result": floods_result,
+    "floods its result": floods("out.raw"),
     "closes its streams": closes_streams,
-    "leaves a child": leaves(session=False, first=correct),
-    "leaves a daemon": leaves(session=True, first=correct),
-    "leaves a daemon and no result": leaves(session=True, first=nothing),
-    "leaves a daemon without traces": leaves(session=True, clean=True, first=correct),
+    "leaves a child": leaves(write, session=False),
+    "leaves a daemon": leaves(write),
+    "leaves a daemon and no result": leaves(lambda: None),
+    "leaves a daemon without traces": leaves(write, clean=True),
     "an error beside a result": says("Error: something happened"),
-    "step too small": says("doAnalyses: TRAN:  Timestep too small; time = 1e-9", 1),
+    "step too small": says(TOO_SMALL, 1),
     "step too small before the first point": gives_up_late,
     "noise that is no text": says("".join(map(chr, range(128, 256)))),
     "slow": slowly,
     "result completed by a child": by_a_child,
-    "result elsewhere": elsewhere,
     "data cut": lambda: write(good()[:-13]),
-    "not a number": with_no_number,
+    "not a number": lambda: write(good(math.nan)),
     "the deck is removed": without("deck.cir"),
     "the error stream becomes a pipe": without("stderr.txt"),
     "the folder is removed": lambda: shutil.rmtree(Path.cwd()),
     "result is a pipe": lambda: os.mkfifo("out.raw"),
     "result is a folder": lambda: Path("out.raw").mkdir(),
-    "result is a device": linked("/dev/zero"),
-    "result is a loop of links": linked("out.raw"),
+    "result is a device": lambda: Path("out.raw").symlink_to("/dev/zero"),
+    "result is a loop of links": lambda: Path("out.raw").symlink_to("out.raw"),
     "result cannot be read": unreadable,
 }
+
+
+def answers(text: str) -> Way:
+    """Return a way: a text on stdout."""
+    return says(text, stream=1, result=False)
+
+
+USUAL = "** ngspice-46 : Circuit level simulation program\n** Compiled with KLU Direct"
+VERSIONS: dict[str, Way] = {
+    "version 39": answers("** ngspice-39.3 : Circuit level simulation program"),
+    "version 38": answers("** ngspice-38 : Circuit level simulation program"),
+    "another program": answers("Spice Opus 3.0"),
+    "a version of 5,000 digits": answers("ngspice-" + "9" * 5000),
+    "the version floods": floods(1),
+    "the version hangs": waits,
+    "the version leaves a child": leaves(lambda: print(USUAL, flush=True), session=False),
+    "the version ends by a signal": ends_by(signal.SIGSEGV),
+}
+
+if __name__ == "__main__":
+    way = VERSIONS.get(sys.argv[1], answers(USUAL)) if "-v" in sys.argv else RUNS[sys.argv[1]]
+    way()

@@ -8,7 +8,7 @@ from pathlib import Path
 from hypothesis import strategies as st
 
 import taction
-from tests.fuzz.edits import BYTE_EDITS, SHARE, Edit, edited, insert, line, value
+from tests.fuzz.edits import BYTE_EDITS, SHARE, Edit, edited, line, splice, value
 from tests.fuzz.target import Target
 from tests.support.designer_decks import DECKS as DESIGNERS
 from tests.support.paths import ROOT
@@ -40,63 +40,30 @@ BASES = (
     *((ROOT / "tests" / "data" / "cases" / name).read_bytes() for name in CASES),
 )
 VALUES = (
-    *("0", "-1", "1e400", "1e-400", "nan", "inf", "1k5", "1meg", "1M", "1u", "1\u00b5", "{gain}"),
-    *(
-        "{1/0}",
-        "{",
-        "}",
-        "'2*gain'",
-        "{gain",
-        "{pow(10,400)}",
-        "{sqrt(-1)}",
-        "9" * 400,
-        "in",
-        "0 0",
-    ),
+    *("0", "-1", "1e400", "1e-400", "nan", "inf", "1k5", "1meg", "1M", "1u", "1µ", "{gain}"),
+    *("{1/0}", "{", "}", "'2*gain'", "{gain", "{pow(10,400)}", "{sqrt(-1)}", "9" * 400, "in"),
+    "0 0",
 )
 LINES = (
-    *(
-        "",
-        "+",
-        "+ 1k",
-        ".end",
-        ".ends",
-        ".subckt a b c",
-        ".subckt",
-        "X1 in out a",
-        "X1",
-        ")",
-        "*#shell x",
-    ),
-    *(".control\nshell touch ran\n.endc", ".control", ".endc", ".include ../secret.inc", ".lib"),
-    *(
-        ".include /dev/zero",
-        ".include deck.cir",
-        ".lib deck.cir a",
-        ".include .",
-        ".param",
-        ".param x",
-    ),
-    *(".param gain=gain", ".func f(x) {f(x)}", ".global out", "R9 out out 1k", "C9 out 0 -1n"),
-    *("R9 out 0 0", "L9 out 0 1m", "K1 L1 L9 2", "V9 in 0 1", "E9 out 0 out 0 1", "F9 out 0 v9 1"),
+    *("", "+", "+ 1k", ".end", ".ends", ".subckt a b c", ".subckt", "X1 in out a", "X1", ")"),
+    *("*#shell x", ".control\nshell touch ran\n.endc", ".control", ".endc"),
+    *(".include ../secret.inc", ".lib", ".include /dev/zero", ".include deck.cir"),
+    *(".lib deck.cir a", ".include .", ".param", ".param x", ".param gain=gain"),
+    *(".func f(x) {f(x)}", ".global out", "R9 out out 1k", "C9 out 0 -1n", "R9 out 0 0"),
+    *("L9 out 0 1m", "K1 L1 L9 2", "V9 in 0 1", "E9 out 0 out 0 1", "F9 out 0 v9 1"),
     *("B1 out 0 v=2*v(in)", "B1 a b i=v(", "E9 out 0 poly(1) in 0 0 {gain}", "C9 a b 1n Rser="),
     *("X9 a b out opamp aol=0", "X9 a b c d e level.3a phimargin=90", "E9 a 0 in 0 laplace=1/s"),
     *("Q1 out in 0 m", "D1 out 0 m", ".model m d", "B1 out 0 v=v(in)^2", "S1 out 0 in 0 m"),
     *("V9 x 0 PULSE(", "V9 x 0 PWL()", "V9 x 0 PWL(0 0 1)", "I9 0 out SIN(0 1)", "V9 x 0 AC"),
-    *(
-        ".tran 1n 1u uic",
-        ".ic v(out)=1",
-        ".options temp=-400",
-        ".step param gain 1 2 1",
-        ".temp 1e9",
-    ),
+    *(".tran 1n 1u uic", ".ic v(out)=1", ".options temp=-400", ".step param gain 1 2 1"),
+    ".temp 1e9",
 )
 PIECES = (*"0 ({'=,.+x;", "v(", "a=", "{(", "1 ", "+ 1\n", "R9 a 0 1\n", ".include a b\n", "f(")
 
 
 def repeated(share: float, piece: str, exponent: float) -> Edit:
     """Insert a piece many times, as hostile decks do."""
-    return insert(share, (piece * int(10.0**exponent)).encode())
+    return splice(share, 0, (piece * int(10.0**exponent)).encode())
 
 
 EDITS = (

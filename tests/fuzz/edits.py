@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Sequence
 
 from hypothesis import strategies as st
@@ -42,50 +43,24 @@ def _at(share: float, length: int) -> int:
     return min(int(share * (length + 1)), length)
 
 
-def flip(share: float, bits: int) -> Edit:
-    """Change bits of one byte."""
-
-    def edit(content: bytes) -> bytes:
-        i = _at(share, len(content) - 1)
-        return content[:i] + bytes([content[i] ^ bits]) + content[i + 1 :] if content else content
-
-    return edit
-
-
-def insert(share: float, new: bytes) -> Edit:
-    """Insert bytes."""
-    return lambda content: (
-        content[: _at(share, len(content))] + new + content[_at(share, len(content)) :]
-    )
-
-
-def overwrite(share: float, new: bytes) -> Edit:
-    """Overwrite bytes."""
+def splice(share: float, count: int, new: bytes) -> Edit:
+    """Put bytes in the place of `count` others."""
 
     def edit(content: bytes) -> bytes:
         i = _at(share, len(content))
-        return content[:i] + new + content[i + len(new) :]
+        return content[:i] + new + content[i + count :]
 
     return edit
-
-
-def remove(share: float, count: int) -> Edit:
-    """Remove bytes."""
-    return lambda content: (
-        content[: _at(share, len(content))] + content[_at(share, len(content)) + count :]
-    )
-
-
-def cut(share: float) -> Edit:
-    """Truncate."""
-    return lambda content: content[: _at(share, len(content))]
 
 
 def move(source: float, target: float, count: int) -> Edit:
     """Copy bytes over others."""
-    return lambda content: overwrite(target, content[_at(source, len(content)) :][: max(count, 1)])(
-        content
-    )
+
+    def edit(content: bytes) -> bytes:
+        new = content[_at(source, len(content)) :][:count]
+        return splice(target, len(new), new)(content)
+
+    return edit
 
 
 def value(share: float, new: str) -> Edit:
@@ -126,23 +101,25 @@ def line(share: float, change: Callable[[bytes], bytes]) -> Edit:
     return edit
 
 
-def _renamed(new: bytes) -> Callable[[bytes], bytes]:
-    return lambda old: new + b" =" + old.partition(b"=")[2]
+def _renamed(name: str) -> Callable[[bytes], bytes]:
+    return lambda old: name.encode() + b" =" + old.partition(b"=")[2]
 
 
 # Small numbers are drawn often; their shares are spread over the whole file.
 SHARE = st.integers(0, 2**32 - 1).map(lambda n: (n + 7) * 2654435761 % 2**32 / 2**32)
 SHORT = st.binary(min_size=1, max_size=9)
 IN_PLACE: tuple[st.SearchStrategy[Edit], ...] = (
-    st.builds(flip, SHARE, st.integers(1, 255)),
-    st.builds(overwrite, SHARE, SHORT | st.integers(1, 500).map(bytes)),
+    st.builds(
+        lambda share, new: splice(share, len(new), new), SHARE,
+        st.binary(min_size=1, max_size=1) | SHORT | st.integers(1, 500).map(bytes),
+    ),
     st.builds(move, SHARE, SHARE, st.integers(1, 5000)),
-)
+)  # fmt: skip
 BYTE_EDITS = (
     *IN_PLACE,
-    st.builds(insert, SHARE, SHORT),
-    st.builds(remove, SHARE, st.integers(1, 5000)),
-    st.builds(cut, SHARE),
+    st.builds(splice, SHARE, st.just(0), SHORT),
+    st.builds(splice, SHARE, st.integers(1, 5000), st.just(b"")),
+    st.builds(splice, SHARE, st.just(sys.maxsize), st.just(b"")),
 )
 WORDS = st.sampled_from(NASTY) | st.floats().map(repr) | st.integers().map(str)
 SCALE_EDIT = st.builds(scale, SHARE, st.floats(-6.0, 6.0) | st.floats(-0.5, 0.5))
@@ -154,9 +131,7 @@ LINE_EDIT = st.builds(
         st.just(lambda old: b""),
         st.just(lambda old: old + b"\n" + old),
         st.sampled_from(LINES).map(lambda new: lambda old: old + b"\n" + new.encode()),
-        st.text(st.sampled_from("abcdehiknlmorstuv_.- "), max_size=12).map(
-            lambda name: _renamed(name.encode())
-        ),
+        st.text(st.sampled_from("abcdehiknlmorstuv_.- "), max_size=12).map(_renamed),
     ),
 )
 

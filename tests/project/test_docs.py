@@ -1,17 +1,25 @@
-"""The commands that the documentation shows exist, with these options; the quick ones are run."""
+"""What the documentation shows is true: commands, examples, links, limits and sizes."""
 
 from __future__ import annotations
 
+import doctest
+import importlib
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 import pytest
 
 import taction as library
+from scripts.rooms import modules
 from taction.cli.main import main
+from taction.system import after_result
+from taction.verification.report import tool_server
+from taction.verification.report.explorer import server
 from tests.support.paths import ROOT
 from tests.support.running import taction
 
@@ -124,3 +132,89 @@ def test_the_tutorial_can_be_typed_in_a_fresh_folder(
     (bom,) = (line for line in lines if line.startswith("export bom"))
     assert taction(*shlex.split(bom)).exit_code == 0
     assert Path("parts.csv").exists()
+
+
+PROMISES = (DOCS / "promises.md").read_text("utf-8")
+
+
+def test_every_limit_is_the_number_of_the_code_and_every_test_exists() -> None:
+    limits = re.findall(r"\| (\S+) \|[^|]*\| `([\w.]+)\.([A-Z_]+)` \|", PROMISES)
+    assert len(limits) == PROMISES.split("## Limits")[1].split("## Fuzzing")[0].count("\n| ") - 1
+    for number, module, name in limits:
+        assert float(number) == getattr(importlib.import_module(module), name)
+    for file, name in set(re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", PROMISES)):
+        assert f"\ndef {name}(" in (ROOT / file).read_text("utf-8"), f"{file} has no {name}"
+
+
+UNITS = {"mV": 1e-3, "uV": 1e-6, "nV": 1e-9}
+SIZES = {  # of what is not modelled
+    "leakage": "leakage of the board",
+    "hum": "hum and interference",
+    "warm-up": "warm-up of the op-amps",
+    "resistors": "voltage and self-heating",
+    "thermoelectric": "thermoelectric voltages",
+    "supply": "supply impedance",
+}
+
+
+def test_the_sizes_are_those_that_the_code_of_the_page_finds(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    page = (DOCS / "network.md").read_text("utf-8").partition("## Limits of validity")[2]
+    names: dict[str, Any] = {}
+    exec(re.search(r"```python\n(.*?)```", page, re.DOTALL)[1], names)  # noqa: S102
+    assert capsys.readouterr().out
+    assert names["sizes"].keys() == SIZES.keys()
+    for key, title in SIZES.items():
+        row = next(line for line in page.splitlines() if line.startswith(f"| {title}"))
+        digits, unit = row.split("|")[3].split()
+        assert float(digits) * UNITS[unit] == pytest.approx(names["sizes"][key], rel=0.35), key
+    before, slower, unstable = names["poles"]
+    assert before.real / slower.real == pytest.approx(1.4, abs=0.05)
+    assert unstable.real > 0.0
+    assert abs(unstable.imag) / 6.2832 == pytest.approx(36e3, rel=0.02)
+
+
+TOUR = "".join(
+    re.findall(r"^```pycon\n(.*?)^```$", (DOCS / "tour.md").read_text("utf-8"), re.M | re.S)
+)
+
+
+def test_every_public_name_is_used() -> None:
+    used = set(re.findall(r"\btaction\.(\w+)", TOUR))
+    assert used == set(library.__all__)
+
+
+@pytest.mark.usefixtures("quick_stories")
+def test_every_line_gives_what_the_page_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    explored: list[str] = []
+    served: list[tuple[str, float]] = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(server, "explore", lambda scene, **_: explored.append(scene.name))
+    monkeypatch.setattr(tool_server, "serve", lambda folder, limit: served.append((folder, limit)))
+    shutil.copy(ROOT / "tests" / "data" / "fet100.cir", tmp_path)
+    examples = doctest.DocTestParser().get_doctest(TOUR, {}, "tour.md", "tour.md", 0)
+    found = doctest.DocTestRunner().run(examples)
+    assert found.attempted > 50
+    assert not found.failed
+    assert explored == ["tour"]
+    assert served == [("boards", 300.0)]
+
+
+WITH_EXAMPLES = [
+    name
+    for name, path in modules().items()
+    if not name.startswith("door") and ">>> " in path.read_text("utf-8")
+]
+
+
+@pytest.mark.parametrize("name", WITH_EXAMPLES)
+def test_the_examples_of_a_module(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr(after_result, "FAILURES", (Exception,))  # as users have it
+    result = doctest.testmod(importlib.import_module(f"taction.{name}"))
+    assert result.attempted
+    assert not result.failed

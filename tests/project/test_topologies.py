@@ -40,18 +40,6 @@ def test_no_other_file_knows_a_topology_or_the_names_of_its_parts() -> None:
     assert not wrong, "\n".join(wrong)
 
 
-def test_what_is_forbidden_is_found() -> None:
-    lines = (
-        "if scene.design.topology == other:",
-        f"kind == '{NAMES[0]}'",
-        "circuit.matrices[1].ohms",
-        "circuit.scalings.gain",
-        'part.name.startswith("c_")',
-        'cell.name == f"s_{k}"',
-    )
-    assert [bool(list(found("a.py", line))) for line in lines] == [True] * len(lines)
-
-
 def test_a_topology_is_named_in_its_file_only() -> None:
     """The default of a scene, and remedies of the one in the other, apart."""
     others = "|".join(name for name in NAMES if name != "integrator")

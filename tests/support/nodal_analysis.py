@@ -2,7 +2,7 @@
 
 Independent of taction: it reads the text of the cards, keeps the whole pencil ``s M - K``, and
 finds the polynomial ``det(s M - K)`` exactly, so that its degree, the number of poles, is no
-question of rounding. Its roots are found with `DIGITS` digits or more.
+question of rounding. Its roots are isolated by flint, each to more digits than a double has.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from fractions import Fraction
 from functools import cached_property
+from math import isqrt
 
-from mpmath import mp, mpf
+from flint import fmpq, fmpq_mat, fmpq_poly, fmpz_poly
 
-DIGITS = 100
+DIGITS = 60  # of a square root
 SUFFIXES = {
     "meg": "1e6", "t": "1e12", "g": "1e9", "k": "1e3", "m": "1e-3", "u": "1e-6", "n": "1e-9",
     "p": "1e-12", "f": "1e-15",
@@ -99,92 +100,40 @@ class Pencil:
         self._add(self.K, b, column, value)
 
     @cached_property
-    def polynomial(self) -> list[Fraction]:
-        """Coefficients of ``det(s M - K)``, lowest power first; empty for a singular pencil."""
-        highest = sum(any(row.values()) for row in self.M)
-        points = [Fraction(k + 1) * 1000 for k in range(highest + 1)]
-        found = _interpolated(points, [self._determinant(s) for s in points])
-        while found and found[-1] == 0:
-            found.pop()
-        return found
+    def polynomial(self) -> fmpz_poly:
+        """``det(s M - K)`` times a whole number, from its values at as many points as it needs."""
+        points = range(1000, 1000 * (sum(any(row.values()) for row in self.M) + 2), 1000)
+        found, product = fmpq_poly(), fmpq_poly([1])
+        for s in points:  # Newton's divided differences
+            value = self._matrix(s).det()
+            found += product * ((value - found(s)) / product(s))
+            product *= fmpq_poly([-s, 1])
+        return found.numer()
 
-    def _determinant(self, s: Fraction) -> Fraction:
-        rows: Rows = []
-        for mass, pull in zip(self.M, self.K, strict=True):
-            row = {k: s * value for k, value in mass.items()}
-            for k, value in pull.items():
-                row[k] = row.get(k, Fraction(0)) - value
-            rows.append({k: value for k, value in row.items() if value})
-        result, columns = Fraction(1), list(range(len(rows)))
-        while rows:
-            at = min(range(len(rows)), key=lambda k: len(rows[k]))
-            pivot = rows.pop(at)
-            if not pivot:
-                return Fraction(0)
-            column = min(pivot, key=lambda k: (sum(k in row for row in rows), k))
-            place = columns.index(column)
-            columns.pop(place)
-            value = pivot.pop(column)
-            result *= value if (at + place) % 2 == 0 else -value
-            for row in rows:
-                if column not in row:
-                    continue
-                factor = row.pop(column) / value
-                for k, each in pivot.items():
-                    changed = row.get(k, 0) - factor * each
-                    if changed:
-                        row[k] = changed
-                    else:
-                        row.pop(k, None)
-        return result
+    def _matrix(self, s: int) -> fmpq_mat:
+        size = len(self.M)
+        matrix = fmpq_mat(size, size)
+        for i, (mass, pull) in enumerate(zip(self.M, self.K, strict=True)):
+            for j in mass.keys() | pull.keys():
+                value = s * mass.get(j, Fraction(0)) - pull.get(j, Fraction(0))
+                matrix[i, j] = fmpq(value.numerator, value.denominator)
+        return matrix
 
     def poles(self) -> list[complex]:
         """Return the finite poles, 1/s, rightmost first."""
-        falling = self.polynomial[::-1]
-        zero = next((k for k, value in enumerate(self.polynomial) if value), 0)
-        found = [mpf(0)] * zero
-        if len(falling) - zero > 1:
-            found += _roots(falling[: len(falling) - zero])
-        return sorted((complex(p) for p in found), key=lambda p: (-p.real, -p.imag))
+        roots = self.polynomial.complex_roots() if self.polynomial.degree() > 0 else []
+        found = [complex(root) for root, times in roots for _ in range(times)]
+        return sorted(found, key=lambda p: (-p.real, -p.imag))
 
 
 def _root(value: Fraction) -> Fraction:
-    """Return the square root to all digits."""
-    found = mp.sqrt(mpf(value.numerator) / value.denominator)
-    return Fraction(int(found.man)) * Fraction(2) ** int(found.exp)
-
-
-def _interpolated(points: list[Fraction], values: list[Fraction]) -> list[Fraction]:
-    """Return the coefficients of a polynomial through points, by divided differences."""
-    differences = list(values)
-    for k in range(1, len(points)):
-        for j in range(len(points) - 1, k - 1, -1):
-            step = points[j] - points[j - k]
-            differences[j] = (differences[j] - differences[j - 1]) / step
-    found = [Fraction(0)]
-    for point, value in zip(reversed(points), reversed(differences), strict=True):
-        higher = [Fraction(0), *found]
-        found = [a - point * b for a, b in zip(higher, [*found, Fraction(0)], strict=True)]
-        found[0] += value
-    return found
-
-
-def _roots(falling: list[Fraction]) -> list[mpf]:
-    """Return the roots of a polynomial, over their geometric mean size."""
-    degree = len(falling) - 1
-    size = (
-        abs(mpf(falling[-1].numerator) / falling[-1].denominator)
-        / abs(mpf(falling[0].numerator) / falling[0].denominator)
-    ) ** (mpf(1) / degree)
-    scaled = [
-        mpf(c.numerator) / c.denominator * size ** (degree - k) for k, c in enumerate(falling)
-    ]
-    scaled = [c / scaled[0] for c in scaled]
-    found = mp.polyroots(scaled[::-1], maxsteps=2000, extraprec=4 * mp.prec, asc=True)
-    return [size * root for root in found]
+    """Return the square root to `DIGITS` digits."""
+    scale = 10 ** (2 * DIGITS)
+    return Fraction(isqrt(value.numerator * value.denominator * scale), value.denominator) / (
+        10**DIGITS
+    )
 
 
 def exact_poles(cards: Iterable[str]) -> list[complex]:
     """Return the poles of flat cards, rightmost first."""
-    with mp.workdps(DIGITS):
-        return Pencil(cards).poles()
+    return Pencil(cards).poles()

@@ -1,4 +1,4 @@
-"""Boards with behavioural sources: equilibrium and poles in Arb, transients by SciPy.
+"""Boards with behavioural sources: equilibrium and poles in Arb; transients: `collocation`.
 
 The equations are those of the deck's text (`deck_equations`), and the functions of its B cards are
 evaluated as they are printed there.
@@ -7,7 +7,6 @@ evaluated as they are printed there.
 from __future__ import annotations
 
 import ast
-import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -17,30 +16,18 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 from flint import acb, arb, arb_mat
-from scipy.integrate import solve_ivp
 
 from tests.support.deck_equations import StateEquations
 from tests.support.exact_readings import eigen
 from tests.support.readings import Samples
 
-FAR = 1e4  # times the largest state at the start and at rest: the transient never arrives
 PER_STEP = 8  # points in each step of the integrator, where crossings are searched
-LEFT = 1  # status of SciPy's integrators after an event
 NEWTON, HALVINGS = 200, 30
 STRAIN_STEPS = 64
-STILL = 1e-40  # a tolerance for parts that do not move
 TINY = 1e-40  # of the inputs: the last step of Newton's method
 Floats = np.ndarray
 Number = Any  # float or arb
-FUNCTIONS: dict[str, Callable[..., float]] = {
-    "exp": math.exp,
-    "ln": math.log,
-    "sinh": math.sinh,
-    "tanh": math.tanh,
-    "abs": abs,
-    "min": min,
-    "max": max,
-}
+FUNCTIONS = ("exp", "ln", "sinh", "tanh", "abs", "min", "max")
 
 
 @dataclass(frozen=True)
@@ -106,23 +93,14 @@ class _Reads(ast.NodeTransformer):
         return ast.Call(ast.Name("number", ast.Load()), [node], [])
 
 
-def _function_of(expression: str, functions: dict[str, Any]) -> Callable[[Any], Any]:
-    body = _Reads().visit(ast.parse(f"lambda x: {expression}", mode="eval"))
-    code = compile(ast.fix_missing_locations(body), "<B card>", "eval")
-    found: Callable[[Any], Any] = eval(code, {**functions, "__builtins__": {}})  # noqa: S307
-    return found
-
-
-@lru_cache
-def compiled(expression: str) -> Callable[[float], float]:
-    """Return a B card's voltage as a function of the voltage that the source reads."""
-    return _function_of(expression, {**FUNCTIONS, "number": float})
-
-
 @lru_cache
 def _dual_of(expression: str) -> Callable[[Dual], Dual]:
+    body = _Reads().visit(ast.parse(f"lambda x: {expression}", mode="eval"))
+    code = compile(ast.fix_missing_locations(body), "<B card>", "eval")
     functions = {name: partial(_call, name) for name in FUNCTIONS}
-    return _function_of(expression, {**functions, "number": lambda value: Dual(value, 0.0)})
+    number = {"number": lambda value: Dual(value, 0.0)}
+    found: Callable[[Dual], Dual] = eval(code, {**functions, **number, "__builtins__": {}})  # noqa: S307
+    return found
 
 
 def source_value(expression: str, volts: Number) -> Dual:
@@ -229,61 +207,6 @@ class Board:
                 terms = (e.B[i, 2 + p] * slope * e.C[k + p, j] for p, slope in enumerate(slopes))
                 A[i, j] += sum(terms, arb(0))
         return eigen(A)[0]
-
-    def transient(
-        self, start: arb_mat, rest: arb_mat, stop: float, method: str, tolerance: float
-    ) -> Transient:
-        """Integrate from `start` with the strain on; `rest` is the state at the equilibrium.
-
-        Raises
-        ------
-        DivergenceError
-            A state passes `FAR` times the largest state at the start and at rest.
-        """
-        A, B, C, D, scale = self.doubles
-        k, first, last = self.outputs, array_of(start)[:, 0] / scale, array_of(rest)[:, 0] / scale
-        assert not D[k:, 2:].any(), "a source reads itself without delay"
-
-        read, constant = C[k:], D[k:, :2].sum(axis=1)
-        sources = [compiled(str(part.value)) for part in self.equations.sources]
-        drive, by_source = B[:, :2].sum(axis=1), B[:, 2:]
-
-        def voltages(z: Floats) -> list[float]:
-            return [g(x) for g, x in zip(sources, (read @ z + constant).tolist(), strict=True)]
-
-        def rate(_: float, z: Floats) -> Floats:
-            return np.asarray(A @ z + by_source @ voltages(z) + drive)
-
-        def jacobian(_: float, z: Floats) -> Floats:
-            slopes = [float(dual.slope) for dual in self.values(read @ z + constant)]
-            return np.asarray(A + (by_source * slopes) @ read)
-
-        def leaves(_: float, z: Floats) -> float:
-            return far - float(np.abs(z).max())
-
-        leaves.terminal = True  # type: ignore[attr-defined]
-        size = np.maximum(np.abs(last), np.abs(first))
-        far = FAR * max(float(size.max()), STILL)
-        done = solve_ivp(
-            rate,
-            (0.0, stop),
-            first,
-            method=method,
-            jac=jacobian,
-            rtol=tolerance,
-            atol=tolerance * np.maximum(size, 1e-6 * size.max()) + STILL,
-            dense_output=True,
-            events=leaves,
-        )
-        assert done.success, done.message
-        if done.status == LEFT:
-            raise DivergenceError(f"a state passes {FAR:g} times its largest value at rest")
-
-        def outputs(t: Floats) -> Floats:
-            states = done.sol(t).T
-            return np.array([C[:k] @ z + D[:k] @ [1.0, 1.0, *voltages(z)] for z in states])
-
-        return Transient(done.t, outputs)
 
 
 @dataclass(frozen=True, eq=False)

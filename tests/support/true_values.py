@@ -1,14 +1,14 @@
 """The true readings of a scene, from its deck's text and its problem, as the catalogue stores them.
 
 Linear boards: modes in Arb (`exact_readings`). Boards with behavioural sources:
-equilibrium and poles in Arb, times and peaks from two integrators of SciPy, whose difference is the
-error.
+equilibrium and poles in Arb, times and peaks from two runs of `collocation`, one with long steps
+and one with shorter steps of a lower order, whose difference is the error.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -32,20 +32,19 @@ from taction.verification.reference.problem import Problem
 from taction.verification.reference.solve import solve
 from taction.verification.verdict.deck import deck_of
 from taction.verification.verdict.design import has_large_signal
+from tests.support.collocation import integrate
 from tests.support.deck_equations import DeckText, StateEquations, parse_deck, state_equations
 from tests.support.exact_readings import Signal, UnreadableError, exact_modes
-from tests.support.nonlinear_response import Board, DivergenceError, Transient
+from tests.support.nonlinear_response import Board, DivergenceError
 from tests.support.oracle import AMPLIFIERS, exact_solution
 from tests.support.readings import AnySignal, Samples, read
 from tests.support.true_margin import true_margin
 
 BITS = 320
 EXACT = 1e-13  # error of a reading in Arb, whose modes are right to 30 digits
-INTEGRATORS = (("Radau", 1e-7), ("LSODA", 1e-8))  # with their relative tolerances
-OF_LIMITS = (("Radau", 1e-10), ("LSODA", 1e-13))  # of op-amps with limits: finer than our bounds
+RUNS = ((10, 1e-11), (8, 1e-10))  # order and tolerance of the two runs
 LINEAR = "modes of the deck in Arb, 320 bits; suprema and crossings by interval bounds"
-NONLINEAR = "equilibrium and poles in Arb; transient by SciPy's Radau and LSODA, which differ by"
-Integrator = Callable[[Board, arb_mat, arb_mat, float], Transient]
+NONLINEAR = "equilibrium and poles in Arb; transient by two runs of collocation, which differ by"
 LAST = 1e-5  # of A: what is left of the slowest mode at the end of an integration
 
 
@@ -60,16 +59,8 @@ def board_of(scene: Scene) -> Circuit:
         return circuit
 
 
-def by_scipy(method: str, tolerance: float) -> Integrator:
-    """Return an integrator of SciPy."""
-    return lambda board, first, rest, stop: board.transient(first, rest, stop, method, tolerance)
-
-
-def true_values(scene: Scene, integrators: Sequence[Integrator] = ()) -> TrueValues:
-    """Return the true readings of the board that `scene` describes.
-
-    Two `integrators` take the place of SciPy's.
-    """
+def true_values(scene: Scene) -> TrueValues:
+    """Return the true readings of the board that `scene` describes."""
     asked = scene.checks.stability.margin > 1.0
     scene = resolve_lambda(scene)
     problem, circuit = make_problem(scene), board_of(scene)
@@ -79,10 +70,7 @@ def true_values(scene: Scene, integrators: Sequence[Integrator] = ()) -> TrueVal
         if circuit.is_linear:
             found = _linear(scene, problem, parts)
         else:
-            if not integrators:
-                limits = scene.design.amplifier == "linear"
-                integrators = [by_scipy(*each) for each in (OF_LIMITS if limits else INTEGRATORS)]
-            found = _nonlinear(scene, problem, deck, parts, integrators)
+            found = _nonlinear(scene, problem, deck, parts)
     return replace(
         found,
         margin=true_margin(scene) if asked and len(found.channels) == 1 else None,
@@ -160,11 +148,7 @@ def _linear(scene: Scene, problem: InverseProblem, parts: list[StateEquations]) 
 
 
 def _nonlinear(
-    scene: Scene,
-    problem: InverseProblem,
-    deck: DeckText,
-    parts: list[StateEquations],
-    integrators: Sequence[Integrator],
+    scene: Scene, problem: InverseProblem, deck: DeckText, parts: list[StateEquations]
 ) -> TrueValues:
     unit, count = arb(scene.design.unit_voltage), len(deck.outputs)
     rests = scene.analysis.initial == "rest"
@@ -200,10 +184,10 @@ def _nonlinear(
     if lead.real >= 0.0:
         return values(())
 
-    def run_of(integrate: Integrator) -> list[dict[str, float]]:
+    def run_of(settings: tuple[int, float]) -> list[dict[str, float]]:
         signals: list[Samples | None] = [None] * count
         for board, first, rest in begun:
-            run = integrate(board, first, rest, np.log(LAST) / lead.real)
+            run = integrate(board, first, rest, np.log(LAST) / lead.real, *settings)
             own = board.equations.outputs
             ends = [(float(steps[k][1]), float(final[k] - steps[k][1])) for k in own]
             for k, samples in zip(own, run.samples(ends), strict=True):
@@ -211,7 +195,7 @@ def _nonlinear(
         return _channels(scene, steps, amplitude, signals)
 
     try:
-        channels, others = map(run_of, integrators)
+        channels, others = map(run_of, RUNS)
     except DivergenceError:
         return values((), arrives=False)
     return values(channels, error=_apart(channels, others))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -197,33 +196,29 @@ def test_every_kind_of_card_has_its_value_in_ngspice(ngspice: str, tmp_path: Pat
     call = f"Xdevice in {' '.join(nodes)} "
     simulator = find_simulator()
     point = find_point([*found.lines, *bench, call + found.name], "", simulator)
-    check_values(point.volts)
     flat = flat_subcircuit(point.cards, ("in", *nodes), "every")
     stored = stored_subcircuit(flat.lines, flat.name, "own")
     again = find_point([*stored.lines, *bench, call + stored.name], "", simulator, modes=("",))
-    check_values(again.volts)
-
-
-def check_values(value: Mapping[str, float]) -> None:
-    VT = 1.380649e-23 * 300.15 / 1.602176634e-19
-    assert value["r"] == pytest.approx(1.0, rel=1e-6)
-    assert value["e"] == pytest.approx(2.5, rel=1e-6)
-    assert value["g"] == pytest.approx(3.0, rel=1e-6)
-    assert value["f"] == pytest.approx(0.01 * 0.5 * 1e3, rel=1e-6)  # 10 mA through the sensor
-    assert value["h"] == pytest.approx(2.0, rel=1e-6)
-    assert value["b"] == pytest.approx(0.5, rel=1e-6)
-    assert value["d"] == pytest.approx(VT * math.log(1e-3 / 1e-14), rel=1e-4)
-    assert value["q"] == pytest.approx(VT * math.log(1e-3 / 1.01 / 1e-15), rel=1e-4)
-    # JFET with a resistor: i = beta (vgs - vto)² with vgs = -1000 i; MOS: i = kp/2 (vgs - vto)².
-    assert value["j"] == pytest.approx(1.0, rel=1e-4)
-    drop = 5.0 - value["m"] - 1.0
-    assert value["m"] == pytest.approx(1e3 * 1e-3 * drop**2, rel=1e-4)
-    assert value["s"] == pytest.approx(0.5, rel=1e-6)
-    assert value["x"] == pytest.approx(0.25, rel=1e-6)
-    assert value["l"] == pytest.approx(1.0, rel=1e-6)
-    assert value["p1"] == pytest.approx(0.0, abs=1e-9)  # into its own voltage, -v: level at 0
-    assert value["p2"] == pytest.approx(4.0, rel=1e-6)
-    assert value["p3"] == pytest.approx(2.7, rel=1e-6)
-    assert value["p4"] == pytest.approx(7.0 + 2.0 * math.pi, rel=1e-6)
-    assert value["p5"] == pytest.approx(2.0, rel=1e-6)  # sqrt(1k 4k) in the middle
-    assert value["p6"] == pytest.approx(0.5, rel=1e-2)
+    for value in (point.volts, again.volts):
+        VT = 1.380649e-23 * 300.15 / 1.602176634e-19
+        assert value["r"] == pytest.approx(1.0, rel=1e-6)
+        assert value["e"] == pytest.approx(2.5, rel=1e-6)
+        assert value["g"] == pytest.approx(3.0, rel=1e-6)
+        assert value["f"] == pytest.approx(0.01 * 0.5 * 1e3, rel=1e-6)  # 10 mA through the sensor
+        assert value["h"] == pytest.approx(2.0, rel=1e-6)
+        assert value["b"] == pytest.approx(0.5, rel=1e-6)
+        assert value["d"] == pytest.approx(VT * math.log(1e-3 / 1e-14), rel=1e-4)
+        assert value["q"] == pytest.approx(VT * math.log(1e-3 / 1.01 / 1e-15), rel=1e-4)
+        # JFET: i = beta (vgs - vto)² with vgs = -1000 i of a resistor; MOS: i = kp/2 (vgs - vto)².
+        assert value["j"] == pytest.approx(1.0, rel=1e-4)
+        drop = 5.0 - value["m"] - 1.0
+        assert value["m"] == pytest.approx(1e3 * 1e-3 * drop**2, rel=1e-4)
+        assert value["s"] == pytest.approx(0.5, rel=1e-6)
+        assert value["x"] == pytest.approx(0.25, rel=1e-6)
+        assert value["l"] == pytest.approx(1.0, rel=1e-6)
+        assert value["p1"] == pytest.approx(0.0, abs=1e-9)  # into its own voltage, -v: level at 0
+        assert value["p2"] == pytest.approx(4.0, rel=1e-6)
+        assert value["p3"] == pytest.approx(2.7, rel=1e-6)
+        assert value["p4"] == pytest.approx(7.0 + 2.0 * math.pi, rel=1e-6)
+        assert value["p5"] == pytest.approx(2.0, rel=1e-6)  # sqrt(1k 4k) in the middle
+        assert value["p6"] == pytest.approx(0.5, rel=1e-2)

@@ -30,6 +30,7 @@ from taction.system.waveforms import Waveforms
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import start
 from taction.verification.engines.statespace.equations import descriptor
+from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
 from taction.verification.engines.statespace.linearised.board import LinearBoard, initial_unknowns
 from taction.verification.engines.statespace.transients import integrator
 from taction.verification.engines.statespace.transients.amplifiers import StraightPieces
@@ -52,8 +53,6 @@ from taction.verification.evidence.stress.catalogue import load_catalogue
 from taction.verification.verdict.design import large_signal
 from taction.verification.verdict.simulation import on_curve, state_space_error
 from tests.support.boards import bare, board, kernel, lone_amplifier, strain, two_pole
-from tests.support.kinked import kinked_transient
-from tests.support.piecewise_boards import compare_board
 
 
 def breadboard(**design: float) -> Circuit:
@@ -61,34 +60,36 @@ def breadboard(**design: float) -> Circuit:
     return board(T, eps, two_pole(790e3, 12e-12), exponential=True, bias=True, **design)
 
 
-def scipy_reference(circuit: Circuit, analysis: Transient, times: Floats) -> Floats:
-    """Integrate Kirchhoff's equations of the board as the state space has them, by SciPy."""
-    nodes = tuple(output.node for output in circuit.outputs)
-    linear = LinearBoard(circuit)
-    space, devices = linear.open_loop, linear.descriptor.devices
-    rows, constant = space.C[devices.input], space.D[devices.input, :2].sum(axis=1)
-    scale = -devices.u_scale
+def scipy_reference(
+    board: LinearBoard, initial: str, times: Floats, method: str = "Radau", rtol: float = 1e-12
+) -> Floats:
+    """Integrate Kirchhoff's equations of a board as the state space has them, by SciPy."""
+    space, devices = board.open_loop, board.descriptor.devices
+    C, D = space.rows((*(board.descriptor.names[k] for k in devices.input), *board.reported(None)))
+    m, sources, gain = devices.count, D[:, :2].sum(axis=1), gain_of(devices.kinds)
+
+    def inputs(x: Floats) -> Floats:
+        return np.asarray((C[:m] @ x + sources[:m]) / devices.v_scale)
 
     def outputs(x: Floats) -> Floats:
-        inputs = (rows @ x).T + constant
-        return scale * np.exp(inputs / devices.v_scale)
+        return np.asarray(-devices.u_scale * gain.value(inputs(x)))
 
     def jacobian(_: float, x: Floats) -> Floats:
-        return space.A + (space.B[:, 2:] * (outputs(x) / devices.v_scale)) @ rows
+        slopes = -devices.u_scale / devices.v_scale * gain.slope(inputs(x))
+        return np.asarray(space.A + (space.B[:, 2:] * slopes) @ C[:m])
 
     found = solve_ivp(
         lambda _, x: space.A @ x + space.B[:, :2].sum(axis=1) + space.B[:, 2:] @ outputs(x),
         (0.0, float(times[-1])),
-        space.state_of(initial_unknowns(linear, analysis.initial)),
-        method="Radau",
-        rtol=1e-12,
-        atol=1e-15,
+        space.state_of(initial_unknowns(board, initial)),
+        method=method,
+        rtol=rtol,
+        atol=1e-3 * rtol,
         jac=jacobian,
         t_eval=times,
     )
     assert found.success
-    order = [int(np.flatnonzero(devices.output == linear.descriptor.place(n))[0]) for n in nodes]
-    return outputs(found.y)[:, order]
+    return np.array([C[m:] @ x + sources[m:] + D[m:, 2:] @ outputs(x) for x in found.y.T])
 
 
 @pytest.mark.parametrize("initial", ["zero", "rest"])
@@ -97,7 +98,7 @@ def test_seven_channels_against_scipy(initial: str) -> None:
     analysis = Transient(2e-5, 1e-7, initial="rest" if initial == "rest" else "zero")
     times = np.array([1e-7, 1e-6, 5e-6] if initial == "zero" else [1e-8, 1e-7, 1e-6])
     found = simulate(circuit, analysis, times=times)
-    wanted = scipy_reference(circuit, analysis, times)
+    wanted = scipy_reference(LinearBoard(circuit), initial, times)
     assert np.abs(found.values / wanted - 1.0).max() < 1e-8
     assert found.cost.factorisations > 0
 
@@ -264,22 +265,16 @@ def segments_of(curve: SteppedCurve) -> list[tuple[int, ...]]:
     return [switch.segments for switch in curve.dense.switches]
 
 
-@pytest.mark.parametrize("seed", [0, 3, 30, 41])
-def test_random_boards_are_within_their_bound_of_another_transient(seed: int) -> None:
-    found = compare_board(seed, points=251)
-    assert not found.outside, found
-
-
 @pytest.mark.parametrize(("name", "stop"), [("lasso", 4e-3), ("non-negative", 1e-4), ("box", 2e-3)])
 def test_the_shipped_scenes_are_within_their_bound(name: str, stop: float) -> None:
     board = LinearBoard(synthesise(load_scene(SCENES / f"{name}.toml")))
     times, transient = np.linspace(0.0, stop, 51), Transient(stop, stop / 50)
     record = simulate(board, transient, times=times[[0, -1]], tolerance=1e-6, resolved=True)
     found = state_space_error(board, record)
-    truth, doubt, _ = kinked_transient(board, transient, times, board.reported(None))
+    truth = scipy_reference(board, transient.initial, times, "LSODA", 1e-9)
     assert isinstance(record.curve, SteppedCurve)
     assert len(record.curve.dense.switches) > 1
-    assert np.all(np.abs(on_curve(found.record, times) - truth) <= found.volts + doubt + 1e-9)
+    assert np.all(np.abs(on_curve(found.record, times) - truth) <= found.volts + 1e-8)
     assert found.volts < 1e-5
 
 
@@ -356,7 +351,7 @@ def test_an_unstable_board_that_saturates_has_a_limit_cycle() -> None:
     assert cycle is not None
     # The period again, by the crossings of the mean output in another transient.
     times = np.linspace(0.0, 3.0 * cycle.begin + 6.0 * cycle.period, 601)
-    truth, _, _ = kinked_transient(board, Transient(times[-1], 1e-6), times, board.reported(None))
+    truth = scipy_reference(board, "zero", times, "LSODA", 1e-6)
     late = truth[300:, 0] - 0.5 * (truth[300:, 0].max() + truth[300:, 0].min())
     rising = np.flatnonzero((late[:-1] < 0.0) & (late[1:] >= 0.0))
     period = (rising[-1] - rising[0]) * times[1] / (len(rising) - 1)
