@@ -107,7 +107,7 @@ notebooks: ready ## the lessons of the documentation as notebooks/*.ipynb, for J
 	$(PYTHON_IN_VENV) -c "import sys; sys.path.insert(0, 'docs'); import generated; generated.write_notebooks(generated.ROOT / 'notebooks')"
 
 schemas: ready ## docs/schemas: the schemas of all documents of --json, from their models
-	$(PYTHON_IN_VENV) scripts/write_schemas.py
+	$(PYTHON_IN_VENV) -c "import sys; sys.path.insert(0, 'docs'); import generated; generated.write_schemas()"
 
 lint: ready ## ruff (rules and format) and mypy --strict
 	$(PYTHON_IN_VENV) -m ruff check .

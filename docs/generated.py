@@ -25,64 +25,30 @@ HERE = Path(__file__).resolve().parent
 ROOT, PLACE = HERE.parent, HERE / "_generated"
 PAGE_LINK = re.compile(r"\[([^\]]+)\]\(\.\./([\w-]+)\.md(?:#[\w-]+)?\)")
 NOTEBOOK_LINK = re.compile(r"(?<=\])\(([\w-]+)\.md\)")
-PICTURES: tuple[tuple[str, str, tuple[str, ...]], ...] = (
-    (
-        "The paper's board: it passes, and it rings for 2.4 ms",
-        "breadboard",
-        ("verify", "scenes/paper-breadboard.toml", "--engine", "statespace"),
-    ),
-    (
-        "A damped board: it settles after its first rise",
-        "tuned",
-        ("verify", "scenes/tuned-breadboard.toml", "--engine", "statespace"),
-    ),
-    (
-        "Exponential amplifiers: the outputs are positive",
-        "exponential",
-        ("verify", "scenes/paper-exponential.toml", "--engine", "statespace"),
-    ),
-    (
-        "Poles and crossings over C: the board oscillates below 9.02 pF",
-        "onset",
-        ("onset", "scenes/paper-breadboard.toml", "--over", "C", "--no-confirm"),
-    ),
-    (
-        "Settling time: the last instant outside the band",
-        "settling",
-        ("verify", "scenes/known-readings.toml", "--engine", "statespace"),
-    ),
-    (
-        "Margin: the rightmost pole over C, positive where the board oscillates",
-        "margin",
-        ("onset", "scenes/tuned-breadboard.toml", "--over", "C=2pF:20pF:31", "--no-confirm"),
-    ),
-    (
-        "A closed-loop board over gf: it has a least value, and a fastest one a little above",
-        "feedback-conductance",
-        (
-            "onset", "scenes/least-squares.toml", "--over", "feedback_conductance=100uS:10mS:41",
-            "--no-confirm",
-        ),
-    ),
-    (
-        "A yield: resistors of 1 % do not hold a steady state within 0.1 %",
-        "yield",
-        ("montecarlo", "scenes/tuned-breadboard.toml", "-n", "60", "--jobs", "1"),
-    ),
-    (
-        "An op-amp's open loop as its data sheet states it",
-        "opamp",
-        ("models", "show", "ua741"),
-    ),
-    (
-        "A sweep over C and gain: which check fails, and the boundary of oscillation",
-        "map",
-        (
-            "sweep", "scenes/tuned-breadboard.toml", "--over", "C=1pF:100pF:9",
-            "--over", "gain=1M:20M:7", "--fix", "lambda", "--engine", "statespace", "--jobs", "1",
-        ),
-    ),
-)  # fmt: skip
+SPACE = "--engine statespace"
+PICTURES = {  # name and command line by title
+    "The paper's board: it passes, and it rings for 2.4 ms":
+        ("breadboard", f"verify scenes/paper-breadboard.toml {SPACE}"),
+    "A damped board: it settles after its first rise":
+        ("tuned", f"verify scenes/tuned-breadboard.toml {SPACE}"),
+    "Exponential amplifiers: the outputs are positive":
+        ("exponential", f"verify scenes/paper-exponential.toml {SPACE}"),
+    "Poles and crossings over C: the board oscillates below 9.02 pF":
+        ("onset", "onset scenes/paper-breadboard.toml --over C --no-confirm"),
+    "Settling time: the last instant outside the band":
+        ("settling", f"verify scenes/known-readings.toml {SPACE}"),
+    "Margin: the rightmost pole over C, positive where the board oscillates":
+        ("margin", "onset scenes/tuned-breadboard.toml --over C=2pF:20pF:31 --no-confirm"),
+    "A closed-loop board over gf: it has a least value, and a fastest one a little above":
+        ("feedback-conductance", "onset scenes/least-squares.toml"
+         " --over feedback_conductance=100uS:10mS:41 --no-confirm"),
+    "A yield: resistors of 1 % do not hold a steady state within 0.1 %":
+        ("yield", "montecarlo scenes/tuned-breadboard.toml -n 60 --jobs 1"),
+    "An op-amp's open loop as its data sheet states it": ("opamp", "models show ua741"),
+    "A sweep over C and gain: which check fails, and the boundary of oscillation":
+        ("map", "sweep scenes/tuned-breadboard.toml --over C=1pF:100pF:9 --over gain=1M:20M:7"
+         f" --fix lambda {SPACE} --jobs 1"),
+}  # fmt: skip
 
 
 def write_pages(app: object = None) -> None:
@@ -107,6 +73,18 @@ def write_notebooks(folder: Path) -> None:
         notebook = read_myst_markdown_notebook(NOTEBOOK_LINK.sub(r"(\1.ipynb)", text))
         nbformat.validate(notebook)
         nbformat.write(notebook, folder / f"{page.stem}.ipynb")
+
+
+def write_schemas() -> None:
+    """Write the schemas of all documents into docs/schemas; one that is none any more goes."""
+    from taction.verification.report.documents.catalogue import schemas
+
+    texts = dict(schemas())
+    for name, text in texts.items():
+        (HERE / "schemas" / name).write_text(text, encoding="utf-8")
+    for path in (HERE / "schemas").glob("*.json"):
+        if path.name not in texts:
+            path.unlink()
 
 
 def draw_pictures() -> None:
@@ -284,15 +262,12 @@ def _gallery_page() -> Iterator[str]:
 
     yield "# Gallery\n"
     yield "The build of this documentation draws these pictures, by the commands below them.\n"
-    for title, name, words in PICTURES:
-        picture = PLACE / f"{name}.png"
-        shown = " ".join(word for word in words if word not in ("--jobs", "1"))
-        more: tuple[str, ...] = ()
-        if words[0] == "sweep":
-            more = ("-o", str(PLACE / f"{name}.sqlite"))
+    for title, (name, line) in PICTURES.items():
+        picture, shown = PLACE / f"{name}.png", line.removesuffix(" --jobs 1")
+        more = ["-o", str(PLACE / f"{name}.sqlite")] if line.startswith("sweep") else []
         picture.unlink(missing_ok=True)
         with contextlib.chdir(ROOT):  # in this process: a start is as long as a picture
-            done = CliRunner().invoke(main, [*words, *more, "--plot", str(picture)])
+            done = CliRunner().invoke(main, [*line.split(), *more, "--plot", str(picture)])
         if not picture.exists():
             raise RuntimeError(f"{shown}: no picture: {done.output}")
         yield f"## {title}\n\n![{title}]({picture.name})\n\n```sh\ntaction {shown} --plot {name}.png\n```\n"

@@ -3,9 +3,9 @@
     python scripts/mutants.py ROOM [...] [--count 20] [--seed 1] [--seconds 120]
 
 A room is a name of `scripts/rooms.py`, such as ``verification.reference``. Every fault is one
-change of a token in a copy of the checkout: another operator, comparison or number, a condition
-that is negated. The tests are those that `scripts/check.py` runs for the changed file; a fault is
-found if one of them is red or takes longer than the limit. Prints the faults that no test finds.
+change in a copy of the checkout: another operator, comparison or number, a condition that is
+negated. The tests are those that `scripts/check.py` runs for the changed file; a fault is found if
+one of them is red. Prints the faults that no test finds.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -29,90 +29,52 @@ sys.path.insert(0, str(ROOT))
 from scripts.check import tests_of  # noqa: E402
 from scripts.rooms import ROOMS, modules, room_of  # noqa: E402
 
-OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
-    ast.Lt: ast.Gt, ast.Gt: ast.Lt, ast.LtE: ast.Gt, ast.GtE: ast.Lt, ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn,
-    ast.NotIn: ast.In, ast.And: ast.Or, ast.Or: ast.And,
-}  # fmt: skip
+PAIRS = (
+    (ast.Add, ast.Sub), (ast.Mult, ast.Div), (ast.Lt, ast.Gt), (ast.LtE, ast.GtE),
+    (ast.Eq, ast.NotEq), (ast.Is, ast.IsNot), (ast.In, ast.NotIn), (ast.And, ast.Or),
+)  # fmt: skip
+OTHER: dict[type[ast.AST], Any] = dict(PAIRS) | {b: a for a, b in PAIRS}
+Place = tuple[Path, int]  # a file, and the number of a changeable expression in it
 
 
-@dataclass(frozen=True, slots=True)
-class Fault:
-    """A changed expression: `old` at these places of a file becomes `new`."""
-
-    file: Path
-    line: int
-    begin: int  # of the text of the file, bytes
-    end: int
-    old: str
-    new: str
-
-    def __str__(self) -> str:
-        return f"{self.file.relative_to(ROOT)}:{self.line}: {self.old} -> {self.new}"
-
-
-def faults_of(file: Path) -> Iterator[Fault]:
-    """Yield every fault that can be planted in the functions of a file."""
-    data = file.read_bytes()
-    starts = [0]
-    for line in data.splitlines(keepends=True):
-        starts.append(starts[-1] + len(line))
-    tree = ast.parse(data)
-    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
-    inside = {node for function in functions for part in function.body for node in ast.walk(part)}
-    for node in sorted(inside & set(_changeable(tree)), key=lambda n: (n.lineno, n.col_offset)):  # type: ignore[attr-defined]
-        begin = starts[node.lineno - 1] + node.col_offset  # type: ignore[attr-defined]
-        end = starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
-        new = _changed(node)
-        yield Fault(file, node.lineno, begin, end, data[begin:end].decode(), f"({new})")  # type: ignore[attr-defined]
-
-
-def _changeable(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield expressions of which one operator or number can be changed."""
-    for node in ast.walk(tree):
+def changes(tree: ast.AST) -> Iterator[tuple[ast.expr, Callable[[], None]]]:
+    """Yield every expression in a function that has one thing to change, and what changes it."""
+    functions = ast.FunctionDef | ast.AsyncFunctionDef
+    bodies = [part for f in ast.walk(tree) if isinstance(f, functions) for part in f.body]
+    for node in dict.fromkeys(each for part in bodies for each in ast.walk(part)):
         match node:
-            case ast.BinOp() | ast.BoolOp() if type(node.op) in OPERATORS:
-                yield node
-            case ast.Compare() if type(node.ops[0]) in OPERATORS:
-                yield node
-            case ast.Constant(value=bool()):
-                pass
-            case ast.Constant(value=int() | float()) | ast.UnaryOp(op=ast.USub() | ast.Not()):
-                yield node
+            case ast.BinOp() | ast.BoolOp() if type(node.op) in OTHER:
+                yield node, lambda node=node: setattr(node, "op", OTHER[type(node.op)]())
+            case ast.Compare() if type(node.ops[0]) in OTHER:
+                other = [OTHER[type(node.ops[0])](), *node.ops[1:]]
+                yield node, lambda node=node, other=other: setattr(node, "ops", other)
+            case ast.UnaryOp(op=ast.USub() | ast.Not()):
+                inner = ast.UnaryOp(node.op, node.operand)
+                yield node, lambda node=node, inner=inner: setattr(node, "operand", inner)
+            case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
+                yield node, lambda node=node: setattr(node, "value", 2 * node.value + 1)
 
 
-def _changed(node: ast.AST) -> str:
-    """Return the text of an expression with its change."""
-    if isinstance(node, ast.Constant):
-        return repr(node.value * 2 + 1)  # type: ignore[operator]
-    if isinstance(node, ast.UnaryOp):
-        return ast.unparse(node.operand)
-    other = ast.parse(ast.unparse(node), mode="eval").body
-    if isinstance(other, ast.Compare):
-        other.ops[0] = OPERATORS[type(other.ops[0])]()  # type: ignore[call-overload]
-    elif isinstance(other, ast.BinOp | ast.BoolOp):
-        other.op = OPERATORS[type(other.op)]()  # type: ignore[assignment]
-    return ast.unparse(other)
-
-
-def is_found(fault: Fault, copy: Path, seconds: float) -> bool:
-    """Plant a fault in a copy of the checkout, and tell whether a test finds it."""
-    name = fault.file.relative_to(ROOT)
-    data = fault.file.read_bytes()
-    (copy / name).write_bytes(data[: fault.begin] + fault.new.encode() + data[fault.end :])
-    tests = [str(file.relative_to(ROOT)) for file in tests_of([name.as_posix()])]
+def is_found(place: Place, copy: Path, seconds: float) -> str:
+    """Plant a fault in a copy of the checkout; return an empty text if a test finds it."""
+    file, number = place
+    name, tree = file.relative_to(ROOT), ast.parse(file.read_text("utf-8"))
+    node, change = list(changes(tree))[number]
+    before = ast.unparse(node)
+    change()
+    (copy / name).write_text(ast.unparse(tree), "utf-8")
+    tests = [str(test.relative_to(ROOT)) for test in tests_of([name.as_posix()])]
     words = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
     more = {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         done = subprocess.run(
             words, cwd=copy, env=os.environ | more, capture_output=True, timeout=seconds
         )
-        return done.returncode != 0
+        found = done.returncode != 0
     except subprocess.TimeoutExpired:
-        return False  # the tests that ran are green
-    finally:
-        (copy / name).write_bytes(data)
+        found = False  # the tests that ran are green
+    shutil.copy(file, copy / name)
+    return "" if found else f"{name}:{node.lineno}: {before} -> {ast.unparse(node)}"
 
 
 def main() -> int:
@@ -130,11 +92,12 @@ def main() -> int:
         for room in asked.rooms:
             began = time.monotonic()
             files = [path for module, path in modules().items() if room_of(module) == room]
-            every = [fault for file in files for fault in faults_of(file)]
+            sizes = {file: len(list(changes(ast.parse(file.read_text("utf-8"))))) for file in files}
+            every = [(file, number) for file, size in sizes.items() for number in range(size)]
             drawn = random.Random(asked.seed).sample(every, min(asked.count, len(every)))  # noqa: S311
-            missed = [fault for fault in drawn if not is_found(fault, copy, asked.seconds)]
-            for fault in missed:
-                print(f"  not found: {fault}")
+            missed = [text for place in drawn if (text := is_found(place, copy, asked.seconds))]
+            for text in missed:
+                print(f"  not found: {text}")
             score = f"{len(drawn) - len(missed)} of {len(drawn)} found"
             print(f"{room}: {score}, of {len(every)}, {time.monotonic() - began:.0f} s", flush=True)
     return 0

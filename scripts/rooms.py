@@ -1,13 +1,11 @@
 """The rooms of the house, the floors they are on, and who imports whom, read from the imports.
 
-``python scripts/rooms.py`` prints the rooms with their lines and arrows;
 `tests/project/test_imports.py` holds the order.
 """
 
 from __future__ import annotations
 
 import ast
-from collections import Counter
 from functools import cache
 from pathlib import Path
 
@@ -103,20 +101,3 @@ def arrows() -> dict[tuple[str, str], int]:
             if other is not None and other != room:
                 found[room, other] = found.get((room, other), 0) + 1
     return found
-
-
-def main() -> None:
-    """Print the rooms."""
-    counted, found = Counter[str](), arrows()
-    for module, path in modules().items():
-        counted[room_of(module) or ""] += len(path.read_text("utf-8").splitlines())
-    for number, floor in enumerate(FLOORS, 1):
-        for room in floor:
-            below_it = sorted(b.rpartition(".")[2] for a, b in found if a == room)
-            print(f"{number:2} {room:32} {counted[room]:6,} lines -> {', '.join(below_it)}")
-    about = f"{len(ROOMS)} rooms on {len(FLOORS)} floors, {len(found)} arrows"
-    print(f"{about}, {sum(counted.values()):,} lines")
-
-
-if __name__ == "__main__":
-    main()

@@ -171,6 +171,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, name: str, error: BaseException) ->
         (KeyboardInterrupt(), 130, "interrupted; no verdict was reached"),
         (taction.Interrupted("5 are stored"), 130, "interrupted; 5 are stored"),
         (ZeroDivisionError("boom"), 3, "this is a bug in taction"),
+        (MemoryError(), 3, "out of memory"),
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else "",
 )

@@ -25,25 +25,13 @@ def changed(folder: Path, old: str, new: str) -> str:
 
 
 @pytest.mark.usefixtures("ngspice")
-def test_verify_json_has_the_promised_keys() -> None:
+def test_the_numbers_of_a_verdict_are_in_si_units() -> None:
     result = taction("verify", TUNED, "--json")
     assert result.exit_code == 0
     assert result.stderr == ""
     found = document(result)
-    promised = {
-        *("outcome", "checks", "channels", "settling_time", "stability", "error_budget"),
-        *("answer", "lambda", "engine", "simulator", "timing"),
-    }
-    assert promised <= set(found)
     assert (found["outcome"], found["engine"]) == ("pass", "ngspice")
-    for check in found["checks"]:
-        assert {"name", "outcome", "value", "expected", "tolerance", "unit", "reason"} <= set(check)
-    for number, channel in enumerate(found["channels"], 1):
-        assert channel["index"] == number
-        wanted = {"reference", "final", "rise_time", "settling_time", "overshoot", "undershoot"}
-        wanted |= {"state"}
-        assert wanted <= set(channel)
-    assert {"stable", "rightmost_pole", "damping_ratio"} <= set(found["stability"])
+    assert [channel["index"] for channel in found["channels"]] == list(range(1, 8))
     real, imaginary = found["stability"]["rightmost_pole"]
     assert real < 0 <= imaginary
     assert found["lambda"] == pytest.approx(1 / (14.4e6 * 2.3e6 * 1.16e-6**2), rel=1e-12)
@@ -112,35 +100,6 @@ def test_a_timeout_ends_with_3(tmp_path: Path) -> None:
     assert result.exit_code == 3
     assert document(result)["error"]["kind"] == "TimedOut"
     assert "analysis.timeout is 0.01 s" in result.stderr
-
-
-def test_a_bug_is_not_taken_for_a_failed_check(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*args: object) -> None:
-        raise RuntimeError("boom")
-
-    def greedy(*args: object) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr("taction.verification.reference.lambda_rule.resolve_lambda", broken)
-    result = taction("verify", TUNED)
-    assert result.exit_code == 3
-    assert "boom" in result.stderr
-    assert "this is a bug" in result.stderr
-    monkeypatch.setattr("taction.verification.reference.lambda_rule.resolve_lambda", greedy)
-    result = taction("verify", TUNED, "--json")
-    assert result.exit_code == 3
-    assert "out of memory" in document(result)["error"]["message"]
-
-
-def test_solve_json_has_the_promised_keys() -> None:
-    result = taction("solve", TUNED, "--json")
-    assert result.exit_code == 0
-    found = document(result)
-    assert {"u", "lambda", "objective", "certificate", "iterations"} <= set(found)
-    assert {"kind", "value"} <= set(found["certificate"])
-    assert found["certificate"]["value"] <= found["certificate"]["bound"]
-    assert len(found["u"]) == 7
-    assert "lambda = " in taction("solve", TUNED).stdout
 
 
 def test_a_part_set_by_its_base_says_which_figures_the_scene_keeps() -> None:

@@ -8,25 +8,22 @@ station of the pipeline.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
-from taction.netlist_gen.board.wires import PortConductances, Wires
+from taction.netlist_gen.board.wires import Wires
 from taction.netlist_gen.scene.axes import with_value
 from taction.netlist_gen.scene.scene import Scene
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.modes import ModeShares
 from taction.verification.engines.statespace.transients.amplifiers import StraightPieces
 from taction.verification.readings.readings import Step
-from taction.verification.reference.dynamics import IdealNetwork
 from taction.verification.reference.ideal_answer import IdealAnswer, ideal_answer
 from taction.verification.verdict.checks import Outcome
 from tests.mutation import planting
 from tests.mutation.planting import (
-    CircuitChange,
     Plant,
-    ProblemChange,
-    WaveformsChange,
     figures,
     scaled,
 )
@@ -52,78 +49,45 @@ class Mutation:
     outcome: Outcome = Outcome.FAIL
 
 
-def of_problem(fault: str, change: ProblemChange, scene: str) -> Mutation:
-    """Build a board of another problem than the reference's."""
-    plant = planting.in_the_problem_of_the_board(change)
-    return Mutation(fault, "synthesis", plant, scene, STATE_SPACE, (STEADY,))
+def station(
+    where: str,
+    wrap: Callable[[Any], Plant],
+    engine: str = STATE_SPACE,
+    more: Outcome = Outcome.FAIL,
+) -> Callable[..., Mutation]:
+    """Return a function that plants a change at a station, of fault, change, scene and checks."""
+
+    def planted(fault: str, change: Any, scene: str, *caught_by: str) -> Mutation:
+        return Mutation(fault, where, wrap(change), scene, engine, caught_by, more)
+
+    return planted
 
 
-def of_facts(fault: str, changes: Mapping[str, float], scene: str, *caught_by: str) -> Mutation:
-    """Give the synthesis other numbers of the design: factors of facts by name."""
-    plant = planting.in_the_facts(changes)
-    return Mutation(fault, "facts of the synthesis", plant, scene, STATE_SPACE, caught_by)
+of_problem = station("synthesis", planting.in_the_problem_of_the_board)
+of_facts = station("facts of the synthesis", planting.in_the_facts)
+of_board = station("circuit (both engines)", planting.in_the_circuit)
+of_deck = station("deck", planting.in_the_deck, NGSPICE)
+of_text = station("text of the deck", planting.in_the_text_of_the_deck, NGSPICE)
+of_run = station("plan of ngspice", planting.in_the_run, NGSPICE)
+of_record = station("record of ngspice", planting.in_the_record, NGSPICE)
+of_reference = station("reference", planting.in_the_reference)
+of_answer = station("answer of the reference", planting.in_the_answer)
+of_equations = station("equations of the state space", planting.in_the_equations, NGSPICE)
+of_reduction = station("reduction of the wires", planting.method(Wires, "at_ports"), NGSPICE)
+of_modes = station("modes of the state space", planting.method(ModeShares, "amplitudes"), NGSPICE)
+of_switches = station(
+    "switches of the state space", planting.method(StraightPieces, "ends"), NGSPICE
+)
+of_rest = station("equilibrium of the state space", planting.in_the_linearisation)
+of_keys = station("measures", planting.in_the_scene)
+of_step = station("measures", planting.method(Step, "amplitude"))
+of_bounds = station("measures", planting.in_the_measures, STATE_SPACE, Outcome.INCONCLUSIVE)
+of_baseline = station("baseline", planting.in_the_baseline)
 
 
-def of_board(fault: str, change: CircuitChange, scene: str, caught_by: str) -> Mutation:
-    """Give both engines another circuit."""
-    plant = planting.in_the_circuit(change)
-    return Mutation(fault, "circuit (both engines)", plant, scene, STATE_SPACE, (caught_by,))
-
-
-def of_deck(fault: str, change: CircuitChange, scene: str) -> Mutation:
-    """Give ngspice alone another circuit."""
-    return Mutation(fault, "deck", planting.in_the_deck(change), scene, NGSPICE, (AGREE,))
-
-
-def of_text(fault: str, old: str, new: str, *caught_by: str) -> Mutation:
-    """Replace a text in the deck."""
-    plant = planting.in_the_text_of_the_deck(lambda text: text.replace(old, new))
-    return Mutation(fault, "text of the deck", plant, MATRIX, NGSPICE, caught_by)
-
-
-def of_run(fault: str, changes: dict[str, float | str], scene: str, *caught_by: str) -> Mutation:
-    """Let ngspice run another transient."""
-    plant = planting.in_the_run(changes)
-    return Mutation(fault, "plan of ngspice", plant, scene, NGSPICE, caught_by)
-
-
-def of_record(fault: str, change: WaveformsChange) -> Mutation:
-    """Change what ngspice returns."""
-    plant = planting.in_the_record(change)
-    return Mutation(fault, "record of ngspice", plant, TUNED, NGSPICE, (AGREE,))
-
-
-def of_reference(
-    fault: str, change: Callable[[IdealNetwork], IdealNetwork], scene: str, *caught_by: str
-) -> Mutation:
-    """Let the reference solve another problem."""
-    plant = planting.in_the_reference(change)
-    return Mutation(fault, "reference", plant, scene, STATE_SPACE, caught_by)
-
-
-def of_answer(
-    fault: str, change: Callable[[IdealAnswer, Scene], IdealAnswer], scene: str, caught_by: str
-) -> Mutation:
-    """Change the answer of the reference."""
-    plant = planting.in_the_answer(change)
-    return Mutation(fault, "answer of the reference", plant, scene, STATE_SPACE, (caught_by,))
-
-
-def of_equations(fault: str, change: CircuitChange, scene: str) -> Mutation:
-    """Give the state-space engine alone another circuit."""
-    plant = planting.in_the_equations(change)
-    return Mutation(fault, "equations of the state space", plant, scene, NGSPICE, (AGREE,))
-
-
-def of_reduction(fault: str, change: Callable[[PortConductances], PortConductances]) -> Mutation:
-    """Change the conductances that the state-space engine has at the ports of an array."""
-    plant = planting.in_a_method(Wires, "at_ports", change)
-    return Mutation(fault, "reduction of the wires", plant, WIRED, NGSPICE, (AGREE,))
-
-
-def of_readings(fault: str, plant: Plant) -> Mutation:
-    """Change what the measures read with."""
-    return Mutation(fault, "measures", plant, MATRIX, STATE_SPACE, (SETTLES,))
+def swap(old: str, new: str) -> Callable[[str], str]:
+    """Return a change of a text."""
+    return lambda text: text.replace(old, new)
 
 
 def at_rest(board: LinearBoard) -> LinearBoard:
@@ -150,10 +114,10 @@ OTHER_CORNER = planting.with_other_wires(corner="top-left")
 OTHER_STAGE = scaled("amplifiers", "a_", u_scale=1.01)
 
 SYNTHESIS = (
-    of_problem("sign of one entry of T", planting.matrix_entry(0, 0, -1.0), MATRIX),
-    of_problem("one entry of T off by 1 %", planting.matrix_entry(0, 0, 1.01), MATRIX),
-    of_problem("T taken for its transpose", planting.transposed, SKEW),
-    of_problem("one strain off by 0.2 %", planting.strain_entry(1, 1.002), ELEVEN),
+    of_problem("sign of one entry of T", planting.matrix_entry(0, 0, -1.0), MATRIX, STEADY),
+    of_problem("one entry of T off by 1 %", planting.matrix_entry(0, 0, 1.01), MATRIX, STEADY),
+    of_problem("T taken for its transpose", planting.transposed, SKEW, STEADY),
+    of_problem("one strain off by 0.2 %", planting.strain_entry(1, 1.002), ELEVEN, STEADY),
     of_facts("R for twice the lambda; linear, lambda given", HALF_R, MATRIX, STEADY),
     of_facts("R for twice the lambda; exponential", HALF_R, SKEW, STEADY),
     of_facts("half the lambda is stated; linear, lambda given", HALF_LAMBDA, MATRIX, SAME),
@@ -186,18 +150,31 @@ CIRCUIT = (
     of_board("word lines of 5 % more", planting.with_other_wires(word_line=63.0), WIRED, STEADY),
 )
 THIRD_WITNESS = (
-    of_deck("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX),
-    of_deck("stray capacitance off by 5 %", scaled(*STRAYS, farads=1.05), MATRIX),
-    of_deck("wrong op-amp model on one cell", OTHER_OPAMP, MATRIX),
-    of_deck("U0 of the stages off by 1 %", OTHER_STAGE, SKEW),
-    of_text("one card of a resistor left out", "Rz_6_fb", "* Rz_6_fb", AGREE),
-    of_text("Gear's method for the trapezoidal rule", "method=trap", "method=gear", AGREE),
-    of_text("start from the operating point in place of 0 V", " uic", "", AGREE, SAME),
+    of_deck("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX, AGREE),
+    of_deck("stray capacitance off by 5 %", scaled(*STRAYS, farads=1.05), MATRIX, AGREE),
+    of_deck("wrong op-amp model on one cell", OTHER_OPAMP, MATRIX, AGREE),
+    of_deck("U0 of the stages off by 1 %", OTHER_STAGE, SKEW, AGREE),
+    of_text("one card of a resistor left out", swap("Rz_6_fb", "* Rz_6_fb"), MATRIX, AGREE),
+    of_text(
+        "Gear's method for the trapezoidal rule",
+        swap("method=trap", "method=gear"),
+        MATRIX,
+        AGREE,
+    ),
+    of_text(
+        "start from the operating point in place of 0 V",
+        swap(" uic", ""),
+        MATRIX,
+        AGREE,
+        SAME,
+    ),
     of_run("start from 0 V in place of rest", {"initial": "zero"}, SKEW, AGREE, SAME),
     of_run("step ten times too large", {"max_step": 10.0, "truncation": 1e3}, MATRIX, AGREE),
-    of_record("one stale waveform: of a strain larger by 1 %", planting.stale_column(1.01)),
-    of_record("two channels permuted", planting.columns([1, 0])),
-    of_record("time axis longer by 1 %", planting.stretched_time(1.01)),
+    of_record(
+        "one stale waveform: of a strain larger by 1 %", planting.stale_column(1.01), TUNED, AGREE
+    ),
+    of_record("two channels permuted", planting.columns([1, 0]), TUNED, AGREE),
+    of_record("time axis longer by 1 %", planting.stretched_time(1.01), TUNED, AGREE),
 )
 FIRST_WITNESS = (
     of_reference("wrong regulariser", lambda n: replace(n, amplifier="tanh"), MATRIX, STEADY),
@@ -208,76 +185,44 @@ FIRST_WITNESS = (
     of_answer("start of another initial state", other_start, SKEW, SAME),
 )
 SECOND_WITNESS = (
-    of_equations("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX),
-    of_equations("gain-bandwidth product off by 20 %", figures(gbw=12.9e6), SKEW),
-    of_equations("ports of an array at another corner", OTHER_CORNER, WIRED),
-    of_reduction("conductances among the lines of an array left out", planting.without_detours),
+    of_equations("C off by 1 %", scaled(*CAPACITORS, farads=1.01), MATRIX, AGREE),
+    of_equations("gain-bandwidth product off by 20 %", figures(gbw=12.9e6), SKEW, AGREE),
+    of_equations("ports of an array at another corner", OTHER_CORNER, WIRED, AGREE),
+    of_reduction(
+        "conductances among the lines of an array left out", planting.without_detours, WIRED, AGREE
+    ),
     of_reduction(
         "conductances at the ports of an array off by 0.5 %",
-        lambda ports: replace(ports, across=1.005 * ports.across),
+        lambda ports: replace(ports, across=1.005 * ports.across), WIRED, AGREE,
     ),
-    Mutation(
-        "the strongest mode left out of the exact solution",
-        "modes of the state space",
-        planting.in_a_method(ModeShares, "amplitudes", planting.without_strongest),
-        MATRIX,
-        NGSPICE,
-        (AGREE,),
+    of_modes(
+        "the strongest mode left out of the exact solution", planting.without_strongest, MATRIX,
+        AGREE,
     ),
-    Mutation(
+    of_switches(
         "a switch of a piecewise linear amplifier is missed",
-        "switches of the state space",
-        planting.in_a_method(StraightPieces, "ends", lambda ends: tuple(1e9 * end for end in ends)),
-        "lasso",
-        NGSPICE,
-        (AGREE,),
+        lambda ends: tuple(1e9 * end for end in ends), "lasso", AGREE,
     ),
-    Mutation(
+    of_switches(
         "a piecewise linear amplifier switches 20 % behind its break",
-        "switches of the state space",
-        planting.in_a_method(StraightPieces, "ends", lambda ends: tuple(1.2 * end for end in ends)),
-        "box",
-        NGSPICE,
-        (AGREE,),
+        lambda ends: tuple(1.2 * end for end in ends), "box", AGREE,
     ),
-    Mutation(
-        "an equilibrium of the wrong branch: without strain",
-        "equilibrium of the state space",
-        planting.in_the_linearisation(at_rest),
-        TUNED,
-        STATE_SPACE,
-        (STEADY,),
-    ),
-)
+    of_rest("an equilibrium of the wrong branch: without strain", at_rest, TUNED, STEADY),
+)  # fmt: skip
 READINGS = (
-    of_readings(
+    of_keys(
         "settling band twice as wide",
-        planting.in_the_scene(lambda s: with_value(s, "checks.settling_time.band", 0.02)),
+        lambda s: with_value(s, "checks.settling_time.band", 0.02), MATRIX, SETTLES,
     ),
-    of_readings(
-        "step amplitude A twice as large",
-        planting.in_a_method(Step, "amplitude", lambda amplitude: 2.0 * amplitude),
+    of_step("step amplitude A twice as large", lambda A: 2.0 * A, MATRIX, SETTLES),
+    of_bounds(
+        "a dropped uncertainty: 0 for all times", planting.without_uncertainties, MATRIX, SETTLES
     ),
-)
-CERTAINTY = (
-    Mutation(
-        "a dropped uncertainty: 0 for all times",
-        "measures",
-        planting.in_the_measures(planting.without_uncertainties),
-        MATRIX,
-        STATE_SPACE,
-        (SETTLES,),
-        Outcome.INCONCLUSIVE,
-    ),
-    Mutation(
+    of_baseline(
         "a stale baseline: made before C changed by 1 %",
-        "baseline",
-        planting.in_the_baseline(lambda s: with_value(s, "design.capacitance", "101pF")),
-        MATRIX,
-        STATE_SPACE,
-        ("regression",),
+        lambda s: with_value(s, "design.capacitance", "101pF"), MATRIX, "regression",
     ),
-)
+)  # fmt: skip
 MUTATIONS = (
     *SYNTHESIS,
     *CIRCUIT,
@@ -285,5 +230,4 @@ MUTATIONS = (
     *FIRST_WITNESS,
     *SECOND_WITNESS,
     *READINGS,
-    *CERTAINTY,
 )

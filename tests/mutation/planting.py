@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit, Fact
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.board.wired_arrays import without_wires
@@ -35,6 +34,7 @@ from taction.verification.verdict import recording, simulation
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.companion import measure_with_bounds
 from taction.verification.verdict.planned_board import PlannedBoard
+from taction.verification.verdict.simulation import Engine
 from taction.verification.verdict.verify import Verdict, verify
 
 CircuitChange = Callable[[Circuit], Circuit]
@@ -262,43 +262,40 @@ def _writing(write: Callable[..., Deck]) -> Plant:
     return plant
 
 
-def in_the_run(changes: Mapping[str, float | str]) -> Plant:
-    """Ngspice runs another transient than the planned one: numbers are factors, texts values."""
-
-    def change(transient: Transient) -> Transient:
-        fields = {
-            name: value if isinstance(value, str) else value * getattr(transient, name)
-            for name, value in changes.items()
-        }
-        return replace(transient, **fields)
+def _running(begin: Callable[[Engine, PlannedBoard], Callable[[], Waveforms]]) -> Plant:
+    engine = simulation.ENGINES["ngspice"]
 
     def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        engine = simulation.ENGINES["ngspice"]
-
-        def begin(design: PlannedBoard) -> Callable[[], Waveforms]:
-            plan = replace(design.plan, transient=change(design.plan.transient))
-            return engine.begin(replace(design, plan=plan))
-
-        patch.setitem(simulation.OWN, "ngspice", replace(engine, begin=begin))
+        other = replace(engine, begin=lambda design: begin(engine, design))
+        patch.setitem(simulation.OWN, "ngspice", other)
         return verify(scene)
 
     return plant
+
+
+def in_the_run(changes: Mapping[str, float | str]) -> Plant:
+    """Ngspice runs another transient than the planned one: numbers are factors, texts values."""
+
+    def begin(engine: Engine, design: PlannedBoard) -> Callable[[], Waveforms]:
+        planned = design.plan.transient
+        fields = {
+            name: value if isinstance(value, str) else value * getattr(planned, name)
+            for name, value in changes.items()
+        }
+        plan = replace(design.plan, transient=replace(planned, **fields))
+        return engine.begin(replace(design, plan=plan))
+
+    return _running(begin)
 
 
 def in_the_record(change: Callable[[Waveforms], Waveforms]) -> Plant:
     """The waveforms that ngspice returns are changed."""
 
-    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        engine = simulation.ENGINES["ngspice"]
+    def begin(engine: Engine, design: PlannedBoard) -> Callable[[], Waveforms]:
+        wait = engine.begin(design)
+        return lambda: change(wait())
 
-        def begin(design: PlannedBoard) -> Callable[[], Waveforms]:
-            wait = engine.begin(design)
-            return lambda: change(wait())
-
-        patch.setitem(simulation.OWN, "ngspice", replace(engine, begin=begin))
-        return verify(scene)
-
-    return plant
+    return _running(begin)
 
 
 def in_the_reference(change: Callable[[IdealNetwork], IdealNetwork]) -> Plant:
@@ -331,19 +328,22 @@ def in_the_linearisation(change: Callable[[LinearBoard], LinearBoard]) -> Plant:
     return lambda scene, patch: verify(scene, circuit=change(LinearBoard(synthesise(scene))))
 
 
-def in_a_method(owner: Any, name: str, change: Callable[[Any], Any]) -> Plant:
-    """A method or property, cached or not, of a class, or a function of a module, is changed."""
+def method(owner: Any, name: str) -> Callable[[Callable[[Any], Any]], Plant]:
+    """A method or property, cached or not, of a class is changed."""
     original = getattr(owner, name)
     get = {property: "fget", cached_property: "func"}.get(type(original))
 
-    def changed(self: Any, *given: Any, **named: Any) -> Any:
-        return change((getattr(original, get) if get else original)(self, *given, **named))
+    def wrap(change: Callable[[Any], Any]) -> Plant:
+        def changed(self: Any, *given: Any, **named: Any) -> Any:
+            return change((getattr(original, get) if get else original)(self, *given, **named))
 
-    def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
-        patch.setattr(owner, name, property(changed) if get else changed)
-        return verify(scene)
+        def plant(scene: Scene, patch: pytest.MonkeyPatch) -> Verdict:
+            patch.setattr(owner, name, property(changed) if get else changed)
+            return verify(scene)
 
-    return plant
+        return plant
+
+    return wrap
 
 
 def with_other_wires(**changes: Any) -> CircuitChange:
