@@ -9,22 +9,33 @@ from __future__ import annotations
 import math
 import re
 
-UNITS: dict[str, tuple[str, ...]] = {
-    "F": ("F", "farad", "farads"),
-    "ohm": ("ohm", "ohms", "Ohm", "Ohms", "\N{GREEK CAPITAL LETTER OMEGA}", "\N{OHM SIGN}"),
-    "S": ("S", "siemens", "mho"),
-    "V": ("V", "volt", "volts"),
-    "A": ("A", "amp", "amps"),
-    "Hz": ("Hz",),  # no "hz": "1mhz" would be a millihertz, and users mean MHz
-    "s": ("s", "sec"),
-    "V/s": ("V/s",),
-    "rtHz": ("rtHz",),  # also written with the sign of the square root
-    "V/rtHz": ("V/rtHz",),
-    "A/rtHz": ("A/rtHz",),
-    "K": ("K",),
-    "V/K": ("V/K",),
-    "A/K": ("A/K",),
+_SPELT: dict[str, tuple[str, ...]] = {
+    "F": ("10pF", "F", "farad", "farads"),
+    "ohm": (
+        "1.8Mohm",
+        "ohm",
+        "ohms",
+        "Ohm",
+        "Ohms",
+        "\N{GREEK CAPITAL LETTER OMEGA}",
+        "\N{OHM SIGN}",
+    ),
+    "S": ("0.33uS", "S", "siemens", "mho"),
+    "V": ("1V", "V", "volt", "volts"),
+    "A": ("1uA", "A", "amp", "amps"),
+    "Hz": ("1MHz", "Hz"),  # no "hz": "1mhz" would be a millihertz, and users mean MHz
+    "s": ("5ms", "s", "sec"),
+    "V/s": ("0.5V/us", "V/s"),
+    "rtHz": ("1rtHz", "rtHz"),  # also written with the sign of the square root
+    "V/rtHz": ("3nV/rtHz", "V/rtHz"),
+    "A/rtHz": ("0.4pA/rtHz", "A/rtHz"),
+    "K": ("10K", "K"),
+    "V/K": ("10uV/K", "V/K"),
+    "A/K": ("5nA/K", "A/K"),
 }
+"""An example of each unit, and the ways to write the unit."""
+UNITS = {unit: names for unit, (_, *names) in _SPELT.items()}
+EXAMPLES = {unit: example for unit, (example, *_) in _SPELT.items()}
 _QUANTITY = re.compile(
     r"\s*([-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*([^\W\d_]*)\s*"
 )
@@ -35,22 +46,6 @@ POWERS = {name: power for power, name in PREFIXES.items() if name}
 POWERS |= {"K": 3, "µ": -6, "\N{GREEK SMALL LETTER MU}": -6}  # read, too
 NONE = "–"  # in the place of a value
 LONGEST = 100  # characters of a quantity
-EXAMPLES = {
-    "F": "10pF",
-    "ohm": "1.8Mohm",
-    "S": "0.33uS",
-    "V": "1V",
-    "A": "1uA",
-    "Hz": "1MHz",
-    "s": "5ms",
-    "V/s": "0.5V/us",
-    "rtHz": "1rtHz",
-    "V/rtHz": "3nV/rtHz",
-    "A/rtHz": "0.4pA/rtHz",
-    "K": "10K",
-    "V/K": "10uV/K",
-    "A/K": "5nA/K",
-}
 
 
 def parse(value: object, unit: str) -> float:

@@ -41,41 +41,22 @@ class Logarithmic:
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A device that is programmed to a conductance.
+    """A device that is programmed to a conductance."""
 
-    Attributes
-    ----------
-    least, most : float
-        Window of conductances, S.
-    levels : int
-        Evenly spaced conductances from `least` to `most`; 0: any.
-    programming_error : tuple of float
-        Coefficients of the polynomial in S, lowest power first, that gives the standard deviation
-        after programming, S.
-    read_noise : float
-        Standard deviation from solve to solve, a fraction of the conductance.
-    drift, drift_spread : Logarithmic
-        Mean and standard deviation of nu, over the conductance in `most` (in S without one).
-    drift_start, age : float
-        t0, from which a device drifts, and t, both since its programming, s; no drift up to t0.
-    stuck_at_least, stuck_at_most : float
-        Fractions of the cells that are stuck at the ends of the window.
-    source : str
-        Where the figures were read.
-    """
-
-    least: float = 0.0
+    least: float = 0.0  # window of conductances, S
     most: float = math.inf
-    levels: int = 0
+    levels: int = 0  # evenly spaced conductances from `least` to `most`; 0: any
+    # coefficients of the polynomial in S, lowest power first, that gives the standard deviation
+    # after programming, S
     programming_error: tuple[float, ...] = ()
-    read_noise: float = 0.0
-    drift: Logarithmic = Logarithmic()
-    drift_spread: Logarithmic = Logarithmic()
-    drift_start: float = 1.0
-    age: float = 0.0
-    stuck_at_least: float = 0.0
+    read_noise: float = 0.0  # standard deviation from solve to solve, a fraction of the conductance
+    drift: Logarithmic = Logarithmic()  # mean of nu, over the conductance in `most` (or in S)
+    drift_spread: Logarithmic = Logarithmic()  # its standard deviation
+    drift_start: float = 1.0  # t0 since its programming, s: no drift up to t0
+    age: float = 0.0  # t since its programming, s
+    stuck_at_least: float = 0.0  # fractions of the cells that are stuck at the ends of the window
     stuck_at_most: float = 0.0
-    source: str = ""
+    source: str = ""  # where the figures were read
 
     @classmethod
     def in_microsiemens(cls, table: dict[str, object]) -> Device:
