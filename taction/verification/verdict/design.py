@@ -9,16 +9,14 @@ current. A board that would rest beyond a limit stays as it is: no level of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
 from taction.netlist_gen.scene.scene import Scene
-from taction.system.errors import TactionError
 from taction.system.progress import Clock
-from taction.verification.engines.statespace.linearised.board import LinearBoard, solve_together
+from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.ideal_answer import ideal_network
 from taction.verification.reference.lambda_rule import resolve_lambda
@@ -45,11 +43,7 @@ def design_board(
     InputError, NoVerdictError
         As `taction.verification.verdict.verify.verify`.
     """
-    unplanned = synthesised_board(scene, clock, problem=problem, circuit=circuit)
-    (design,) = at_their_levels([small_signal_board(unplanned, clock)])
-    if isinstance(design, TactionError):
-        raise design
-    return design
+    return planned_board(synthesised_board(scene, clock, problem=problem, circuit=circuit), clock)
 
 
 def synthesised_board(
@@ -67,57 +61,33 @@ def synthesised_board(
     return UnplannedBoard(scene, problem, board, ideal_network(problem, scene))
 
 
-def small_signal_board(unplanned: UnplannedBoard, clock: Clock) -> PlannedBoard:
-    """Plan the transient of a board, whatever its op-amps have to do.
-
-    See `design_board`; `at_their_levels` is the last part of it.
-    """
+def planned_board(unplanned: UnplannedBoard, clock: Clock) -> PlannedBoard:
+    """Plan the transient of a board at its level; errors as `design_board`."""
     clock.begin("poles")
-    return _designed(unplanned)
+    design = _designed(unplanned)
+    if not _has_loads(design):
+        small = NOT_LIMITED
+    else:
+        small = PartLoads.of(
+            design.board,
+            initial=design.transient.initial,
+            transient=design.transient,
+            tolerance=design.plan.tolerance,
+        )
+    leveled = _leveled(design, small)
+    return replace(design if leveled is None else _designed(leveled), small=small)
 
 
-def at_their_levels(designs: Sequence[PlannedBoard]) -> list[PlannedBoard | TactionError]:
-    """Return small-signal boards at their levels, or why a board cannot be planned again.
-
-    The loads of all boards are found together.
-    """
-    loaded = {
-        place: (design.board, design.transient.initial, design.transient, design.plan.tolerance)
-        for place, design in enumerate(designs)
-        if _has_loads(design)
-    }
-    loads = dict(zip(loaded, PartLoads.together(list(loaded.values())), strict=True))
-    leveled = [
-        _leveled(design, loads.get(place, NOT_LIMITED)) for place, design in enumerate(designs)
-    ]
-    solve_together([each.board for each in leveled if isinstance(each, UnplannedBoard)])
-    found = list[PlannedBoard | TactionError]()
-    for place, (design, each) in enumerate(zip(designs, leveled, strict=True)):
-        if isinstance(each, TactionError):
-            found.append(each)
-            continue
-        try:
-            planned = design if each is None else _designed(each)
-            found.append(replace(planned, small=loads.get(place, NOT_LIMITED)))
-        except TactionError as error:
-            found.append(error)
-    return found
-
-
-def _leveled(design: PlannedBoard, small: PartLoads) -> UnplannedBoard | TactionError | None:
-    """Return the board at its level, or why there is none; None if it is at its level."""
+def _leveled(design: PlannedBoard, small: PartLoads) -> UnplannedBoard | None:
+    """Return the board at its level; None if it is at its level."""
     scene, board = design.scene, design.board
     level, able = scene.design.opamp.level, has_large_signal(board)
     above = {load.quantity for load in small.loads if load.is_above}
     given = level == "large-signal" and able
     if not given and not (level == "auto" and above and not small.impossible and able):
         return None
-    try:
-        limited = large_signal(board.circuit, current=given or "current" in above)
-        leveled = LinearBoard(limited)
-    except TactionError as error:
-        return error
-    return UnplannedBoard(scene, design.problem, leveled, design.network)
+    limited = large_signal(board.circuit, current=given or "current" in above)
+    return UnplannedBoard(scene, design.problem, LinearBoard(limited), design.network)
 
 
 def _has_loads(design: PlannedBoard) -> bool:

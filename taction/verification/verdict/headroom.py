@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, cast
 
@@ -87,37 +87,20 @@ class Load:
         return UNITS[self.quantity]
 
 
-Request = tuple[LinearBoard, Initial, Transient | None, float]
-"""A board, its initial state; the record of a board without exact solution, and its tolerance."""
-
-
-def _loads_together(requests: Sequence[Request]) -> list[tuple[Load, ...] | EngineError]:
-    """Return the loads of each board, or why they are not known.
-
-    The loads of boards with exact solutions are searched together, with the digits of each alone.
-    """
-    found: list[tuple[Load, ...] | EngineError] = [()] * len(requests)
-    exact: dict[int, tuple[_Loads, Exact]] = {}
-    stepped: dict[int, tuple[_Loads, Transient, float]] = {}
-    for place, (board, initial, transient, tolerance) in enumerate(requests):
-        try:
-            if rows := tuple(_rows(board.circuit)):
-                loads = _Loads.of(board, rows)
-                if transient is None or is_exact(board):
-                    exact[place] = loads, loads.solution(initial)
-                elif not board.circuit.is_linear:
-                    stepped[place] = loads, transient, tolerance
-                else:
-                    wave = simulate(board, transient, nodes=loads.nodes, times=_instants(transient))
-                    found[place] = _sorted(_sampled(loads, wave.time, wave.values))
-        except EngineError as error:
-            found[place] = error
-    found_by_steps = _by_steps(list(stepped.values())) if stepped else []
-    for place, by_steps in zip(stepped, found_by_steps, strict=True):
-        found[place] = by_steps
-    for place, each in zip(exact, _exact(list(exact.values())), strict=True):
-        found[place] = _sorted(each)
-    return found
+def _loads(
+    board: LinearBoard, initial: Initial, transient: Transient | None, tolerance: float
+) -> tuple[Load, ...]:
+    """Return the loads of a board; `EngineError` where they are not known."""
+    rows = tuple(_rows(board.circuit))
+    if not rows:
+        return ()
+    loads = _Loads.of(board, rows)
+    if transient is None or is_exact(board):
+        return _sorted(_peaks(loads, loads.solution(initial)))
+    if not board.circuit.is_linear:
+        return _sorted(_by_steps(loads, transient, tolerance))
+    wave = simulate(board, transient, nodes=loads.nodes, times=_instants(transient))
+    return _sorted(_sampled(loads, wave.time, wave.values))
 
 
 def _sorted(loads: Iterable[Load]) -> tuple[Load, ...]:
@@ -204,45 +187,24 @@ class _Loads:
             yield Load(row.part, row.quantity, *numbers)
 
 
-def _exact(boards: Sequence[tuple[_Loads, Exact]]) -> list[tuple[Load, ...]]:
-    """Return the loads of boards with exact solutions; a grid holds boards with as many rows."""
-    groups: dict[int, list[int]] = {}
-    for place, (loads, _) in enumerate(boards):
-        groups.setdefault(len(loads.rows), []).append(place)
-    found: dict[int, tuple[Load, ...]] = {}
-    for places in groups.values():
-        found |= zip(places, _peaks([boards[k] for k in places]), strict=True)
-    return [found[place] for place in range(len(boards))]
+def _peaks(loads: _Loads, exact: Exact) -> Iterator[Load]:
+    """Yield the loads of a board with an exact solution that no upper bound excludes.
 
-
-def _peaks(boards: Sequence[tuple[_Loads, Exact]]) -> Iterator[tuple[Load, ...]]:
-    """Yield the loads of boards with equally many rows that no upper bound excludes.
-
-    A row is kept if it may be above `FULL` of its limit, or the largest of its quantity. The peaks
-    are searched of the rows that any of the boards keeps.
+    A row is kept if it may be above `FULL` of its limit, or the largest of its quantity.
     """
-    grid = ExactGrid([_course(*each) for each in boards])
-    kinds = np.array([[list(UNITS).index(row.quantity) for row in each.rows] for each, _ in boards])
-    tops, full = (grid.largest(x.max(axis=1)) for x in (grid.caps, grid.caps + grid.reach[:, None]))
-    ends = np.abs(grid.ends).reshape(kinds.shape)
-    worst, every = np.zeros((len(boards), len(UNITS))), np.arange(len(boards))[:, None]
-    np.maximum.at(worst, (every, kinds), np.maximum(grid.largest(np.abs(grid.errors)), ends))
-    wanted = (tops >= worst[every, kinds]) | (full > FULL)
-    rows = np.flatnonzero(wanted.any(axis=0))
-    signal = ExactSignal(*(_course(loads, exact.columns(rows)) for loads, exact in boards))
-    signal.wanted = wanted[:, rows]
-    grid, shape = signal.grid, signal.wanted.shape
-    (high, above), (low, below) = (
-        [part.reshape(shape) for part in signal.highest(sign)] for sign in (1.0, -1.0)
-    )
-    peaks, errors = np.maximum(high, low), np.where(high > low, above, below)
-    for k, some in grid.courses.each(grid.board):
-        own = np.flatnonzero(signal.wanted[k])
-        heights, time = np.abs(grid.errors[some][:, own]), np.append(grid.time[some], math.inf)
-        at = time[np.append(heights, ends[k : k + 1, rows[own]], axis=0).argmax(axis=0)]
-        loads = boards[k][0]
-        part = _Loads.of(loads.board, tuple(loads.rows[row] for row in rows[own].tolist()))
-        yield tuple(part.loads(peaks[k, own], at, errors[k, own]))
+    grid = ExactGrid([_course(loads, exact)])
+    kinds = np.array([list(UNITS).index(row.quantity) for row in loads.rows])
+    caps = grid.caps, grid.caps + grid.reach[:, None]
+    tops, full = (grid.largest(each.max(axis=1))[0] for each in caps)
+    ends, worst = np.abs(grid.ends).ravel(), np.zeros(len(UNITS))
+    np.maximum.at(worst, kinds, np.maximum(grid.largest(np.abs(grid.errors))[0], ends))
+    rows = np.flatnonzero((tops >= worst[kinds]) | (full > FULL))
+    signal = ExactSignal(_course(loads, exact.columns(rows)))
+    (high, above), (low, below) = (signal.highest(sign) for sign in (1.0, -1.0))
+    heights = np.append(np.abs(signal.grid.errors), ends[None, rows], axis=0)
+    at = np.append(signal.grid.time, math.inf)[heights.argmax(axis=0)]
+    part = _Loads.of(loads.board, tuple(loads.rows[row] for row in rows.tolist()))
+    yield from part.loads(np.maximum(high, low), at, np.where(high > low, above, below))
 
 
 def _course(loads: _Loads, solution: Exact) -> Course:
@@ -265,29 +227,18 @@ def _nodes(rows: Iterable[_Row]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(node for row in rows for node in row.nodes))
 
 
-def _by_steps(
-    boards: Sequence[tuple[_Loads, Transient, float]],
-) -> Iterator[tuple[Load, ...] | EngineError]:
-    """Yield the loads of boards from integrations of which their records are made, too."""
-    from taction.verification.engines.statespace.transients.stepped import (
-        SteppedCurve,
-        Task,
-        simulate_together,
-    )
+def _by_steps(loads: _Loads, transient: Transient, tolerance: float) -> Iterator[Load]:
+    """Yield the loads of a board from the integration of which its record is made, too."""
+    from taction.verification.engines.statespace.transients import stepped
 
-    tasks = [
-        Task(loads.board, transient, None, np.array([0.0, transient.stop]), tolerance, loads.nodes)
-        for loads, transient, tolerance in boards
-    ]
-    for (loads, transient, _), wave in zip(boards, simulate_together(tasks), strict=True):
-        if isinstance(wave, EngineError):
-            yield wave
-        else:
-            curve = cast(SteppedCurve, wave.curve)
-            time = np.union1d(_instants(transient), curve.points())
-            time = time[time <= transient.stop]
-            beside = curve.at(time)[:, -len(loads.nodes) :]
-            yield _sorted(_sampled(loads, time, beside))
+    ends = np.array([0.0, transient.stop])
+    wave = stepped.simulate(
+        loads.board, transient, times=ends, tolerance=tolerance, beside=loads.nodes
+    )
+    curve = cast(stepped.SteppedCurve, wave.curve)
+    time = np.union1d(_instants(transient), curve.points())
+    time = time[time <= transient.stop]
+    return _sampled(loads, time, curve.at(time)[:, -len(loads.nodes) :])
 
 
 def _sampled(loads: _Loads, time: Floats, values: Floats) -> Iterator[Load]:
@@ -384,30 +335,17 @@ class PartLoads:
         >>> worst.part, worst.quantity
         ('z_1', 'slope')
         """
-        (found,) = cls.together([(board, initial, transient, tolerance)])
-        return found
-
-    @classmethod
-    def together(cls, requests: Sequence[Request]) -> list[PartLoads]:
-        """Find the loads of stable boards, of each as `of` does."""
-        found = [NOT_LIMITED] * len(requests)
-        limited = {
-            place: request
-            for place, request in enumerate(requests)
-            if any(model.is_limited for model in request[0].circuit.models.values())
-        }
-        every = _loads_together(list(limited.values()))
-        for (place, request), loads in zip(limited.items(), every, strict=True):
-            circuit = request[0].circuit
-            volts = circuit.value("U0") if circuit.is_linear else None
-            if isinstance(loads, EngineError):
-                text = f"the loads of the op-amps are not known: {loads}"
-                found[place] = cls((), text, volts)
-            else:
-                kept = tuple(load for load in loads if load.quantity != DRIVE)
-                slewing = {load.part: load.slewing for load in loads if load.quantity == DRIVE}
-                found[place] = cls(kept, "", volts, slewing=slewing)
-        return found
+        circuit = board.circuit
+        if not any(model.is_limited for model in circuit.models.values()):
+            return NOT_LIMITED
+        volts = circuit.value("U0") if circuit.is_linear else None
+        try:
+            loads = _loads(board, initial, transient, tolerance)
+        except EngineError as error:
+            return cls((), f"the loads of the op-amps are not known: {error}", volts)
+        kept = tuple(load for load in loads if load.quantity != DRIVE)
+        slewing = {load.part: load.slewing for load in loads if load.quantity == DRIVE}
+        return cls(kept, "", volts, slewing=slewing)
 
     @property
     def worst(self) -> tuple[Load, ...]:

@@ -50,10 +50,6 @@ class FigureRule(Generic[T]):
         bound = None if self.error is None else finite(self.error(source))
         return Figure(value, self.unit, bound)
 
-    def of(self, source: T) -> float | None:
-        """Return the figure as a finite number, or None."""
-        return finite(self.read(source))
-
 
 @dataclass(frozen=True, slots=True)
 class Figure:

@@ -257,11 +257,15 @@ def begin(design: PlannedBoard) -> Pending:
 
 
 def begin_together(designs: Sequence[PlannedBoard]) -> list[Pending | None]:
-    """Simulate boards of one engine together; None for each one that needs a call of its own."""
-    together = ENGINES[designs[0].engine].together if designs else None
-    if together is None:
-        return [None] * len(designs)
-    return [None if wait is None else Pending(wait) for wait in together(designs)]
+    """Simulate boards together, those of one engine; None for each that needs a call of its own."""
+    found: list[Pending | None] = [None] * len(designs)
+    for engine in {design.engine for design in designs}:
+        together = ENGINES[engine].together
+        if together is not None:
+            places = [k for k, design in enumerate(designs) if design.engine == engine]
+            for k, wait in zip(places, together([designs[k] for k in places]), strict=True):
+                found[k] = None if wait is None else Pending(wait)
+    return found
 
 
 def engine_of(simulator: str) -> Engine:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +23,6 @@ from taction.verification.engines.ngspice.process import find_simulator, simulat
 from taction.verification.engines.statespace.equations import descriptor
 from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
-from taction.verification.engines.statespace.transients.dense import Dense
-from taction.verification.engines.statespace.transients.stepped import Task, simulate_together
 from taction.verification.report.documents.verdict import verdict_document
 from taction.verification.report.renderers.terminal import page_text
 from taction.verification.report.views.checks import check_bar
@@ -143,26 +140,26 @@ def test_loads_follow_the_limits(amplifier: str) -> None:
 def test_loads_and_record_of_a_board_by_steps_are_of_one_integration(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    lengths = list[int]()
+    begun, prepare = list[stepped.Task](), stepped.SteppedRun.of
 
-    def counted(runs: Sequence[stepped.SteppedRun], *given: Any) -> list[Dense]:
-        lengths.extend([len(runs)] * bool(runs))
-        return integrate(runs, *given)
+    def counted(task: stepped.Task) -> stepped.SteppedRun:
+        begun.append(task)
+        return prepare(task)
 
-    integrate = stepped.integrate
-    monkeypatch.setattr(stepped, "integrate", counted)
+    monkeypatch.setattr(stepped.SteppedRun, "of", counted)
     small = {"base": "tl084", "level": "small-signal"}
     design = designed(board("exponential", opamp=small).with_engine("statespace"))
     assert not design.circuit.is_linear
     loads, record = design.loads().loads, begin(design).result()
-    assert lengths == [1]
+    assert len(begun) == 1
     assert own_error(design, record).volts < design.wanted
-    assert lengths == [1, 1]
+    assert len(begun) == 2
     cells = {cell.name: cell.output for cell in design.circuit.opamps}
     stop = design.transient.stop
     times = np.concatenate([[0.0], np.geomspace(1e-6 * stop, stop, 4000)])
-    tight = Task(design.board, design.transient, tuple(cells.values()), times, 1e-10)
-    (fine,) = simulate_together([tight])
+    fine = stepped.simulate(
+        design.board, design.transient, nodes=cells.values(), times=times, tolerance=1e-10
+    )
     highest = dict(zip(cells, np.abs(fine.values).max(axis=0), strict=True))
     found = worst(loads, "voltage")
     assert found.peak == pytest.approx(highest[found.part], rel=1e-3)

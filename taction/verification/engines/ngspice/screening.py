@@ -10,7 +10,6 @@ shares no code with the writer.
 
 from __future__ import annotations
 
-import functools
 import itertools
 import re
 from collections.abc import Mapping
@@ -58,9 +57,7 @@ RUN_FILES = frozenset(
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?[a-z]*")
 _CONTROL = "".join(map(chr, (*range(9), *range(11, 32), 127)))
 _CONTINUATION = re.compile(r"\n[ \t]*\+")
-_COMMAND = re.compile(r"\n[^\S\n]*(\*(?:#|ng_script).*)")
-# A piece: successive lines with one first letter.
-_PIECE = re.compile(r"\n[^\S\n]*(\S)[^\n]*(?:\n[^\S\n]*\1[^\n]*)*")
+_COMMANDS = ("*#", "*ng_script")
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,27 +92,50 @@ PASSIVE, PASSIVE_FIELDS = "rcl", 4  # field 3 is a number; 0 Ω is refused
 
 @dataclass(slots=True)
 class _Scope:
-    """Nodes of the top level, of one subcircuit, or of a group of lines."""
+    """Nodes of the top level, or of one subcircuit."""
 
     ports: tuple[str, ...] = ()
     held: set[str] = field(default_factory=lambda: {"0", "gnd"})
     free: dict[str, str] = field(default_factory=dict)  # node: line that names the node
     instances: dict[str, list[list[str]]] = field(default_factory=dict)  # subcircuit: nodes of each
 
-    def add(self, lines: _Scope) -> None:
-        """Add the nodes of further lines."""
-        self.held |= lines.held
-        for node, line in lines.free.items():
+    def add(self, line: str) -> None:
+        """Check the line of a device, and add the nodes that it holds or touches."""
+        parts, letter = line.split(), line[0]
+        if letter in PASSIVE and len(parts) >= PASSIVE_FIELDS:  # nearly all lines of a board
+            _check_value(line, parts[3])
+            self.held.update(parts[1:3])
+        elif letter == "x":
+            words = [word for word in parts[1:] if "=" not in word and word != "params:"]
+            *nodes, name = words or [""]
+            self.instances.setdefault(name, []).append(nodes)
+        else:
+            self._add_source(line, parts)
+
+    def _add_source(self, line: str, parts: list[str]) -> None:
+        letter = line[0]
+        if letter not in DEVICES:
+            raise DidNotLoad(f"the device {parts[0]!r} is not accepted: {line!r}")
+        device = DEVICES[letter]
+        if len(parts) < device.fields:
+            text = f"{line!r} has {len(parts)} fields; at least {device.fields} are needed"
+            raise DidNotLoad(text)
+        held, terminals = device.held, device.held + device.free
+        if letter == "b" and parts[3].startswith("v"):
+            held = 2
+        if letter in "eg" and (len(parts) < 6 or "=" in "".join(parts[3:5]) or parts[3] == "poly"):
+            terminals = 2  # a source given by an expression has only the terminals of its output
+        for node in parts[1 + held : 1 + terminals]:
             self.free.setdefault(node, line)
-        for name, nodes in lines.instances.items():
-            self.instances[name] = [*self.instances.get(name, ()), *nodes]
+        if letter == "g" and set(parts[1:3]) == set(parts[3:5]):
+            held = 2  # controlled by its own voltage: a conductance
+        self.held.update(parts[1 : 1 + held])
 
 
 def screen(deck: ScreenedDeck) -> None:
     """Refuse a deck that ngspice would misread without a message, or that runs commands.
 
-    Time is linear in the text, about 0.5 µs a line; a group of successive lines with one first
-    letter that was also in the last deck is not read again.
+    Time is linear in the text, about 2 µs a line.
 
     Raises
     ------
@@ -151,16 +171,13 @@ class _ScreeningReading:
         if len(content.translate(None, _CONTROL.encode())) < len(content):
             character = next(each for each in text if each in _CONTROL)
             raise DidNotLoad(f"the deck holds the control character {character!r}")
-        lines = _CONTINUATION.sub(" ", text.lower())
-        for piece in _PIECE.finditer("\n" + lines):
-            if piece[1] == "*":
-                if command := _COMMAND.search(piece[0]):
-                    raise DidNotLoad(f"a deck may not run commands: {command[1].strip()!r}")
-            elif piece[1] == ".":
-                for line in map(str.strip, piece[0][1:].split("\n")):
-                    self._card(line, line.split())
-            else:
-                self.scopes[self._within[-1]].add(_read_devices(piece[0]))
+        for line in map(str.strip, _CONTINUATION.sub(" ", text.lower()).split("\n")):
+            if line.startswith(_COMMANDS):
+                raise DidNotLoad(f"a deck may not run commands: {line!r}")
+            if line.startswith("."):
+                self._card(line, line.split())
+            elif line and line[0] != "*":
+                self.scopes[self._within[-1]].add(line)
 
     def _card(self, line: str, parts: list[str]) -> None:
         card = parts[0]
@@ -193,51 +210,6 @@ def _check_options(line: str, parts: list[str]) -> None:
         option = part.partition("=")[0]
         if option not in OPTIONS:
             raise DidNotLoad(f"the option {option!r} is not accepted: {line!r}")
-
-
-@functools.lru_cache(maxsize=32)  # a usual board has some 15 such pieces
-def _read_devices(lines: str) -> _Scope:
-    """Check the devices of a piece, and return the nodes that they hold or touch.
-
-    Two decks of one board share nearly all pieces, hence the cache; do not change its entries.
-    """
-    scope, held, values = _Scope(), list[str](), set[str]()  # values that have been checked
-    for line in map(str.strip, lines[1:].split("\n")):
-        parts = line.split()
-        letter = line[0]
-        if letter in PASSIVE and len(parts) >= PASSIVE_FIELDS:  # nearly all lines of a board
-            held += parts[1:3]
-            if parts[3] not in values:
-                _check_value(line, parts[3])
-                values.add(parts[3])
-        elif letter == "x":
-            words = [word for word in parts[1:] if "=" not in word and word != "params:"]
-            *nodes, name = words or [""]
-            scope.instances.setdefault(name, []).append(nodes)
-        else:
-            _read_source(line, parts, scope)
-    scope.held.update(held)
-    return scope
-
-
-def _read_source(line: str, parts: list[str], scope: _Scope) -> None:
-    """Add the nodes of a device that is not passive."""
-    letter = line[0]
-    if letter not in DEVICES:
-        raise DidNotLoad(f"the device {parts[0]!r} is not accepted: {line!r}")
-    device = DEVICES[letter]
-    if len(parts) < device.fields:
-        raise DidNotLoad(f"{line!r} has {len(parts)} fields; at least {device.fields} are needed")
-    held, terminals = device.held, device.held + device.free
-    if letter == "b" and parts[3].startswith("v"):
-        held = 2
-    if letter in "eg" and (len(parts) < 6 or "=" in "".join(parts[3:5]) or parts[3] == "poly"):
-        terminals = 2  # a source given by an expression has only the terminals of its output
-    for node in parts[1 + held : 1 + terminals]:
-        scope.free.setdefault(node, line)
-    if letter == "g" and set(parts[1:3]) == set(parts[3:5]):
-        held = 2  # controlled by its own voltage: a conductance
-    scope.held.update(parts[1 : 1 + held])
 
 
 def _check_value(line: str, value: str) -> None:

@@ -53,14 +53,6 @@ def test_refused_file_names(name: str) -> None:
         screen(transient(files={name: ""}))
 
 
-def test_a_piece_that_is_known_is_checked_where_it_stands() -> None:
-    known = "R7 free 0 1.0\nR8 free 0 1.0"
-    screen(transient(f"{known}\nI7 0 free 1.0"))
-    for lines in (".subckt inner a\n{}\n.ends", "{}\n*# shell touch it", "{}\nR9 free 0 0"):
-        with pytest.raises((DidNotLoad, SingularCircuit)):
-            screen(transient("I7 0 free 1.0\n" + lines.format(known)))
-
-
 @pytest.mark.parametrize(
     ("lines", "says"), [(".include a.inc\n", "within itself"), ("+ R7 out 0 1.0\n", "not accepted")]
 )
@@ -118,16 +110,6 @@ ACCEPTED = {
 def test_accepted(case: str) -> None:
     deck = transient(ACCEPTED[case], BUFFER, files={"a.inc": "R9 f 0 1.0\n"})
     assert screen(deck) is None  # what is not accepted raises
-
-
-def test_the_same_lines_in_another_circuit_are_judged_there() -> None:
-    """What was read of one deck is not read again in the next; what it means there is."""
-    lines = "I1 0 f 1e-6\nX1 f e buffer\nR9 e 0 1.0"
-    holding = BUFFER.replace("E1 b", "R1 a 0 1.0\nE1 b")
-    for _ in range(2):
-        assert screen(transient(".options noinit", lines, ".options acct", holding)) is None
-        with pytest.raises(SingularCircuit, match="'f'"):
-            screen(transient(".options noinit", lines, ".options acct", BUFFER))
 
 
 def test_a_title_is_no_device() -> None:

@@ -76,7 +76,8 @@ class ReportedOutputs(Batch):
         source = [device.get(board.descriptor.place(name), -1) for name in nodes]
         self.source = (*source, *[-1] * len(beside))  # amplifiers
         self.others = (*(name for name, k in zip(nodes, source, strict=True) if k < 0), *beside)
-        self.weights = np.ones((1, len(self.others)))
+        self.weights, self.steepest = np.ones((1, len(self.others))), self.amplifiers.steepest()
+        self.by_input = np.isin(np.arange(devices.count), self.source)[None]
         self.resting = np.array([[rest[name] for name in (*nodes, *beside)]])
 
     def volts(self, inputs: Floats) -> Floats:
@@ -86,9 +87,8 @@ class ReportedOutputs(Batch):
         amplifier leaves that.
         """
         slopes = np.abs(self.amplifiers.slopes(inputs)).max(axis=2, initial=0.0)
-        by_input = np.isin(np.arange(self.amplifiers.count), self.source)
-        seen = np.where(by_input, np.maximum(slopes, 1.0), 1.0)
-        return np.concatenate([np.maximum(seen, self.amplifiers.steepest()), self.weights], axis=1)
+        seen = np.where(self.by_input, np.maximum(slopes, 1.0), 1.0)
+        return np.concatenate([np.maximum(seen, self.steepest), self.weights], axis=1)
 
     def voltages(self, watched: Floats) -> Floats:
         """Return the voltages of the nodes for watched voltages (R, W), or (P, W) of one board."""
