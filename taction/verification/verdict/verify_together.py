@@ -32,6 +32,7 @@ from taction.verification.verdict.verify import (
     gather_evidence,
     judged,
     margin_search,
+    verify,
 )
 
 
@@ -44,6 +45,16 @@ class Request:
     circuit: Circuit | LinearBoard | None = None
     ideal: IdealAnswer | None = None
     effort: Effort = FULL
+
+    def verdict(self) -> Verdict:
+        """Return the verdict of this board alone; errors as `verify`."""
+        return verify(
+            self.scene,
+            problem=self.problem,
+            circuit=self.circuit,
+            ideal=self.ideal,
+            effort=self.effort,
+        )
 
 
 BRIEF = 1.0  # s: a longer run of ngspice gains nothing, and is not repeated if it fails

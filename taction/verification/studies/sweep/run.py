@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 from taction.netlist_gen.scene.axes import ENGINE, with_values
 from taction.netlist_gen.scene.inverse_problem import InverseProblem, make_problem
@@ -20,8 +21,12 @@ from taction.verification.studies.running.versions import digest, own_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import Plan, grid_points
-from taction.verification.studies.sweep.point import PointJob, compute
+from taction.verification.studies.sweep.point import compute
 from taction.verification.verdict.record import ERROR, Record
+from taction.verification.verdict.verify import Effort
+from taction.verification.verdict.verify_together import Request
+
+POINT_EFFORT = Effort(details=False)
 
 
 @dataclass(slots=True)
@@ -69,8 +74,9 @@ def sweep_points(
     if not missing:
         return count
     progress(Notice(f"computing {len(missing)} of {count.total} points"))
-    jobs = _jobs(plan, missing)
-    for key, result in collected_together(workers, compute, jobs, together(len(missing), workers)):
+    jobs, size = _jobs(plan, missing), together(len(missing), workers)
+    computing = partial(compute, own_version(plan.engine == "ngspice"))
+    for key, result in collected_together(workers, computing, jobs, size):
         if isinstance(result, BaseException):
             text = f"the worker was killed several times (out of memory?): {result}"
             result = Record.without_verdict(type(result).__name__, text, plan.engine)
@@ -80,10 +86,9 @@ def sweep_points(
     return count
 
 
-def _jobs(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, PointJob | Record]]:
+def _jobs(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, Request | Record]]:
     """Yield key and job of each point; of a scene that cannot be made its record."""
     problems: dict[bytes, InverseProblem] = {}
-    version = own_version(plan.engine == "ngspice")
     for point in grid_points(plan, places):
         try:
             scene = with_values(plan.scene, point.values | {ENGINE: plan.engine})
@@ -96,7 +101,7 @@ def _jobs(plan: Plan, places: Iterable[int]) -> Iterator[tuple[bytes, PointJob |
             kind = type(error).__name__
             yield point.key, Record.without_verdict(kind, str(error), plan.engine)
         else:
-            yield point.key, PointJob(scene, problems[wanted], version)
+            yield point.key, Request(scene, problems[wanted], effort=POINT_EFFORT)
 
 
 def computed(

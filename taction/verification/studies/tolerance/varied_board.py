@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -101,23 +100,18 @@ class VariedBoard(Varied):
         """Return the same board with samples by the state-space engine."""
         return replace(self, scene=self.scene.with_engine("statespace"), engine="statespace")
 
-    def request(self, z: Floats) -> dict[str, Any]:
-        """Return the arguments of `verify` for the board with deviations `z`."""
-        return {
-            "scene": self.scene,
-            "problem": self.problem,
-            "circuit": self.at(z),
-            "ideal": self.ideal,
-            "effort": replace(SAMPLE_EFFORT, full_margin=self.full_margin),
-        }
+    def request(self, z: Floats) -> Request:
+        """Return what `verify` gets for the board with deviations `z`."""
+        effort = replace(SAMPLE_EFFORT, full_margin=self.full_margin)
+        return Request(self.scene, self.problem, self.at(z), self.ideal, effort)
 
     def measured(self, number: int, z: Floats) -> BoardSample:
         """Return the sample with deviations `z`; errors as `verify`."""
-        return sample_of(verify(**self.request(z)), number)
+        return sample_of(self.request(z).verdict(), number)
 
     def measured_together(self, requests: Sequence[tuple[int, Floats]]) -> list[BoardSample | None]:
         """Return several samples, None for each one that needs a call of its own."""
-        asked = [Request(**self.request(z)) for _, z in requests]
+        asked = [self.request(z) for _, z in requests]
         found = {k: sample_of(verdict, requests[k][0]) for k, verdict in verify_together(asked)}
         return [found.get(k) for k in range(len(requests))]
 

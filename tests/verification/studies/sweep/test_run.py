@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +23,13 @@ from taction.system.errors import (
 from taction.verification.studies.running.versions import OtherVersionsError, own_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
-from taction.verification.studies.sweep import point as point_module
 from taction.verification.studies.sweep.plan import Plan, grid_points, plan_sweep
-from taction.verification.studies.sweep.point import PointJob, compute
+from taction.verification.studies.sweep.point import compute
 from taction.verification.studies.sweep.result import records
 from taction.verification.studies.sweep.run import SweepCounts, sweep_points
+from taction.verification.verdict import verify_together as module_of_batches
 from taction.verification.verdict.verify import verify
+from taction.verification.verdict.verify_together import Request
 from tests.support.making import NEAR_IDEAL, make_scene, write_matrix_scene
 from tests.support.studying import IDEAL
 
@@ -128,7 +128,7 @@ def test_an_unforeseen_error_is_a_row_and_is_retried(
 ) -> None:
     asked, path = plan("C=50p,100p"), tmp_path / "a.sqlite"
     with monkeypatch.context() as patch:
-        patch.setattr(point_module, "verify", lambda *_, **__: 1 / 0)
+        patch.setattr(module_of_batches, "verify", lambda *_, **__: 1 / 0)
         count, rows = run(asked, path, workers)
     assert count.outcomes == {"error": 2}
     assert rows[0]["failure"] == "ZeroDivisionError"
@@ -164,15 +164,15 @@ def test_a_changed_file_is_another_problem(tmp_path: Path, workers: Workers) -> 
 
 
 def test_another_version_at_the_worker_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    job = PointJob(scene(), None, "taction 0.0.9, no ngspice")  # type: ignore[arg-type]
+    job = Request(scene())
     text = f"has {re.escape(own_version(False))} instead of taction 0.0.9, no ngspice"
     with pytest.raises(OtherVersionsError, match=text):
-        compute(job)
+        compute("taction 0.0.9, no ngspice", job)
     monkeypatch.setenv("TACTION_NGSPICE", "/missing/ngspice")
     own_version.cache_clear()
     text = "has no usable ngspice .no executable '/missing/ngspice'. instead of taction, ngspice-46"
     with pytest.raises(OtherVersionsError, match=text):
-        compute(replace(job, version="taction, ngspice-46"))
+        compute("taction, ngspice-46", job)
     own_version.cache_clear()
 
 
@@ -236,7 +236,7 @@ def test_what_is_wrong_with_the_machine_is_no_result_of_a_point(
     def fail(*scene: object, **more: object) -> None:
         raise kind("there is nothing left")
 
-    monkeypatch.setattr(point_module, "verify", fail)
+    monkeypatch.setattr(module_of_batches, "verify", fail)
     with Store(":memory:") as store:
         with pytest.raises(kind, match=r"nothing left\. The stored results are intact"):
             sweep_points(plan("C=50p,60p"), store, workers)

@@ -23,12 +23,13 @@ from taction.verification.studies.running.versions import own_version
 from taction.verification.studies.running.worker import Workers
 from taction.verification.studies.store import Store
 from taction.verification.studies.sweep.plan import plan_sweep
-from taction.verification.studies.sweep.point import PointJob, compute
+from taction.verification.studies.sweep.point import compute
 from taction.verification.studies.sweep.result import records
-from taction.verification.studies.sweep.run import sweep_points
+from taction.verification.studies.sweep.run import POINT_EFFORT, sweep_points
 from taction.verification.verdict.design import design_board
 from taction.verification.verdict.record import FIGURES, Record
 from taction.verification.verdict.verify import verify
+from taction.verification.verdict.verify_together import Request
 from tests.support.paths import SCENES
 from tests.support.scenes_of_all_kinds import random_scene
 
@@ -57,7 +58,8 @@ def of_sweep(scene: Scene) -> dict[str, Any]:
         problem = make_problem(scene)
     except TactionError as error:
         return without_verdict(error, engine)
-    (result,) = compute(PointJob(scene, problem, own_version(engine == "ngspice")))
+    asked = Request(scene, problem, effort=POINT_EFFORT)
+    (result,) = compute(own_version(engine == "ngspice"), asked)
     assert result is not None
     return dict(plain(result))
 
