@@ -1,4 +1,4 @@
-"""JSON Schema of the documents of a type, the units of its names, and keys that it has not."""
+"""JSON Schema of the documents of a type, and the units of its names."""
 
 from __future__ import annotations
 
@@ -160,34 +160,3 @@ def _unit_in(field: Any) -> str:
     inner = next((field[name] for name in ("items", "additionalProperties") if name in field), None)
     either = (_unit_in(one) for one in field.get("anyOf", ()))
     return field.get("unit") or _unit_in(inner) or next((u for u in either if u), "")
-
-
-def unknown_keys(kind: Any, data: Mapping[str, Any]) -> list[str]:
-    """Return the keys of `data`, and of all that is in it, that a document of the type has not."""
-    made = schema(kind)
-    return sorted(_unknown(made, data, made.get("$defs", {}), ""))
-
-
-def _unknown(made: Any, data: Any, shared: Mapping[str, Any], place: str) -> set[str]:
-    if not isinstance(made, Mapping):
-        return set()
-    if "$ref" in made:
-        made = shared[made["$ref"].rpartition("/")[2]]
-    if "anyOf" in made:
-        return min((_unknown(each, data, shared, place) for each in made["anyOf"]), key=len)
-    if isinstance(data, list):
-        items = (
-            _unknown(made.get("items"), d, shared, f"{place}[{n}]") for n, d in enumerate(data)
-        )
-        return {name for found in items for name in found}
-    if not isinstance(data, Mapping) or made.get("type") != "object":
-        return set()
-    known, others = made.get("properties", {}), made.get("additionalProperties", False)
-    found: set[str] = set()
-    for key, item in data.items():
-        here = f"{place}.{key}".lstrip(".")
-        if key not in known and others is False:
-            found.add(here)
-        else:
-            found |= _unknown(known.get(key, others), item, shared, here)
-    return found

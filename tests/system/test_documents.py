@@ -12,8 +12,18 @@ import jsonschema
 import numpy as np
 import pytest
 
-from taction.system.document_schema import schema, units, unknown_keys
-from taction.system.documents import HIDDEN, INLINE, DocumentKey, Inline, Note, Seconds, plain, read
+from taction.system.document_schema import schema, units
+from taction.system.documents import (
+    HIDDEN,
+    INLINE,
+    DocumentKey,
+    Inline,
+    Note,
+    Seconds,
+    plain,
+    read,
+    unknown_keys,
+)
 
 
 class Colour(enum.Enum):
@@ -163,4 +173,5 @@ def test_a_name_with_two_units_has_its_path() -> None:
 
 def test_keys_that_no_document_has_are_found_at_every_depth() -> None:
     inner = [{"time": 1e-6, "level": 0.0}, {"time": None, "levl": 2.0}]
-    assert unknown_keys(Outer, DATA | {"lamda": 1, "inner": inner}) == ["inner[1].levl", "lamda"]
+    data = DATA | {"lamda": 1, "inner": inner}
+    assert unknown_keys(read(Outer, data), data) == ["inner[1].levl", "lamda"]

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from taction.netlist_gen.scene.keys import all_keys, files_of
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
-from taction.system.document_schema import unknown_keys
-from taction.system.documents import INLINE, plain, read
+from taction.system.documents import INLINE, plain, read, unknown_keys
 from taction.system.errors import Complaint, InputError
 from taction.system.foreign_files import LARGEST, UnusableFileError, read_bounded
 from taction.system.quantities import written
@@ -298,7 +297,7 @@ def _table(path: Path) -> dict[str, Any]:
 
 def _entry(data: Any) -> Entry:
     made = read(Entry, data)
-    if extra := unknown_keys(Entry, data):
+    if extra := unknown_keys(made, data):
         raise ValueError(f"{extra[0]}: no key of an entry")
     return made
 
