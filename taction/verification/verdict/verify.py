@@ -237,22 +237,12 @@ def verify(
     clock = Clock(progress)
     with clock.listening():
         design = design_board(scene, clock, problem=problem, circuit=circuit)
-        pending, ideal = begin_with_reference(design, clock, ideal=ideal)
+        clock.begin("simulation", remark=design.plan.remark)
+        pending = begin(design)
+        clock.begin("reference", beside="simulation")
+        ideal = ideal or ideal_answer(design.network, design.scene)
         evidence, recording = gather_evidence(design, ideal, pending, clock, effort)
         return judged(evidence, recording, ideal, clock, effort)
-
-
-def begin_with_reference(
-    design: PlannedBoard,
-    clock: Clock,
-    pending: Pending | None = None,
-    ideal: IdealAnswer | None = None,
-) -> tuple[Pending, IdealAnswer]:
-    """Start the simulation; solve the problem while it runs."""
-    clock.begin("simulation", remark=design.plan.remark)
-    pending = pending or begin(design)
-    clock.begin("reference", beside="simulation")
-    return pending, ideal or ideal_answer(design.network, design.scene)
 
 
 def gather_evidence(
