@@ -94,6 +94,7 @@ def test_a_node_that_nothing_holds(case: str) -> None:
 
 ACCEPTED = {
     "a resistor holds it": "I1 0 f 1e-6\nR9 f 0 1.0",
+    "a resistor holds it by its other end": "I1 0 f 1e-6\nR9 0 f 1.0",
     "a capacitor holds it": "I1 0 f 1e-6\nC9 f 0 1e-9",
     "its own conductance": "I1 0 f 1e-6\nG1 f 0 f 0 1e-3",
     "behavioural voltage": "I1 0 f 1e-6\nB1 f 0 V = v(out)",
