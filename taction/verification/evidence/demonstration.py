@@ -135,10 +135,10 @@ def _text(value: float, unit: str) -> str:
 
 
 def _figure(verdict: Verdict, name: str) -> float:
-    value = FIGURES[name].of(verdict)
+    value = FIGURES[name].figure(verdict).value
     if value is None:
         raise NoVerdictError(f"{verdict.scene.name} has no {name.replace('_', ' ')}")
-    return float(value)
+    return value
 
 
 def _works(verdict: Verdict) -> str:
