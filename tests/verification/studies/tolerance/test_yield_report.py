@@ -18,11 +18,12 @@ from taction.netlist_gen.board.variation import draw
 from taction.system.errors import InputError, NoVerdictError
 from taction.verification.studies.running.executors import local
 from taction.verification.studies.running.worker import Workers
-from taction.verification.studies.tolerance import varied_board, yield_report
+from taction.verification.studies.tolerance import yield_report
 from taction.verification.studies.tolerance.drawing import SampleCollection, run_samples
 from taction.verification.studies.tolerance.samples import BoardSample, evaluate
 from taction.verification.studies.tolerance.varied_board import VariedBoard, prepare
 from taction.verification.studies.tolerance.yield_report import interval, summarise_samples
+from taction.verification.verdict import verify_together
 from tests.support.running import taction as command
 from tests.support.studying import QUIET, one_thread, scene_file, small_scene, stored_samples
 from tests.support.sweeping import make_sample
@@ -148,7 +149,7 @@ def test_a_lost_worker_costs_its_sample_only() -> None:
 
 def test_a_bug_costs_its_sample_only(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = study()
-    monkeypatch.setattr(varied_board, "verify", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr(verify_together, "verify", lambda *_, **__: 1 / 0)
     with one_thread() as workers:
         samples = drawn(asked, 3, workers)
     assert {s.outcome for s in samples} == {"error"}
