@@ -75,7 +75,7 @@ NAMES = (
     "new",
     "quad",
     "paper-breadboard.toml",
-    "tuned-breadboard.toml",
+    "least-squares.toml",
     "custom-matrix.toml",
     "paper-exponential.toml",
     "paper-exponential-devices.toml",

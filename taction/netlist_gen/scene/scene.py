@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, PrivateAttr, model_validator
 
 from taction.netlist_gen.card import facts_card
+from taction.netlist_gen.scene.array_tables import DevicesTable, WiresTable
 from taction.netlist_gen.scene.checks import Checks, Regression, Tolerances, unitless_times
 from taction.netlist_gen.scene.design import Design, OpAmpChoice
-from taction.netlist_gen.scene.devices import DevicesTable
 from taction.netlist_gen.scene.fields import Model, Positive, Real, Seconds, SecondsOrAuto
 from taction.netlist_gen.scene.mistakes import placed, validated
 from taction.netlist_gen.scene.open_tables import NAMES, plugged, with_tables
@@ -21,7 +21,6 @@ from taction.netlist_gen.scene.problem import (
     TactileProblem,
     in_memory,
 )
-from taction.netlist_gen.scene.wires import WiresTable
 from taction.system.errors import Complaint, InputError, listed
 from taction.system.picture import plot
 from taction.system.plugins import cached

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.scene.devices import DevicesTable
+from taction.netlist_gen.scene.array_tables import DevicesTable
 from taction.netlist_gen.scene.questions import questions
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.errors import InputError

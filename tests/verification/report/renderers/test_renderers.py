@@ -1,4 +1,4 @@
-"""Every block and every kind of chart in every medium."""
+"""Every block and every kind of chart in every medium; no text of a picture over another one."""
 
 from __future__ import annotations
 
@@ -24,9 +24,11 @@ from taction.verification.report.blocks import Cell, Page, Section, Table
 from taction.verification.report.renderers import notebook, picture, picture_chart, plotly, terminal
 from taction.verification.report.renderers.figures import new_figure
 from taction.verification.report.renderers.page import FILES, page_html
+from taction.verification.report.renderers.picture import draw_page
 from tests.support.gallery import EVERYWHERE, charts, drawn_blocks, gallery
 from tests.support.printed import words_of
-from tests.support.text_boxes import cut_off, overlapping, texts_of
+from tests.support.report_pages import STUDIES, VERDICTS, page
+from tests.support.text_boxes import cut_off, figures, overlapping, texts_of
 
 CHARTS = charts()
 WIDTHS = (40, 60, 80, 100, 120, 160, 200)
@@ -241,3 +243,17 @@ def test_what_all_rows_share_is_said_once() -> None:
     assert [row[1].text for row in table.folded().rows] == ["0 s", "1 s", "2 s"]
     assert table.folded().note == "A note. In each row: outcome fail."
     assert Table("", table.columns, rows[:2]).folded().columns == table.columns
+
+
+WITHOUT = {"corners", "regress", "choose, none passes"}
+
+
+@pytest.mark.parametrize("name", [*VERDICTS, *sorted(STUDIES.keys() - WITHOUT)])
+def test_the_texts_of_a_picture_are_readable(name: str, tmp_path: Path) -> None:
+    with figures() as saved:
+        draw_page(page(name), str(tmp_path / "picture.png"))
+    (figure,) = saved
+    texts = texts_of(figure)
+    assert texts
+    assert overlapping(texts) == []
+    assert cut_off(figure, texts) == []

@@ -1,4 +1,4 @@
-"""What pages and pictures of studies show: margins, yields, maps, charts for Plotly."""
+"""What pages and pictures of studies show: margins, yields, maps, sentences, charts for Plotly."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from taction.netlist_gen.scene.axes import with_values
 from taction.system.charts import Cells, Chart, Columns, Limit, Text, thinned
 from taction.system.quantities import readable
 from taction.verification.report.blocks import PAGE, Bars, Block, Notes, Page, Table
+from taction.verification.report.renderers.figures import wrapped
 from taction.verification.report.renderers.picture import draw_page
 from taction.verification.report.renderers.plotly import plotly_spec, view_layout
 from taction.verification.report.renderers.terminal import shown
 from taction.verification.report.texts import figure
 from taction.verification.report.views import montecarlo
 from taction.verification.report.views.montecarlo import _edges
+from taction.verification.report.views.sweep import SHOWN, _worth
 from taction.verification.report.views.sweep_maps import Plane
 from taction.verification.studies.sweep.result import grids
 from taction.verification.studies.tolerance.yield_report import (
@@ -31,7 +33,7 @@ from taction.verification.studies.tolerance.yield_report import (
 from tests.support.making import make_scene
 from tests.support.printed import shown_at
 from tests.support.report_pages import STATESPACE, STUDIES, VERDICTS, page
-from tests.support.sweeping import make_sample
+from tests.support.sweeping import grid_plan, make_sample
 
 MARKED = "#123456"  # in the place of a colour of the style sheet
 
@@ -285,3 +287,51 @@ def test_a_study_without_samples_has_a_picture(tmp_path: Path) -> None:
     )
     draw_page(montecarlo.view(empty), tmp_path / "a.svg")
     assert (tmp_path / "a.svg").read_text().count("<path") > 5
+
+
+LISTS = ("opamp.base=ua741,op27", "C=10pF,20pF")
+NONE = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("growth", "sentence"),
+    [
+        ([[-1.0, -2.0], [-1.0, -3.0]], "Stability is the same at every point."),
+        ([[1.0, 2.0], [1.0, 3.0]], "Stability is the same at every point."),
+        ([[-1.0, 2.0], [-1.0, -3.0]], "Stable at some points, unstable at others"),
+        ([[-1.0, NONE], [-1.0, -3.0]], "Stability is the same where it is known."),
+    ],
+)
+def test_a_map_of_lists_says_whether_its_points_are_stable(
+    growth: list[list[float]], sentence: str
+) -> None:
+    assert sentence in Plane(grid_plan(*LISTS), np.array(growth)).note
+
+
+def test_the_boundary_is_where_the_growth_rate_passes_through_zero() -> None:
+    plan = grid_plan("C=10pF:30pF:2:lin", "gain=1k:2k:2:lin")
+    plane = Plane(plan, np.array([[3.0, 3.0], [-1.0, -1.0]]))
+    assert plane.edge is not None
+    assert plane.edge.x[:2] == pytest.approx([25e-12, 25e-12])
+    assert "interpolated between the points" in plane.note
+
+
+def test_missing_values_are_not_called_small() -> None:
+    data = {name: np.array([1.0, 2.0]) for name in SHOWN}
+    data |= {"overshoot": np.array([NONE, NONE]), "undershoot": np.array([1e-9, NONE])}
+    shown, lines = _worth(data)
+    assert set(SHOWN) - set(shown) == {"overshoot", "undershoot"}
+    assert lines == (
+        "No value at any point: overshoot.",
+        "Under 1 ppm of the step where it has one: undershoot.",
+    )
+
+
+@pytest.mark.parametrize("letters", range(30, 90, 7))
+def test_no_last_line_of_a_title_is_one_short_word(letters: int) -> None:
+    words = "The gain alone trades settling time against overshoot (R and C as they are)."
+    lines = wrapped(words, letters).splitlines()
+    lengths = list(map(len, lines))
+    assert " ".join(lines) == words
+    assert max(lengths) <= letters
+    assert len(lines) == 1 or min(lengths) > 0.4 * max(lengths)
