@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from taction.netlist_gen.deck.foreign_functions import check_functions, written
 from taction.netlist_gen.deck.foreign_lines import (
     LONGEST,
     MOST_CARDS,
@@ -239,10 +238,3 @@ def test_lengths_at_the_limit_are_read() -> None:
     assert logical_lines(card) == [Card(1, card)]
     with pytest.raises(InputError, match=r"line 1: 20,001 characters"):
         logical_lines(f"{card}1")
-
-
-def test_calls_of_functions_are_written_with_their_arguments() -> None:
-    text = "b1 a 0 v={f(1,g(2,3),(4))+v(a,b)*h()}"
-    functions = {"f": (["x", "y"], "x+2*y"), "h": ([""], "7")}
-    assert written(text, functions, 100) == "b1 a 0 v={[1+2*g[2;3]]+v[a;b]*[7]}"
-    check_functions([Card(1, ".func f(x) {2*x}"), Card(2, "r1 a b {f(f(f(1)))}")])

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from taction.netlist_gen.deck.foreign_lines import logical_lines
 from taction.netlist_gen.deck.linear_expressions import polynomial
 from taction.netlist_gen.deck.vendor_subcircuit import (
     flat_subcircuit,
@@ -112,11 +111,6 @@ def test_a_polynomial_has_the_order_of_spice2() -> None:
     assert found == pytest.approx(1 + 2 * x + 3 * y + 4 * x * x + 5 * x * y + 6 * y * y)
     assert polynomial(["i(v1)"], [2.0]) == "2.0*i(v1)"
     assert polynomial(["i(v1)"], [0.0, 0.0, 0.0, 4.0]) == "4.0*i(v1)*i(v1)*i(v1)"
-
-
-def test_logical_lines_join_continuations() -> None:
-    lines = logical_lines(b"R1 a b\r\n*c\r\n+ 1K\r\n\r\nC1 a b 1n\n")
-    assert [(line.number, line.text) for line in lines] == [(1, "r1 a b 1k"), (5, "c1 a b 1n")]
 
 
 EVERY_CARD = """
