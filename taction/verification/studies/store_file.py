@@ -11,11 +11,6 @@ from taction.system.errors import Complaint, InputError, OutOfDisk
 
 PATIENCE = 60.0  # s to wait for another process that has locked the file
 ACCEPTED = "expected a database of `taction sweep` or `montecarlo`, or the name of a new file"
-_LINES = b'{"kind": "taction samples'  # beginning of a file of samples by older versions
-_OLD_SAMPLES = (
-    "the samples are lines of JSON, written by an older taction; this taction cannot read them."
-    " Give another name to draw the samples again, or use the taction that wrote them"
-)
 CORRUPT = (
     "the database is damaged and was not changed; `sqlite3 FILE .recover` may save its points;"
     " start anew with another name"
@@ -49,9 +44,9 @@ def check_database(path: str) -> None:
         raise unusable(path, f"not a regular file; {ACCEPTED}")
     head = b""
     with suppress(OSError), Path(path).open("rb") as file:  # SQLite says why it cannot be read
-        head = file.read(max(len(_HEAD), len(_LINES)))
-    if head and not head.startswith(_HEAD):
-        raise unusable(path, _OLD_SAMPLES if head.startswith(_LINES) else _NOT_A_DATABASE)
+        head = file.read(len(_HEAD))
+    if head and head != _HEAD:
+        raise unusable(path, _NOT_A_DATABASE)
 
 
 @contextmanager

