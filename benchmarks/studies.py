@@ -1,18 +1,13 @@
-"""What studies cost: a point, the sweep of the README beside bare ngspice, the search for changes.
+"""What studies cost: a point, the sweep of the README, the search for changes.
 
 A point of a study is the wall time that 120 further points add to a `sweep` by the state-space
 engine in one process; its baseline is `numpy.linalg.eig` of a random matrix of the board's size.
-xargs only simulates the decks of the sweep; the sweep has poles, measurements, checks and the
-comparison of engines at every point besides, and stores them.
 """
 
 from __future__ import annotations
 
-import os
 import statistics
-import subprocess
 import tempfile
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -28,20 +23,14 @@ from benchmarks.measuring import (
     in_seconds,
     in_turns,
     processor,
-    processor_seconds,
     ratios,
     taction,
 )
 from taction.netlist_gen.board.synthesis import synthesise
-from taction.netlist_gen.deck.deck import write_deck
-from taction.netlist_gen.scene.axes import points, with_values
+from taction.netlist_gen.scene.axes import with_values
 from taction.netlist_gen.scene.loading import load_scene
-from taction.system.progress import Clock
 from taction.verification.design.remedies import find_remedies
-from taction.verification.engines.ngspice.executable import environment, find_simulator
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.studies.sweep.plan import plan_sweep
-from taction.verification.verdict.design import design_board
 from taction.verification.verdict.verify import verify
 
 STUDIED = {
@@ -51,7 +40,6 @@ STUDIED = {
 }
 POINT = 4.0  # wanted: a point over an eigenvalue decomposition
 ENGINES = {"ngspice": 22.0, "statespace": 8.0}  # wanted seconds of the README's sweep, two cores
-XARGS = 1.0  # wanted: time of xargs over that of the sweep by state space
 CHANGES = 3.0  # s, wanted of a search for changes
 FAILING = [
     (C, gain) for C in ("5pF", "8pF", "200pF", "1nF") for gain in ("1Mohm", "6Mohm", "20Mohm")
@@ -96,53 +84,22 @@ def of_a_point(name: str, count: int, rounds: int) -> Figure:
 
 
 def of_the_readme(rows: int, columns: int) -> list[Figure]:
-    """Sweep by each engine, and run the same decks by xargs."""
+    """Sweep by each engine."""
     over = (f"C=10pF:10nF:{rows}", f"gain=20k:400k:{columns}")  # those of the README
     with tempfile.TemporaryDirectory() as place:
-        scene, decks = Path(place) / "board.toml", Path(place) / "decks"
+        scene = Path(place) / "board.toml"
         taction("new", str(scene))
-        write_decks(scene, over, decks)
         jobs: dict[str, Callable[[], Cost]] = {
             IMPORTS: imports,
-            "xargs": partial(by_xargs, decks),
             **{engine: partial(by_command, scene, over, engine) for engine in ENGINES},
         }
         found = in_turns(jobs, 1, warm=False)
     wall = {name: [cost.wall for cost in costs] for name, costs in found.items()}
-    sweep = f"sweep of {rows} x {columns} points"
-    figures = [
-        in_seconds(f"{sweep}, {engine}", wall[engine], wall[IMPORTS], wanted)
+    what = f"sweep of {rows} x {columns} points"
+    return [
+        in_seconds(f"{what}, {engine}", wall[engine], wall[IMPORTS], wanted)
         for engine, wanted in ENGINES.items()
     ]
-    beside = ratios(wall["statespace"], wall["xargs"])
-    return [*figures, Figure(f"{sweep}, statespace", "xargs -P 2 ngspice -b", beside, XARGS)]
-
-
-def write_decks(file: Path, over: tuple[str, ...], folder: Path) -> None:
-    """Write the deck of every point of the sweep into a folder of its own."""
-    plan = plan_sweep(file, over, "ngspice", fix=("lambda",))
-    for k, values in enumerate(points(plan.groups)):
-        scene = with_values(plan.scene, values).with_engine("ngspice")
-        design = design_board(scene, Clock(lambda stage: None))
-        place = folder / f"{k:04}"
-        place.mkdir(parents=True)
-        deck = write_deck(design.circuit, design.transient, solver=find_simulator().solver_option)
-        (place / "deck.cir").write_text(deck.text)
-        (place / "spinit").write_text("* none\n")
-
-
-def by_xargs(folder: Path) -> Cost:
-    """Cost of ``xargs -P 2 ngspice -b`` over the decks."""
-    places = sorted(deck.parent for deck in folder.glob("*/deck.cir"))
-    run = f'cd "$0" && HOME=$0 SPICE_SCRIPTS=$0 {find_simulator().executable} -b -n -r out.raw'
-    words = ["xargs", "-P", "2", "-n", "1", "sh", "-c", f"{run} deck.cir >log 2>&1"]
-    text = "".join(f"{place}\n" for place in places)
-    before, begun = processor_seconds(), time.perf_counter()
-    more = environment(folder) | {"PATH": os.environ["PATH"]}
-    subprocess.run(words, input=text, text=True, check=True, env=more)
-    cost = Cost(time.perf_counter() - begun, processor_seconds() - before, 0.0)
-    assert all((place / "out.raw").stat().st_size > 1000 for place in places)
-    return cost
 
 
 def changes(failing: list[tuple[str, str]]) -> Figure:
