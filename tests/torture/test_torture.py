@@ -89,9 +89,9 @@ def strike(
     time.sleep(wait)
     while process.poll() is None:
         found = list(processes(folder, process.pid))
-        victims = [p for p in found if victim in ("tree", p.kind)][
-            : None if victim == "tree" else 1
-        ]
+        kind = "ngspice" if victim == "tree" else victim  # of a tree all, while ngspice runs
+        victims = [each for each in found if each.kind == kind][:1]
+        victims = found if victims and victim == "tree" else victims
         if victims and (signals[0] != "SIGINT" or handles(process.pid, signal.SIGTERM)):
             for number, name in enumerate(signals):
                 time.sleep(0.05 * number)
