@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taction.netlist_gen.board.parts import Resistor
+from taction.netlist_gen.board.circuit import Output
+from taction.netlist_gen.board.parts import CurrentSource, OpAmpCell, Resistor
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.open_tables import OPAMPS
-from taction.spice_models.opamp import KNEE
+from taction.spice_models.opamp import KNEE, OpAmp
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.amplifier_gains import GAINS, gain_of
 from taction.verification.engines.statespace.equations.stamps import stamp
@@ -24,9 +25,17 @@ from taction.verification.engines.statespace.linearised.equilibrium import (
     rounding,
 )
 from taction.verification.engines.statespace.linearised.loop_newton import solve_loop
-from tests.support.boards import IDEAL, board, kernel, paper_board, single_mode, strain, two_pole
+from tests.support.boards import (
+    IDEAL,
+    bare,
+    board,
+    kernel,
+    paper_board,
+    single_mode,
+    strain,
+    two_pole,
+)
 from tests.support.making import make_scene
-from tests.support.opamp_bench import OUT, Bench
 
 
 def test_the_single_mode_divides_by_its_loop_gain() -> None:
@@ -147,20 +156,31 @@ LAM, U0 = 0.2, 0.5
 LIMITED = replace(OPAMPS["ua741"], large_signal=True)
 
 
+def open_loop(opamp: OpAmp, drive: float, load: float = 1e15) -> float:
+    """Return where an op-amp at ±15 V rests without feedback, V, driven by `drive` V."""
+    circuit = bare(
+        models={"op": opamp},
+        opamps=(OpAmpCell("one", "op", "in", "0", "out"),),
+        resistors=(Resistor("source", "in", "0", 1.0), Resistor("load", "out", "0", load)),
+        currents=(CurrentSource("step", "in", drive),),
+        outputs=(Output("out", 1.0),),
+    )
+    return LinearBoard(replace(circuit, supply=15.0)).equilibrium["out"]
+
+
 @pytest.mark.parametrize("drive", [-2.0, -0.05, 0.05, 0.3])
 def test_an_open_loop_rests_at_its_swing(drive: float) -> None:
     # the clamp draws what the input stage gives: tanh((x - 14)/d) + tanh((x + 14)/d) = tanh(v/V)
     drawn = math.tanh(abs(drive) / LIMITED.input_range)
     expected = 14.0 + 14.0 / KNEE * math.atanh(drawn - 1.0)
-    board = LinearBoard(Bench(LIMITED, 15.0, follower=False, step=drive).circuit)
-    assert board.equilibrium[OUT] == pytest.approx(math.copysign(expected, drive), rel=1e-4)
+    rest = open_loop(LIMITED, drive)
+    assert rest == pytest.approx(math.copysign(expected, drive), rel=1e-4)
 
 
 def test_a_short_circuit_takes_the_largest_current() -> None:
     # 14 V at the first pole, 75 ohm, and a drop of 15 V softplus(100 (i / 25 mA - 1))
     opamp = replace(LIMITED, limits_current=True)
-    board = LinearBoard(Bench(opamp, 15.0, follower=False, step=1.0, load=1e-3).circuit)
-    amps = board.equilibrium[OUT] / 1e-3
+    amps = open_loop(opamp, 1.0, 1e-3) / 1e-3
     beyond = math.log(math.expm1((14.0 - 75.0 * amps) / 15.0)) / 100.0
     assert amps == pytest.approx(25e-3 * (1.0 + beyond), rel=1e-5)
 
