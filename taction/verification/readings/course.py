@@ -124,8 +124,9 @@ class Courses:
         """Return the terms with shares of 1 at `times` (Q,), (m, Q)."""
         basis: Complexes = np.exp(self._poles[:, board] * times)
         for k in range(1, self._highest + 1):
-            grown = self._scales[:, board] * times / k
-            basis *= np.where(self._powers[:, board] >= k, grown, 1.0)
+            rows = np.flatnonzero((self._powers >= k).any(axis=1))
+            grown = self._scales[np.ix_(rows, board)] * times / k
+            basis[rows] *= np.where(self._powers[np.ix_(rows, board)] >= k, grown, 1.0)
         return basis
 
     @property

@@ -19,7 +19,6 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.system.reading_definitions import FAINT, FOUND, SETTLING_BAND
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.modes import find_share_errors
 from taction.verification.engines.statespace.linearised.time_scales import RINGS
 from taction.verification.engines.statespace.transients.exact import Exact, exact_solution
 from taction.verification.readings.course import Course
@@ -146,7 +145,6 @@ def measure_responses(responses: Sequence[ExactResponse]) -> list[Measurements]:
 
 def _measured(responses: Sequence[ExactResponse]) -> list[Measurements]:
     """Measure boards with equally many channels."""
-    find_share_errors([each.board.state_space.modes for each in responses])
     count, steps = len(responses[0].target), [response.step for response in responses]
     signal = ExactSignal(*(response.course for response in responses))
     start = np.concatenate([step.start for step in steps])

@@ -180,8 +180,7 @@ class StepModel:
         board = board.coarse if coarse else board
         space, equations = board.state_space, board.descriptor
         C, _ = space.rows(equations.names)
-        deviation = space.state_of(initial_unknowns(board, initial))
-        deviation -= space.state_of(board.equilibrium.values)
+        deviation = initial_unknowns(board, initial) - board.equilibrium.values
         poles, modes = _modes(space, C, deviation)
         if coarse and stable:
             poles = -np.abs(poles.real) + 1j * poles.imag

@@ -1,112 +1,240 @@
-"""Modes of ``x' = A x + b``: eigenvalues with left and right vectors, and their errors."""
+"""Modes of a board: its poles, with right and left vectors, and bounds on what is wrong with them.
+
+The equations ``M z' = K z + b`` have n poles. For any n right vectors V, left vectors W and a
+matrix T, take the residual R and the correction F::
+
+    R = M V T - K V,    F = (W M V)^-1 W R.
+
+Theorem: if the columns of V satisfy the equations that have no charge, ``z = V y`` turns the
+equations into ``y' = (T - F) y + (W M V)^-1 W b``. So the poles of the board are those of
+``T - F``, and its step response is ``V exp((T - F) t) y(0)``, however V, W and T were found.
+
+T is diagonal, with a triangular part for each group of nearly parallel modes. The diagonal of F
+corrects the poles; the rest of F, and the rounding E of all these products (relative to the sizes
+of the terms in M and K as they were stamped, `reduction.ROUNDED`), are couplings between modes:
+
+- a pole errs by its own coupling, and by products of two over its distance to other poles
+  (`pole_errors`: Gershgorin's discs and resolvents);
+- the response errs by ``V_j E_ji y_i`` times the divided difference of the two exponentials, which
+  is at most the time t times the slower one, and at most the sum of both over the distance of the
+  poles (`ModeShares.errors`, to first order for modes that are near one another).
+
+Sources: G. W. Stewart and J.-G. Sun, Matrix Perturbation Theory, 1990, chapters IV to VI (residual
+bounds, Gershgorin for pencils); T. Kato, Perturbation Theory for Linear Operators, 1966, chapter II
+(resolvents, groups of eigenvalues).
+"""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taction.system.array_types import Bools, Complexes, Floats, Ints
-from taction.verification.engines.statespace.equations.alike import of_one_kind
 from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
-from taction.verification.engines.statespace.linearised.block import (
-    SHARING,
-    Block,
-    BlockShares,
-    compute_together,
+from taction.verification.engines.statespace.linearised.block_modes import (
+    BlockModes,
+    Group,
+    find_block_modes,
+    newton_step,
 )
-from taction.verification.engines.statespace.linearised.decomposition import decompose_blocks
-from taction.verification.engines.statespace.linearised.real_modes import Joined, both
+from taction.verification.engines.statespace.linearised.pole_errors import pole_errors
+from taction.verification.engines.statespace.linearised.reduction import (
+    ROUNDED,
+    Pencil,
+    Reduced,
+    reduce_together,
+)
+
+CERTAIN = 0.2  # row sum of the couplings over distances, from which no bound is stated
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """``A = right (diag(poles) + couplings within blocks) left`` with ``left right = 1``.
+    """``A = right (diag(poles) + couplings within groups) left`` with ``left right = 1``.
 
-    `blocks` are the modes of the blocks along the diagonal of A; `poles` are the eigenvalues, 1/s,
-    rightmost first.
+    `blocks` are those along the diagonal of A; `poles` are the eigenvalues, 1/s, rightmost first,
+    which the places `order` among all blocks' have.
     """
 
-    blocks: tuple[Block, ...]
+    blocks: tuple[BlockModes, ...]
     poles: Complexes
     order: Ints
+
+    @classmethod
+    def of(cls, blocks: Iterable[BlockModes]) -> Modes:
+        """Return the modes of all blocks."""
+        found = tuple(blocks)
+        poles = np.concatenate([block.poles for block in found])
+        order = np.lexsort((-poles.imag, -poles.real))
+        return cls(found, poles[order], order)
+
+    @property
+    def refined(self) -> Modes:
+        """The same one Newton step later: vectors in which A is diagonal but for rounding."""
+        return Modes.of(map(newton_step, self.blocks)) if np.isfinite(self.defect) else self
 
     @functools.cached_property
     def right(self) -> Complexes:
         """Basis vectors as columns, (n, n): eigenvectors where `alone`."""
-        return block_diagonal([block.columns() for block in self.blocks])[:, self.order]
+        return block_diagonal([block.X for block in self.blocks])[:, self.order]
 
     @functools.cached_property
     def left(self) -> Complexes:
         """Dual vectors as rows, (n, n)."""
-        return block_diagonal([block.rows() for block in self.blocks])[self.order]
+        return block_diagonal([block.left for block in self.blocks])[self.order]
 
-    def corrected(self, shifts: Complexes, between: Floats) -> Modes:
-        """Return the modes of one block with poles moved by `shifts` (n,), 1/s.
-
-        Then `between` (n, n), 1/s, are bounds on what is left between each two of them.
-        """
-        (block,) = self.blocks
-        measured, moved = np.empty_like(between), np.empty_like(shifts)
-        measured[np.ix_(self.order, self.order)] = between
-        moved[self.order] = shifts
-        moved = moved[: len(block.kept)]
-        moved[: block.real].imag = 0.0
-        return _ordered((replace(block, kept=block.kept + moved, measured=measured),))
-
-    @property
+    @functools.cached_property
     def defect(self) -> float:
-        """Largest element of ``left right - 1``; infinite where the modes are defective."""
-        return max(float(block.defect) for block in self.blocks)
+        """Largest element of ``left right - 1``; infinite where the vectors are no basis."""
+        if not all(block.is_known for block in self.blocks):
+            return np.inf
+        return max(_off(block.left @ block.X) for block in self.blocks)
+
+    def _ordered(self, found: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate(list(found), axis=-1)[..., self.order]
 
     @functools.cached_property
     def alone(self) -> Bools:
         """Whether each mode has a direction of its own, (n,)."""
-        return np.concatenate([block.alone for block in self.blocks])[self.order]
+        return self._ordered(block.alone for block in self.blocks)
 
     @functools.cached_property
     def mates(self) -> Ints:
-        """Place of the complex conjugate of each mode, its own of a real one, (n,)."""
-        places: list[Ints] = []
-        for block in self.blocks:
-            count = len(block.kept)
-            own, first = np.arange(len(block.right)), sum(map(len, places))
-            twins = np.concatenate([own[: block.real], own[count:], own[block.real : count]])
-            places.append(first + twins)
-        inverse = np.empty_like(self.order)
-        inverse[self.order] = np.arange(len(inverse))
-        return inverse[np.concatenate(places)[self.order]]
+        """Place of the complex conjugate of each mode that is alone, (n,)."""
+        begins = np.cumsum([0, *(len(block.T) for block in self.blocks)])
+        pairs = zip(self.blocks, begins.tolist(), strict=False)
+        places = self._ordered(begin + np.maximum(block.mates, 0) for block, begin in pairs)
+        return np.asarray(np.argsort(self.order)[places])
 
     @property
     def centres(self) -> Complexes:
-        """Poles, and for joined modes their common centre, 1/s, (n,)."""
-        parts = [both(block.kept, block.real) for block in self.blocks]
-        return np.concatenate(parts)[self.order]
+        """Poles, and for those of a group its centre, 1/s, (n,)."""
+        return self._ordered(_placed(b, b.poles, lambda group: group.centre) for b in self.blocks)
 
     @functools.cached_property
     def rates(self) -> Floats:
         """Rate of the envelope of each mode, 1/s, (n,)."""
-        return np.concatenate([block.rates for block in self.blocks])[self.order]
+        return self._ordered(_rates(block) for block in self.blocks)
 
     @functools.cached_property
     def pole_errors(self) -> Floats:
-        """Bound on the rounding error of each pole, 1/s, (n,)."""
-        return np.concatenate([block.pole_errors for block in self.blocks])[self.order]
+        """Bound on the error of each pole, 1/s, (n,)."""
+        return self._ordered(pole_errors(block) for block in self.blocks)
 
-    def shares(self, C: Floats, deviation: Floats) -> ModeShares:
-        """Return the shares of the modes in the rows of ``C x`` for ``x(0) = deviation``."""
-        ends = np.cumsum([len(block.right) for block in self.blocks])[:-1]
-        rows, parts = np.split(C, ends, axis=1), np.split(deviation, ends)
-        blocks = zip(self.blocks, rows, parts, strict=True)
-        found = tuple(block.shares(some, part) for block, some, part in blocks)
-        return ModeShares(found, self.order, deviation)
+    def shares(self, C: Floats, deviation: Floats, doubt: Floats | None = None) -> ModeShares:
+        """Return the shares of the modes in the rows of ``C x`` (K, n) for a start.
+
+        `deviation` (size,) are all unknowns at the start, less those at rest, V; `doubt` (K, n) is
+        a bound on what the rows miss of each mode, by default nothing.
+        """
+        ends = np.cumsum([len(block.T) for block in self.blocks])[:-1]
+        missed = np.zeros(C.shape) if doubt is None else doubt[:, np.argsort(self.order)]
+        rows, doubts = (np.split(each, ends, axis=1) for each in (C, missed))
+        parts = zip(self.blocks, rows, doubts, strict=True)
+        shares = tuple(BlockShares.of(*part, deviation) for part in parts)
+        return ModeShares(shares, self.order)
+
+    @functools.cached_property
+    def unseen(self) -> Floats:
+        """Bound on the error of each mode in each of all unknowns, (size, n)."""
+        return self._ordered(
+            np.abs(block.reduced.pencil.basis) @ block.unseen for block in self.blocks
+        )
 
 
-@dataclass(frozen=True, eq=False)
+def _off(product: Complexes) -> float:
+    off = np.abs(product - np.eye(len(product))).max(initial=0.0)
+    return float(off) if np.isfinite(off) else np.inf
+
+
+def _placed(block: BlockModes, values: NDArray[Any], of: Any) -> NDArray[Any]:
+    """Return values of modes with those of its group for each that is not alone."""
+    found = values.copy()
+    for group in block.groups:
+        found[group.members] = of(group)
+    return found
+
+
+def _rates(block: BlockModes) -> Floats:
+    return _placed(block, block.poles.real, lambda group: group.centre.real + group.scale)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockShares:
+    """The shares of a block's modes in rows of ``C x``: ``seen * dual``.
+
+    Attributes
+    ----------
+    seen, doubt : ndarray (K, n)
+        ``C right``, and a bound on its error.
+    dual, unsure : ndarray (n,)
+        ``W M`` times the deviation at the start, and a bound on its error.
+    terms : ndarray (K, n)
+        Sizes of the sums in the shares.
+    """
+
+    block: BlockModes
+    seen: Complexes
+    doubt: Floats
+    dual: Complexes
+    unsure: Floats
+    terms: Floats
+
+    @classmethod
+    def of(cls, block: BlockModes, C: Floats, doubt: Floats, deviation: Floats) -> BlockShares:
+        """Return the shares for rows C (K, n) and the deviation of all unknowns (size,)."""
+        pencil = block.reduced.pencil
+        with np.errstate(invalid="ignore", over="ignore"):
+            dual = block.W @ (pencil.charges @ deviation)
+            sizes = np.abs(block.W) @ (pencil.charge_sizes @ np.abs(deviation))
+            unsure = ROUNDED * sizes + 2.0 * block.mixed @ np.abs(dual)
+            terms = (np.abs(C) @ np.abs(block.X)) * sizes
+        return cls(block, C @ block.X, doubt, dual, unsure, terms)
+
+    def _grown(self, sizes: Floats, *, transposed: bool) -> Floats:
+        """Bound factors (..., n) of the shares at any time, over ``exp(rates t)``."""
+        for group in self.block.groups:
+            factor = group.growth if transposed else group.growth.T
+            sizes[..., group.members] = sizes[..., group.members] @ factor
+        return sizes
+
+    @property
+    def heights(self) -> Floats:
+        """Height of each mode's envelope in each row, (K, n)."""
+        return np.asarray(np.abs(self.seen) * self._grown(np.abs(self.dual), transposed=False))
+
+    @property
+    def errors(self) -> tuple[Floats, Floats]:
+        """Bounds a, b (K, n) on the error of ``C x`` by mode i; see `ModeShares.errors`."""
+        block = self.block
+        s, E, rates = block.poles, block.coupling, _rates(block)
+        if not block.is_known:
+            unknown = np.full(self.seen.shape, np.inf)
+            return unknown, unknown
+        strong = ~(block.alone[:, None] & block.alone)
+        gap = np.abs(np.where(strong, rates[:, None] - rates, s[:, None] - s))
+        near = gap <= np.minimum(np.abs(rates)[:, None], np.abs(rates))
+        apart = np.where(near, 0.0, E / np.where(near, 1.0, gap))
+        weight = np.sqrt(np.maximum(np.abs(s), 1e-30))
+        nu = float((apart @ (1.0 / weight) * weight).max(initial=0.0))
+        more = 1.0 / (1.0 - 4.0 * nu) if nu < CERTAIN else np.inf  # of higher orders
+        seen = self._grown(np.abs(self.seen) + self.doubt, transposed=True)
+        dual = self._grown(np.abs(self.dual) + self.unsure, transposed=False)
+        close = np.where(near, E, 0.0)
+        np.fill_diagonal(close, 0.5 * np.diag(E))  # it counts once
+        lag, vague = ((seen @ X) * dual + seen * (X @ dual) for X in (more * close, more * apart))
+        own = self._grown(np.abs(self.seen), transposed=True)
+        missed = self._grown(self.doubt.copy(), transposed=True)
+        vague += own * self._grown(self.unsure.copy(), transposed=False) + missed * dual
+        return lag, vague
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ModeShares:
     """The shares of the modes in the rows (K,) of ``C x``, the rightmost mode first.
 
@@ -116,13 +244,10 @@ class ModeShares:
         Those of each block.
     order : ndarray (n,)
         Places of the modes of the blocks, rightmost first.
-    deviation : ndarray (n,)
-        The states at t = 0.
     """
 
     parts: tuple[BlockShares, ...]
     order: Ints
-    deviation: Floats
 
     def _ordered(self, found: Iterable[NDArray[Any]]) -> NDArray[Any]:
         return np.concatenate(list(found), axis=1)[:, self.order]
@@ -133,114 +258,58 @@ class ModeShares:
 
         ``C x(t) = sum_i amplitudes[:, i] exp(poles[i] t)`` where every mode is alone.
         """
-        return self._ordered(part.values for part in self.parts)
+        return self._ordered(part.seen * part.dual for part in self.parts)
 
     @property
     def heights(self) -> Floats:
         """Height of each mode's envelope in each row, (K, n)."""
-        return self._ordered(np.abs(part.seen) * part.bounds[1] for part in self.parts)
+        return self._ordered(part.heights for part in self.parts)
 
     @property
     def terms(self) -> Floats:
-        """Sizes of the sums in `amplitudes`: ``|C right| |left| |deviation|``, (K, n)."""
-        size = np.abs(self.deviation)
-        sizes = np.split(size, np.cumsum([len(part.dual) for part in self.parts])[:-1])
-        for each in sizes[1:]:  # of the odd part of a board: a difference of what the even one adds
-            np.maximum(each, sizes[0][: len(each)], out=each)
-        pairs = zip(self.parts, sizes, strict=True)
-        return self._ordered(part.terms(each) for part, each in pairs)
+        """Sizes of the sums in `amplitudes`, (K, n)."""
+        return self._ordered(part.terms for part in self.parts)
 
     @property
     def errors(self) -> tuple[Floats, Floats]:
-        """Bounds on the error of each mode's part of a row, (K, n); see `BlockShares.errors`."""
+        """Bounds a, b (K, n) on the error of each mode's part of a row.
+
+        The error is at most ``sum_i (a_i t + b_i) exp(rates_i t)``: couplings of modes that are
+        near one another grow with the time, others are divided by their distance.
+        """
         lag, vague = map(self._ordered, zip(*(part.errors for part in self.parts), strict=True))
         return lag, vague
 
-    def joined(self) -> Iterator[tuple[complex, Joined, Complexes, Complexes]]:
-        """Yield the centre of joined modes, the modes, ``C right`` and ``left deviation``.
-
-        One of each conjugate pair, with twice its share.
-        """
+    def grouped(self) -> Iterator[tuple[Group, Complexes, Complexes]]:
+        """Yield each group of modes, their columns of ``C right`` and their duals."""
         for part in self.parts:
-            for each in part.block.joined:
-                at, twice = each.members, 1.0 + (each.members[0] >= part.block.real)
-                yield part.block.centre(each), each, twice * part.seen[:, at], part.dual[at]
+            for group in part.block.groups:
+                yield group, part.seen[:, group.members], part.dual[group.members]
 
 
-class Decomposable(NamedTuple):
-    """The blocks of a matrix to decompose, (n, n) each, 1/s.
-
-    `sizes` are those of `Block`, by default of the elements themselves.
-    """
-
-    matrices: Sequence[Floats]
-    sizes: Sequence[Floats] | None = None
-
-    @property
-    def rounded(self) -> list[Floats]:
-        """The sizes to which the rounding of the elements of each part is relative, (2, n, n)."""
-        if self.sizes is None:
-            return [np.stack([np.abs(A), 0.0 * A]) for A in self.matrices]
-        return list(self.sizes)
-
-
-def decompose_together(wanted: Sequence[Decomposable]) -> list[Modes]:
-    """Decompose matrices, one dense eigenproblem (about 25 n³ flops) each.
-
-    Blocks of one size are decomposed as a stack; each has the same digits beside others as alone.
+def find_modes(blocks: Sequence[Reduced]) -> Modes:
+    """Return the modes of reduced equations, one dense eigenproblem (25 n³ flops) a block.
 
     Raises
     ------
     LinAlgError
         A matrix is not finite.
+    """
+    return Modes.of([find_block_modes(block) for block in blocks])
+
+
+def decompose(*matrices: Floats) -> Modes:
+    """Return the modes of ``x' = A x``, given the blocks along the diagonal of A, 1/s.
 
     Examples
     --------
-    >>> matrices = np.diag([-2.0, -1.0]), -3.0 * np.eye(1)
-    >>> one, other = decompose_together([Decomposable([each]) for each in matrices])
-    >>> one.poles.real.tolist(), other.poles.real.tolist()
-    ([-1.0, -2.0], [-3.0])
+    >>> decompose(np.diag([-2.0, -1.0]), -3.0 * np.eye(1)).poles.real.tolist()
+    [-1.0, -2.0, -3.0]
     """
-    sizes = [each.rounded for each in wanted]
-    lengths = {
-        (place, part): len(matrix)
-        for place, each in enumerate(wanted)
-        for part, matrix in enumerate(each.matrices)
-    }
-    found: dict[tuple[int, int], Block] = {}
-    for same in of_one_kind(lengths):
-        A, size = (
-            of[0][None] if len(same) == 1 else np.stack(of)
-            for of in (
-                [wanted[place].matrices[part] for place, part in same],
-                [sizes[place][part] for place, part in same],
-            )
-        )
-        found.update(zip(same, decompose_blocks(A, size), strict=True))
-    modes = list[Modes]()
-    for place, each in enumerate(wanted):
-        blocks = tuple(found[place, part] for part in range(len(each.matrices)))
-        modes.append(_ordered(blocks))
-    return modes
-
-
-def _ordered(blocks: tuple[Block, ...]) -> Modes:
-    poles = np.concatenate([block.poles for block in blocks])
-    order = np.lexsort((-poles.imag, -poles.real))
-    return Modes(blocks, poles[order], order)
-
-
-def find_pole_errors(several: Sequence[Modes]) -> None:
-    """Compute the errors of the poles of several matrices, those of one size as a stack."""
-    compute_together([block for modes in several for block in modes.blocks], ["pole_errors"])
-
-
-def find_share_errors(several: Sequence[Modes]) -> None:
-    """Compute what the errors of their shares need, of matrices of one size as a stack."""
-    compute_together([block for modes in several for block in modes.blocks], SHARING)
-
-
-def decompose(matrices: Sequence[Floats], sizes: Sequence[Floats] | None = None) -> Modes:
-    """Decompose one matrix, given its blocks, (n, n) each; see `decompose_together`."""
-    (modes,) = decompose_together([Decomposable(matrices, sizes)])
-    return modes
+    size, begin, blocks = sum(map(len, matrices)), 0, list[Reduced]()
+    for A in matrices:
+        one, places = np.eye(len(A)), np.arange(begin, begin := begin + len(A))
+        basis = np.eye(size)[:, places]
+        parts = one, A, np.zeros((len(A), 1)), one, np.abs(A), basis, basis.T
+        blocks += reduce_together(Pencil(*(each[None] for each in parts)), [])
+    return find_modes(blocks)

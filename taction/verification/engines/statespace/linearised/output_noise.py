@@ -43,9 +43,8 @@ from taction.verification.engines.statespace.equations.cell_stamps import (
 )
 from taction.verification.engines.statespace.equations.descriptor import Descriptor
 from taction.verification.engines.statespace.equations.mirror_symmetry import block_diagonal
-from taction.verification.engines.statespace.linearised.block import UNITS
 from taction.verification.engines.statespace.linearised.board import LinearBoard
-from taction.verification.engines.statespace.linearised.decomposition import balance
+from taction.verification.engines.statespace.linearised.reduction import ROUNDED
 from taction.verification.engines.statespace.linearised.state_space import StateSpace, driven
 
 
@@ -135,6 +134,7 @@ DIRECT = 1e-9  # of the variance: direct noise in the band of the board that cou
 MOST = 1200  # unknowns: some seconds, in which the dense matrices are decomposed
 FEW = 12  # states of which a linear system of all elements of P is inverted
 REFINED = 3  # solutions: the first, and its refinements
+BALANCING = 8  # sweeps
 SOURCES = 2  # columns of the equations of a board before those of the noise
 
 
@@ -254,6 +254,18 @@ def _variance(
     return variance, float(reach @ remainder @ reach + abs(variance.sum() - np.sum(Q * Y)) + doubt)
 
 
+def balance(A: Floats) -> Floats:
+    """Return sizes of the states, (n,), in which rows and columns of A are about equally large."""
+    scale, size = np.ones(len(A)), np.abs(A)
+    np.fill_diagonal(size, 0.0)
+    for _ in range(BALANCING):
+        rows, columns = (size @ scale) / scale, scale * ((1.0 / scale) @ size)
+        filled = (rows > 0.0) & (columns > 0.0)
+        ratio = np.where(filled, rows, 1.0) / np.where(filled, columns, 1.0)
+        scale *= ratio**0.25
+    return np.asarray(np.exp2(np.round(np.log2(scale))))
+
+
 class _Lyapunov:
     """Solver of ``A P + P A^T = -Q``, with refinement.
 
@@ -296,13 +308,16 @@ class _Lyapunov:
 
 def _sizes(space: StateSpace) -> Floats:
     """Return the sizes of the terms of A, and of the charges that a unit of ``x'`` moves."""
-    parts = zip(*(block.size for block in space.blocks), strict=True)
-    return np.stack([block_diagonal(each) for each in parts])
+    parts = []
+    for block in space.blocks:
+        pencil, L, seen = block.pencil, np.abs(block.left), np.abs(block.seen)
+        parts.append((L @ pencil.pull @ seen, L @ pencil.mass @ seen))
+    return np.stack([block_diagonal(each) for each in zip(*parts, strict=True)])
 
 
 def _remainder(A: Floats, P: Floats, Q: Floats, sizes: Floats) -> Floats:
     """Return bounds on the elements of ``A P + P A^T + Q``, with the rounding of A, P and Q."""
     product, size = A @ P, np.abs(A) @ np.abs(P)
     rounding = len(A) * EPS * (size + size.T + np.abs(Q))
-    stamped = UNITS * EPS * (sizes[0] @ np.abs(P) + sizes[1] @ np.abs(product))
+    stamped = ROUNDED * (sizes[0] @ np.abs(P) + sizes[1] @ np.abs(product))
     return np.asarray(np.abs(product + product.T + Q) + rounding + stamped + stamped.T)

@@ -2,84 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats, Ints
-from taction.system.errors import EngineError
-from taction.verification.engines.statespace.equations.alike import agreed
 
-SINGULAR = 1e13  # condition number of an equilibrated matrix above which it counts as singular
+SINGULAR = 1e13  # condition number of a scaled matrix above which it counts as singular
+CHAINED = 1e9  # condition number from which columns are scaled, too
 
 Matrices = TypeVar("Matrices", Floats, Complexes)
 
 
-class ScaledInverse:
-    """Solver of ``A X = B`` for a stack A (B, k, k): inverses with scaled rows, refined once."""
+def scaled_inverse(A: Floats) -> tuple[Floats, Floats]:
+    """Return the inverses of a stack A (B, k, k), and condition numbers of the scaled matrices.
 
-    def __init__(self, A: Floats) -> None:
-        filled = A != 0.0
-        diagonal = A.diagonal(axis1=1, axis2=2)
-        own = np.arange(A.shape[1])
-        filled[:, own, own] = False
-        decoupled = agreed((diagonal != 0.0) & ~(filled.any(axis=1) | filled.any(axis=2)))
-        self.coupled = np.flatnonzero(~decoupled)
-        self.diagonal = np.where(decoupled, diagonal, 1.0)[:, :, None]
-        scaled = A.take(self.coupled, axis=1).take(self.coupled, axis=2)
-        scale = np.abs(scaled).max(axis=2, initial=0.0)
-        scale[scale == 0.0] = 1.0
-        self.scale = scale[:, :, None]
-        self.columns = np.ones_like(self.scale)
-        self._invert(scaled)
-        if not np.all(self.largest < SINGULAR):  # rows alone do not scale a chain of gains
-            pairs = [matching_scales(each) for each in scaled]
-            rows, columns = zip(*pairs, strict=True)
-            self.scale, self.columns = np.stack(rows)[:, :, None], np.stack(columns)[:, :, None]
-            self._invert(scaled)
+    Rows are scaled; where they alone do not scale a chain of gains, columns, too. The condition
+    numbers (B,) are those of the row-sum norm, infinite of a singular matrix.
+    """
+    rows = np.abs(A).max(axis=2, initial=0.0)
+    rows[rows == 0.0] = 1.0
+    inverse, condition = _with_scales(A, rows, np.ones_like(rows))
+    for k in np.flatnonzero(~(condition < CHAINED)):
+        one = slice(k, k + 1)
+        scales = (each[None] for each in matching_scales(A[k]))
+        better, least = _with_scales(A[one], *scales)
+        if least[0] < condition[k]:
+            inverse[one], condition[one] = better, least
+    return inverse, condition
 
-    def _invert(self, A: Floats) -> None:
-        """Invert the coupled part A with its scaled rows and columns."""
-        self.scaled = A / self.scale / self.columns.transpose(0, 2, 1)
-        self.inverse = inverses(self.scaled)
-        self.largest = np.abs(self.inverse).max(axis=(1, 2), initial=0.0)
 
-    @property
-    def condition(self) -> Floats:
-        """Condition numbers of the scaled matrices in the row-sum norm, (B,); inf if singular."""
-        norms = [
-            np.abs(X).sum(axis=2).max(axis=1, initial=1.0) for X in (self.scaled, self.inverse)
-        ]
-        return np.asarray(norms[0] * norms[1])
-
-    def magnitudes(self) -> Floats:
-        """Return the sizes of the elements of the inverses."""
-        count, size = self.diagonal.shape[:2]
-        inverse, own = np.zeros((count, size, size)), np.arange(size)
-        inverse[:, own, own] = 1.0 / np.abs(self.diagonal[:, :, 0])
-        part = np.abs(self.inverse) / self.scale.transpose(0, 2, 1) / self.columns
-        inverse[:, self.coupled[:, None], self.coupled] = part
-        return inverse
-
-    def spread(self, X: Floats) -> Floats:
-        """Return ``|A^-1| |A| |X|``: to what the rounding of a solution X is relative."""
-        moved, size = np.abs(self.diagonal) * np.abs(X), np.abs(X.take(self.coupled, axis=1))
-        moved[:, self.coupled] = self.scale * (np.abs(self.scaled) @ (self.columns * size))
-        return np.asarray(self.magnitudes() @ moved)
-
-    def solve(self, B: Floats, names: Sequence[str], failure: str) -> Floats:
-        """Return X; for singular A raise EngineError with the names of the unknowns."""
-        if not agreed(self.largest < SINGULAR):
-            listed = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
-            raise EngineError(f"{failure}: {listed}")
-        X = B / self.diagonal
-        if self.coupled.size:
-            right = B.take(self.coupled, axis=1) / self.scale
-            Y = self.inverse @ right
-            Y = Y + self.inverse @ (right - self.scaled @ Y)
-            X[:, self.coupled] = Y / self.columns
-        return X
+def _with_scales(A: Floats, rows: Floats, columns: Floats) -> tuple[Floats, Floats]:
+    scaled = A / rows[:, :, None] / columns[:, None]
+    inverse = inverses(scaled)
+    norms = [np.abs(X).sum(axis=2).max(axis=1, initial=1.0) for X in (scaled, inverse)]
+    return inverse / rows[:, None] / columns[:, :, None], np.asarray(norms[0] * norms[1])
 
 
 def matching_scales(A: Floats) -> tuple[Floats, Floats]:
@@ -107,17 +64,16 @@ def matching_scales(A: Floats) -> tuple[Floats, Floats]:
     return np.exp(-(own - potentials[match])), np.exp(-potentials)
 
 
-def pivoted(A: Floats, least: float = 1.0 / SINGULAR) -> tuple[Floats, Floats, Ints, Ints, int]:
+def pivoted(A: Floats) -> tuple[Floats, Floats, Ints, Ints, int]:
     """Return L, U, p, q and the rank r of A: ``A[p][:, q] = L U`` by complete pivoting.
 
-    Pivots up to `least` times the first one count as zero. What is zero stays zero, where singular
-    vectors have rounding, times the largest elements.
+    What is zero stays zero, where singular vectors have rounding, times the largest elements.
     """
     L, U, size = np.eye(len(A)), A.copy(), len(A)
     p, q = np.arange(size), np.arange(size)
     for r in range(size):
         i, j = (r + place for place in divmod(int(np.abs(U[r:, r:]).argmax()), size - r))
-        if abs(U[i, j]) <= least * abs(U[0, 0]):
+        if abs(U[i, j]) * SINGULAR <= abs(U[0, 0]):
             return L, U, p, q, r
         for X in (U, p):
             X[[r, i]] = X[[i, r]]

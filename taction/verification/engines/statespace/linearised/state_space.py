@@ -13,8 +13,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from taction.system.array_types import Floats
+from taction.system.array_types import Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import in_groups
 from taction.verification.engines.statespace.equations.amplifier_gains import gain_of
@@ -25,21 +26,15 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import (
     evened,
 )
 from taction.verification.engines.statespace.equations.pole_count import finite_poles
-from taction.verification.engines.statespace.linearised.elimination import (
-    ReducedEquations,
-    eliminate,
-)
 from taction.verification.engines.statespace.linearised.equilibrium import Equilibrium
-from taction.verification.engines.statespace.linearised.modes import (
-    Decomposable,
-    Modes,
-    decompose,
-    decompose_together,
-    find_pole_errors,
+from taction.verification.engines.statespace.linearised.modes import Modes
+from taction.verification.engines.statespace.linearised.modes import find_modes as modes_of
+from taction.verification.engines.statespace.linearised.reduction import (
+    Pencil,
+    Reduced,
+    reduce_together,
 )
-from taction.verification.engines.statespace.linearised.pencil_check import pole_residuals
 
-UNBOUNDED = 1e30  # factor on the rounding of a matrix of whose poles nothing is known
 LOST = "rounding leaves nothing of the circuit's poles: parts cancel to the last digit"
 
 
@@ -51,7 +46,7 @@ class StateSpace:
     ----------
     states : tuple of str
         Names of x.
-    blocks : tuple of ReducedEquations
+    blocks : tuple of Reduced
         Those of the states, which are solved by themselves: one, or two of a board that is its own
         mirror image, which costs a quarter.
     lost : int
@@ -64,7 +59,7 @@ class StateSpace:
 
     descriptor: Descriptor
     states: tuple[str, ...]
-    blocks: tuple[ReducedEquations, ...]
+    blocks: tuple[Reduced, ...]
     lost: int = 0
 
     @property
@@ -80,7 +75,7 @@ class StateSpace:
     @functools.cached_property
     def modes(self) -> Modes:
         """Eigenvalues of A with their vectors."""
-        return decompose(*self.parts)
+        return modes_of(self.blocks)
 
     @property
     def has_modes(self) -> bool:
@@ -88,9 +83,9 @@ class StateSpace:
         return "modes" in vars(self)
 
     @property
-    def parts(self) -> Decomposable:
-        """The matrices of the blocks, with the sizes of their rounding."""
-        return Decomposable([part.A for part in self.blocks], [part.size for part in self.blocks])
+    def is_nodal(self) -> bool:
+        """Whether the states are unknowns, or sums and differences of two images."""
+        return all(block.places is not None for block in self.blocks)
 
     @functools.cached_property
     def A(self) -> Floats:  # noqa: N802 - as every textbook has it
@@ -117,7 +112,7 @@ class StateSpace:
 
         z need not be consistent: at z = 0 everything is discharged.
         """
-        return np.concatenate([part.charge @ z + part.offset for part in self.blocks])
+        return np.concatenate([part.charge @ z for part in self.blocks])
 
     def rows(self, names: Sequence[str]) -> tuple[Floats, Floats]:
         """Return the rows of C and D of nodes, zeros for ground; EngineError for unknown nodes."""
@@ -177,17 +172,13 @@ def linear_matrices(descriptor: Descriptor, point: Equilibrium | None) -> DenseM
 
 
 def find_modes(spaces: Sequence[StateSpace]) -> None:
-    """Compute the modes of state spaces that lack them, with the errors of their poles, together.
+    """Compute the modes of state spaces that lack them, with the errors of their poles.
 
-    Every state space has the digits that it has alone. Where a matrix is not finite, all stay as
-    they are, and the one says why where it is asked.
+    Where a matrix is not finite, the one says why where it is asked.
     """
-    new = [space for space in spaces if not space.has_modes]
-    with suppress(np.linalg.LinAlgError):
-        found = decompose_together([space.parts for space in new])
-        find_pole_errors(found)
-        for space, modes in zip(new, found, strict=True):
-            vars(space)["modes"] = modes
+    for space in spaces:
+        with suppress(np.linalg.LinAlgError):
+            _ = space.modes.pole_errors
 
 
 def driven(descriptor: Descriptor, point: Equilibrium | None, inputs: Floats) -> StateSpace:
@@ -278,14 +269,12 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
 
     A topology's board is known to have the states that its design gives it.
     """
-    descriptor, board = system.descriptor, system.board
+    descriptor = system.descriptor
     if not descriptor.has_branches or all(block.decided for block in found.blocks):
         return found
     if len(found.blocks) > 1:
         (found,) = _whole([system])
-    devices = descriptor.devices
-    slopes = (board.stiffness - descriptor.dense.stiffness)[devices.output, devices.input]
-    count = finite_poles(descriptor, slopes)
+    count = finite_poles(descriptor, _slopes(system))
     if count > found.n:
         found = replace(found, lost=count - found.n)
     elif count < found.n:
@@ -293,24 +282,17 @@ def _with_sure_poles(system: LinearEquations, found: StateSpace) -> StateSpace:
             f"the circuit has {count} poles, but {found.n} within rounding: parts cancel to the"
             " last digit"
         )
-    (block,) = found.blocks
     modes = found.modes
-    residuals = pole_residuals(descriptor, slopes, modes, block.C, block.charge)
-    if residuals.corrected is not None and np.all(np.isfinite(residuals.corrected[1])):
-        found.__dict__["modes"] = modes = modes.corrected(*residuals.corrected)
-        if np.any(modes.pole_errors > np.abs(modes.poles).max(initial=0.0)):
-            raise EngineError(LOST)
-        return found
-    errors = residuals.bounds
-    stated = found.modes.pole_errors[: len(errors)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        factor = np.nanmax(np.where(errors > stated, errors / stated, 1.0), initial=1.0)
-    if not factor < UNBOUNDED:
-        raise EngineError(LOST)
-    found = replace(found, blocks=(replace(block, size=block.size * factor),))
-    if np.any(found.modes.pole_errors > np.abs(found.modes.poles).max(initial=0.0)):
+    if np.any(modes.pole_errors > np.abs(modes.poles).max(initial=0.0)):
         raise EngineError(LOST)
     return found
+
+
+def _slopes(system: LinearEquations) -> Floats:
+    """Return the slopes of the amplifiers that its matrices have, (m,)."""
+    devices = system.descriptor.devices
+    change = system.board.stiffness - system.descriptor.dense.stiffness
+    return np.asarray(change[devices.output, devices.input])
 
 
 def _eliminated(systems: Sequence[LinearEquations]) -> list[StateSpace]:
@@ -321,7 +303,11 @@ def _eliminated(systems: Sequence[LinearEquations]) -> list[StateSpace]:
         even, odd = _blocks(systems)
     except EngineError:  # the message must name unknowns of the whole board
         return _whole(systems)
-    pairs, places, own = len(odd[0].A), even[0].places, odd[0].places
+    pairs, places, own = (
+        len(odd[0].A),
+        _places(systems[0], 0, even[0]),
+        _places(systems[0], 1, odd[0]),
+    )
     if places is None or own is None or not (pairs and np.array_equal(places[:pairs], own)):
         return _whole(systems)
     names, image = systems[0].descriptor.names, systems[0].board.image
@@ -329,41 +315,59 @@ def _eliminated(systems: Sequence[LinearEquations]) -> list[StateSpace]:
     second = [names[place] for place in image[places].tolist()]
     states = [a if a == b else f"{a}+{b}" for a, b in zip(first, second, strict=True)]
     states += [f"{a}-{b}" for a, b in zip(first[:pairs], second, strict=False)]
-    found = list[StateSpace]()
-    for system, one, other in zip(systems, even, odd, strict=True):
-        # Elements of both are a sum or difference of the same two.
-        paired = np.maximum(one.size[:, :pairs, :pairs], other.size)
-        one.size[:, :pairs, :pairs] = paired
-        blocks = one, replace(other, size=paired)
-        found.append(StateSpace(system.descriptor, tuple(states), blocks))
-    return found
+    parts = zip(systems, even, odd, strict=True)
+    return [StateSpace(one.descriptor, tuple(states), tuple(blocks)) for one, *blocks in parts]
 
 
 def _whole(systems: Sequence[LinearEquations]) -> list[StateSpace]:
     """Eliminate unknowns without charge from all equations at once."""
-    names = systems[0].descriptor.names
-    (blocks,) = _blocks([replace(s, board=replace(s.board, image=None)) for s in systems])
-    if blocks[0].places is None:
-        charged = tuple(f"charge{k + 1}" for k in range(len(blocks[0].A)))
+    systems = [replace(one, board=replace(one.board, image=None)) for one in systems]
+    ((first, *others),) = _blocks(systems)
+    places = _places(systems[0], 0, first)
+    if places is None:
+        charged = tuple(f"charge{k + 1}" for k in range(len(first.A)))
     else:
-        charged = tuple(names[place] for place in blocks[0].places.tolist())
-    pairs = zip(systems, blocks, strict=True)
+        charged = tuple(systems[0].descriptor.names[place] for place in places.tolist())
+    pairs = zip(systems, (first, *others), strict=True)
     return [StateSpace(system.descriptor, charged, (block,)) for system, block in pairs]
 
 
-def _blocks(systems: Sequence[LinearEquations]) -> list[list[ReducedEquations]]:
+def _places(system: LinearEquations, part: int, found: Reduced) -> Ints | None:
+    """Return the places of the states among all unknowns."""
+    return None if found.places is None else system.board.blocks[part].places[found.places]
+
+
+def _blocks(systems: Sequence[LinearEquations]) -> list[list[Reduced]]:
     """Eliminate in each block of the systems; return those of each block."""
-    descriptor, found = systems[0].descriptor, list[list[ReducedEquations]]()
+    descriptor, found = systems[0].descriptor, list[list[Reduced]]()
+    sizes = [_sizes(system) for system in systems]
     for parts in zip(*(system.board.blocks for system in systems), strict=True):
-        M, K = np.stack([p.mass for p in parts]), np.stack([p.stiffness for p in parts])
-        places, left = parts[0].places, parts[0].left
-        reduced = eliminate(
-            M,
-            K,
-            np.stack([left @ system.b for system in systems]),
-            descriptor.determined[places],
-            [descriptor.names[place] for place in places.tolist()],
-            has_branches=descriptor.has_branches,
-        )
-        found.append([each.of_all(part) for each, part in zip(reduced, parts, strict=True)])
+        places, basis, left = parts[0].places, parts[0].basis, parts[0].left
+        pencils = [
+            Pencil(
+                M=part.mass,
+                K=part.stiffness,
+                b=left @ system.b,
+                mass=mass[places] @ np.abs(basis),
+                pull=pull[places] @ np.abs(basis),
+                basis=basis,
+                left=left,
+            )
+            for part, system, (mass, pull) in zip(parts, systems, sizes, strict=True)
+        ]
+        stack = Pencil(*map(np.stack, zip(*(each.parts for each in pencils), strict=True)))
+
+        def exact(places: Ints = places, basis: Floats = basis) -> NDArray[np.longdouble]:
+            M, _ = descriptor.summed(lambda x: x.astype(np.longdouble), _slopes(systems[0]))
+            return np.asarray(M[places] @ basis)
+
+        names = [descriptor.names[place] for place in places.tolist()]
+        found.append(reduce_together(stack, names, exact))
     return found
+
+
+def _sizes(system: LinearEquations) -> tuple[Floats, Floats]:
+    """Return the sizes of the terms of M and K: in a circuit of any parts they may cancel."""
+    if system.descriptor.has_branches:
+        return system.descriptor.summed(np.abs, _slopes(system))
+    return np.abs(system.board.mass), np.abs(system.board.stiffness)

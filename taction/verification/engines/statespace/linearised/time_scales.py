@@ -183,9 +183,8 @@ def time_scales(
     board = board.coarse if large else board
     space, modes = board.state_space, board.state_space.modes
     C, _ = space.rows(sorted({*board.reported(None)}.intersection(space.nodes)))
-    target = space.state_of(board.equilibrium.values)
-    deviation = space.state_of(initial_unknowns(board, initial)) - target
-    step = float(np.abs(C @ deviation).max(initial=0.0))
+    deviation = initial_unknowns(board, initial) - board.equilibrium.values
+    step = float(np.abs(C @ space.state_of(deviation)).max(initial=0.0))
     weight = np.ones(space.n)
     if step > 0.0:
         weight = modes.shares(C, deviation).heights.max(axis=0, initial=0.0) / step

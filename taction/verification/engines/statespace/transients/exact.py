@@ -136,11 +136,18 @@ def _solve(
 ) -> Exact:
     space = board.state_space
     C, D = space.rows(reported)
-    x0 = space.state_of(initial_unknowns(board, initial, voltages))
-    deviation = x0 - space.state_of(board.equilibrium.values)
-    start = C @ x0 + D.sum(axis=1)
+    begin = initial_unknowns(board, initial, voltages)
+    start = C @ space.state_of(begin) + D.sum(axis=1)
     final, rest_error = _at_rest(board, reported)
-    return _exact(board, reported, C, deviation, start, final, rest_error)
+    doubt = _unseen(board, reported)
+    return _exact(board, reported, C, begin, doubt, start, final, rest_error)
+
+
+def _unseen(board: LinearBoard, reported: tuple[str, ...]) -> Floats:
+    """Return bounds on the errors of the modes in the rows of nodes, (K, n)."""
+    unseen, descriptor = board.state_space.modes.unseen, board.descriptor
+    rows = [0.0 * unseen[0] if n == "0" else unseen[descriptor.place(n)] for n in reported]
+    return np.array(rows).reshape(len(reported), unseen.shape[1])
 
 
 def _at_rest(board: LinearBoard, reported: tuple[str, ...]) -> tuple[Floats, Floats]:
@@ -156,14 +163,15 @@ def _exact(
     board: LinearBoard,
     names: tuple[str, ...],
     C: Floats,
-    deviation: Floats,
+    begin: Floats,
+    doubt: Floats,
     start: Floats,
     final: Floats,
     rest_error: Floats,
 ) -> Exact:
-    """Return ``final + C exp(A t) deviation``."""
+    """Return ``final + C exp(A t)`` times the deviation of the unknowns `begin` from rest."""
     modes = board.state_space.modes
-    flow = ModalFlow(modes, C, deviation)
+    flow = ModalFlow(modes, C, begin - board.equilibrium.values, doubt)
     if not flow.error < math.inf:
         raise EngineError("rounding hides the solution")
     return Exact(names, start, final, modes.poles, rest_error, flow)
@@ -199,11 +207,15 @@ def combinations(
     """
     space = board.state_space
     C, D = space.rows(nodes)
-    x0 = space.state_of(initial_unknowns(board, initial, None))
-    deviation = x0 - space.state_of(board.equilibrium.values)
+    begin = initial_unknowns(board, initial, None)
+    x0 = space.state_of(begin)
     moving = rates @ C @ space.A
     rest, error = _at_rest(board, nodes)
     final = volts @ rest
-    start = volts @ (C @ x0 + D.sum(axis=1)) + moving @ deviation
+    moved = moving @ (x0 - space.state_of(board.equilibrium.values))
+    start = volts @ (C @ x0 + D.sum(axis=1)) + moved
     names = tuple(map(str, range(len(volts))))
-    return _exact(board, names, volts @ C + moving, deviation, start, final, np.abs(volts) @ error)
+    unseen, speed = _unseen(board, nodes), np.abs(space.modes.centres)
+    doubt = np.abs(volts) @ unseen + (np.abs(rates) @ unseen) * speed
+    rows, off = volts @ C + moving, np.abs(volts) @ error
+    return _exact(board, names, rows, begin, doubt, start, final, off)

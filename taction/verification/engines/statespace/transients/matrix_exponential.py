@@ -1,7 +1,6 @@
 """Evaluate ``C exp(A t) d`` of a linear board at chosen nodes, with a bound on the error.
 
-Modes that are alone give exponentials; joined ones (see `real_modes`) exponentials times powers of
-the time.
+Modes that are alone give exponentials; those of a group exponentials times powers of the time.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ import math
 import numpy as np
 
 from taction.system.array_types import EPS, Complexes, Floats, Ints
+from taction.verification.engines.statespace.linearised.block_modes import Group
 from taction.verification.engines.statespace.linearised.modes import Modes
-from taction.verification.engines.statespace.linearised.real_modes import Joined
 
 BLOCK = 512  # instants evaluated at a time
 FADED = -90.0  # exponent below which a mode is left out: 1e-39 of its first amplitude
@@ -131,15 +130,18 @@ class Exponentials:
 
 
 class ModalFlow(Exponentials):
-    """The modes of a board, for output rows C (K, n) and the deviation (n,) from the final state.
+    """The modes of a board, for output rows C (K, n) and the deviation (size,) of all unknowns.
 
-    Modes are left out whose shares are negligible or within their rounding, and at each instant
-    those that have decayed. `errors` (K,) are the largest of the `bounds`, `error` that of all.
+    `doubt` (K, n) is what the rows may miss of each mode. Modes are left out whose shares are
+    negligible or within their rounding, and at each instant those that have decayed. `errors` (K,)
+    are the largest of the `bounds`, `error` that of all.
     """
 
-    def __init__(self, modes: Modes, C: Floats, deviation: Floats) -> None:
+    def __init__(
+        self, modes: Modes, C: Floats, deviation: Floats, doubt: Floats | None = None
+    ) -> None:
         with np.errstate(invalid="ignore", over="ignore"):
-            shares = modes.shares(C, deviation)
+            shares = modes.shares(C, deviation, doubt)
             share, terms, (lag, vague) = shares.amplitudes, shares.terms, shares.errors
             # Rounding excites every growing mode, as noise does in a circuit.
             faint = (modes.poles.real > 0.0) & (np.abs(share) < EPS * terms)
@@ -154,12 +156,12 @@ class ModalFlow(Exponentials):
         pair = np.where(modes.poles[kept].imag > 0.0, 2.0, 1.0)
         poles, parts = [modes.poles[kept]], [(share[:, kept] * pair).T]
         powers, scales = [np.zeros(len(pair), dtype=np.int64)], [np.zeros(len(pair))]
-        for centre, joined, seen, dual in shares.joined():
-            series = _series(centre, joined, seen, dual)
+        for group, seen, dual in shares.grouped():
+            series = _series(group, seen, dual)
             parts.append(series)
-            poles.append(np.full(len(series), centre))
+            poles.append(np.full(len(series), group.centre))
             powers.append(np.arange(len(series)))
-            scales.append(np.full(len(series), joined.scale(centre)))
+            scales.append(np.full(len(series), group.scale))
         super().__init__(
             np.concatenate(poles),
             np.concatenate(powers),
@@ -200,12 +202,11 @@ class ModalFlow(Exponentials):
         return np.asarray((times[:, None] * left) @ self._lag + left @ self._vague + self._omitted)
 
 
-def _series(centre: complex, joined: Joined, seen: Complexes, dual: Complexes) -> Complexes:
+def _series(group: Group, seen: Complexes, dual: Complexes) -> Complexes:
     """Return the shares of the powers of the time in ``seen exp(inner t) dual``, (powers, K)."""
-    scale, terms = joined.scale(centre), [seen @ dual]
-    largest = float(np.abs(dual).sum())
+    terms, largest = [seen @ dual], float(np.abs(dual).sum())
     for _ in range(1, POWERS):
-        dual = joined.inner @ dual / scale
+        dual = group.inner @ dual / group.scale
         if not float(np.abs(dual).sum()) > NEGLIGIBLE * largest:
             break
         terms.append(seen @ dual)

@@ -5,9 +5,8 @@ The boards are linearised at their equilibria, so in this basis their equations 
     z' = poles z + drive n + constant,    v = seen z + direct n + ...
 
 with the remainders n of the amplifiers beyond their slopes at rest, and the systems of a step (see
-`integrator`) are divisions. Modes that are joined because they are nearly defective have small
-matrices in the place of poles; boards without any basis of modes keep their states, all of them
-joined. Every board may have a length of step and slopes of its own.
+`integrator`) are divisions. Boards without a basis of modes keep their states, and have a matrix in
+the place of poles. Every board may have a length of step and slopes of its own.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ DEFECT = 1e-10  # of ``left right - 1``: with more, modes lose digits that solve
 
 
 def is_basis(modes: Modes) -> bool:
-    """Whether the modes, some of them joined, are a basis in which steps lose no digits."""
-    return modes.defect < DEFECT
+    """Whether the modes are a basis in which steps lose no digits."""
+    return bool(modes.alone.all()) and modes.defect < DEFECT
 
 
 class StateBoard:
@@ -138,7 +137,7 @@ class ModalBoards(Batch):
         else:
             scale = np.abs(modes.right).max(axis=0)
             right, left = modes.right / scale, scale[:, None] * modes.left
-            self.joined, mates = np.flatnonzero(~modes.alone).tolist(), modes.mates
+            self.joined, mates = [], modes.mates
         turned = left @ matrix @ right
         poles, inner = np.diagonal(turned).copy(), turned[np.ix_(self.joined, self.joined)]
         poles[self.joined] = 0.0

@@ -55,9 +55,7 @@ class Patterns:
         space = reduced.board.state_space
         if space.n > STATES or np.any(space.modes.poles.real >= 0.0):
             return None
-        nothing = np.zeros(space.descriptor.size)
-        deviation = space.state_of(reduced.patterns.T @ start) - space.state_of(nothing)
-        flow = ModalFlow(space.modes, np.eye(space.n), deviation)
+        flow = ModalFlow(space.modes, np.eye(space.n), reduced.patterns.T @ start)
         return cls(flow, reduced.patterns @ space.C)
 
     def at(self, times: Floats, places: Ints) -> Floats:
@@ -149,11 +147,13 @@ def _fastest(board: LinearBoard, deviation: Floats) -> tuple[float, float]:
     coarse = board.coarse
     space, descriptor = coarse.state_space, board.descriptor
     kept = [descriptor.place(name) for name in coarse.descriptor.names]
-    x = space.state_of(deviation[kept]) - space.state_of(np.zeros(len(kept)))
     C, _ = space.rows([node for node in board.reported(None) if node in space.nodes])
-    heights = space.modes.shares(C, x).heights.max(axis=0, initial=0.0)
+    start = deviation[kept]
+    heights = space.modes.shares(C, start).heights.max(axis=0, initial=0.0)
     sizes = np.abs(space.modes.poles)
-    shown = heights >= SHOWN * max(float(np.abs(C @ x).max(initial=0.0)), 1e-300)
+    shown = heights >= SHOWN * max(
+        float(np.abs(C @ space.state_of(deviation[kept])).max(initial=0.0)), 1e-300
+    )
     return float(sizes.max()), float(sizes[shown].max(initial=sizes.min()))
 
 

@@ -232,8 +232,9 @@ def _modal(
     least = np.where(np.abs(first) < np.abs(slopes), first, slopes)
     inner = np.array([kind in OPAMP_KINDS for kind in devices.kinds], dtype=np.bool_)
     finest = task.tolerance * float(devices.v_scale[~inner].min(initial=np.inf))
-    modes = board.state_space.modes
-    known = is_basis(modes) and board.open_loop.states == board.state_space.states
+    modes = board.state_space.modes.refined
+    known = is_basis(modes) and board.open_loop.is_nodal
+    known = known and board.open_loop.states == board.state_space.states
     if known and finest >= EPS * largest:
         return ModalBoards(equations, modes), least
     return ModalBoards(_equations(task, reported, least), None), least

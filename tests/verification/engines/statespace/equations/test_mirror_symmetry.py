@@ -68,7 +68,7 @@ def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
         assert block.left @ block.basis == pytest.approx(np.eye(len(block.places)), abs=1e-15)
         found = block.basis @ (block.stiffness @ (block.left @ part))
         assert found == pytest.approx(A @ part, rel=1e-13)
-    modes = decompose([block.stiffness for block in blocks])
+    modes = decompose(*[block.stiffness for block in blocks])
     wanted = np.sort_complex(np.linalg.eigvals(A))
     assert np.sort_complex(modes.poles) == pytest.approx(wanted, abs=1e-13)
     basis, left = np.hstack([even.basis, odd.basis]), np.vstack([even.left, odd.left])
@@ -79,7 +79,7 @@ def test_what_commutes_with_the_exchange_splits_exactly(image: Ints) -> None:
     # The bounds of the blocks are those of the whole matrix.
     rows, start = np.eye(len(image)), np.ones(len(image))
     found = np.sum(modes.shares(rows @ basis, left @ start).errors)
-    whole = np.sum(decompose([A]).shares(rows, start).errors)
+    whole = np.sum(decompose(A).shares(rows, start).errors)
     assert 0.3 * whole < found < 3.0 * whole
 
 
@@ -93,7 +93,7 @@ def test_real_arithmetic_keeps_pairs_and_their_order_of_accuracy() -> None:
     turn = np.eye(7) + np.triu(np.random.default_rng(5).integers(-2, 3, (7, 7)), 1)
     scale = 10.0 ** np.arange(7)
     A = np.linalg.inv(turn) @ blocks @ turn * scale / scale[:, None]
-    modes = decompose([A])
+    modes = decompose(A)
     assert modes.poles == pytest.approx(np.sort_complex(wanted)[::-1], rel=1e-5)
     assert modes.defect < 1e-12
     pairs = np.flatnonzero(modes.poles.imag > 0.0)

@@ -93,7 +93,7 @@ def test_amplifiers_of_several_boards_against_their_closed_forms() -> None:
     works, stops = [], (1.0, 3.0, 2.0)
     for rate, base, stop in zip((1.5, 3.0, 40.0), (1e-3, 1e-2, 1e-4), stops, strict=True):
         space: Any = Space(np.array([[-rate]]), np.eye(1), np.eye(1))
-        modes, slopes = decompose([np.array([[-1.0]])]), np.array([rate - 1.0])
+        modes, slopes = decompose(np.array([[-1.0]])), np.array([rate - 1.0])
         assert is_basis(modes)
         modal = ModalBoards(StateBoard(space, (), slopes), modes)
         reported, start = Everything(Logistic(rate)), np.ones((1, 1))
@@ -105,26 +105,25 @@ def test_amplifiers_of_several_boards_against_their_closed_forms() -> None:
         assert work.out[0].checked("drawn").at(t)[:, 0] == pytest.approx(wanted, abs=1e-8)
 
 
-def test_joined_modes_have_a_matrix_in_the_place_of_poles() -> None:
+def test_without_a_basis_of_modes_steps_work_in_the_states() -> None:
     """``x' = A x`` with a Jordan block, beside a mode that is alone: ``(1 + t) exp(-t)``."""
     A = np.array([[-1.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -30.0]])
-    modes = decompose([A])
-    assert is_basis(modes)
-    assert modes.alone.tolist() == [False, False, True]
+    modes = decompose(A)
+    assert not is_basis(modes)
+    assert np.count_nonzero(modes.alone) == 1
     space: Any = Space(A, np.zeros((0, 3)), np.zeros((3, 0)))
-    for known in (modes, None):  # without a basis all states are joined
-        modal = ModalBoards(StateBoard(space, ("all",), np.zeros(0)), known)
-        reported = Everything(Functions(0, np.exp, np.exp), 3)
-        work = begin(modal, reported, np.ones((1, 3)), np.zeros((1, 0)), 1e-8, 1.0, np.inf, 3.0)
-        work.run()
-        t = np.linspace(0.0, 3.0, 60)
-        wanted = [(1.0 + t) * np.exp(-t), np.exp(-t), np.exp(-30.0 * t)]
-        assert work.out[0].checked("drawn").at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)
+    modal = ModalBoards(StateBoard(space, ("all",), np.zeros(0)), None)
+    reported = Everything(Functions(0, np.exp, np.exp), 3)
+    work = begin(modal, reported, np.ones((1, 3)), np.zeros((1, 0)), 1e-8, 1.0, np.inf, 3.0)
+    work.run()
+    t = np.linspace(0.0, 3.0, 60)
+    wanted = [(1.0 + t) * np.exp(-t), np.exp(-t), np.exp(-30.0 * t)]
+    assert work.out[0].checked("drawn").at(t) == pytest.approx(np.array(wanted).T, abs=1e-7)
 
 
 def test_each_mode_has_the_place_of_its_conjugate() -> None:
     A = np.array([[-1.0, 5.0, 0.0], [-5.0, -1.0, 0.0], [0.0, 0.0, -3.0]])
-    modes = decompose([A])
+    modes = decompose(A)
     assert modes.poles[modes.mates] == pytest.approx(modes.poles.conj())
     assert np.allclose(modes.right[:, modes.mates], modes.right.conj())
     mirrored = LinearBoard(exponential(3, 20e-12)).state_space

@@ -1,0 +1,346 @@
+"""Reduce ``M z' = K z + b u`` to ``x' = A x + B u``: eliminate unknowns without charge.
+
+An equation without charge determines one unknown; put into the others it may leave further
+equations without charge, as a capacitor at a voltage that a source determines does. So the step is
+repeated until M is regular: equations of any index are reduced. The states are the charges
+``x = L M z`` in the rows L, which are those of the left vectors: ``L K = A L M``. No step of an
+input has an impulse in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taction.system.array_types import EPS, Bools, Floats, Ints
+from taction.system.errors import EngineError
+from taction.verification.engines.statespace.equations.alike import agreed, alone
+from taction.verification.engines.statespace.linearised.scaled_inverse import scaled_inverse
+
+ROUNDED = 16 * EPS  # error of a sum of products, relative to the sum of their sizes
+SINGULAR = 1e13  # condition number of a scaled matrix above which it counts as singular
+GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
+NOTHING = 1e15  # condition number from which rounding leaves nothing of the smallest capacitance
+DECIDED = 1e9  # condition number below which rounding cannot make a matrix singular, or regular
+RANK = 1e-14  # of the largest singular value of M: a smaller one is no charge
+DOUBTFUL = 10.0  # a singular value so near to that is neither
+CANCEL = "the capacitances do not determine the states: parts cancel to the last digit"
+AT_OUTPUT = "a capacitor at the output of a behavioural amplifier: not supported"
+STEPS = 2  # inputs before those that change with time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pencil:
+    """Equations ``M y' = K y + b u``, ``z = basis y``, ``y = left z``; stacks have a leading axis.
+
+    Attributes
+    ----------
+    M, K, b : ndarray (k, k), (k, k) and (k, inputs)
+    mass, pull : ndarray (k, k)
+        Sizes of the terms of M and K, to which their rounding is relative.
+    basis, left : ndarray (size, k) and (k, size)
+    """
+
+    M: Floats
+    K: Floats
+    b: Floats
+    mass: Floats
+    pull: Floats
+    basis: Floats
+    left: Floats
+
+    @property
+    def charges(self) -> Floats:
+        """``M y`` of all unknowns z, (k, size)."""
+        return self.M @ self.left
+
+    @property
+    def charge_sizes(self) -> Floats:
+        """The sizes of the terms of `charges`."""
+        return self.mass @ np.abs(self.left)
+
+    @property
+    def parts(self) -> tuple[Floats, ...]:
+        """All matrices."""
+        return self.M, self.K, self.b, self.mass, self.pull, self.basis, self.left
+
+    def taken(self, k: int) -> Pencil:
+        """Return one of a stack."""
+        return Pencil(*(each[k] for each in self.parts))
+
+
+def graded(pencil: Pencil, exact: NDArray[np.longdouble]) -> Pencil:
+    """Return a pencil in unknowns in which M is diagonal.
+
+    A large capacitor between two nodes with small ones moves both nodes at nearly the same rate. In
+    node voltages its own slow rate is the difference of two fast rates, and lost in their rounding.
+    Elimination with complete pivoting finds unknowns in which every capacitance has its own
+    equation, the fastest first. `exact` (k, k) is M with the digits that its sums have.
+    """
+    size, d = len(exact), np.flatnonzero(exact.any(axis=1))
+    n, D = len(d), exact[np.ix_(d, d)].copy()
+    L, U = np.eye(n, dtype=D.dtype), np.eye(n, dtype=D.dtype)
+    for k in range(n):
+        i, j = (place + k for place in divmod(int(np.abs(D[k:, k:]).argmax()), n - k))
+        for rows in (D, L):
+            rows[[k, i]] = rows[[i, k]]
+        for columns in (D, U):
+            columns[:, [k, j]] = columns[:, [j, k]]
+        down, right = D[k + 1 :, k] / D[k, k], D[k, k + 1 :] / D[k, k]
+        D[k + 1 :] -= np.outer(down, D[k])
+        L[k + 1 :] -= np.outer(down, L[k])
+        U[:, k + 1 :] -= np.outer(U[:, k], right)
+        D[k, k + 1 :] = 0.0
+    turn, basis, M = np.eye(size), np.eye(size), np.zeros((size, size))
+    turn[np.ix_(d, d)], basis[np.ix_(d, d)], M[d, d] = L[::-1], U[:, ::-1], np.diag(D)[::-1]
+    sizes = [np.abs(turn) @ each @ np.abs(basis) for each in (pencil.mass, pencil.pull)]
+    return Pencil(
+        M=M,
+        K=turn @ pencil.K @ basis,
+        b=turn @ pencil.b,
+        mass=np.abs(M) + sizes[0] * float(np.finfo(D.dtype).eps / EPS),
+        pull=sizes[1],
+        basis=pencil.basis @ basis,
+        left=np.asarray(np.linalg.solve(basis, pencil.left)),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Elimination:
+    """One step: the equations `a`, which have no charge, determine the unknowns `p`.
+
+    The rows were multiplied with `turn` before; `d` are the other equations. `inverse` is that of
+    K[a, p]; `mass` and `pull` are M[d, p] and K[d, p].
+    """
+
+    turn: Floats | None
+    a: Ints
+    d: Ints
+    p: Ints
+    inverse: Floats
+    mass: Floats
+    pull: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reduced:
+    """``x' = A x + B u``, ``z = C x + D u``, ``x = charge z`` of one pencil.
+
+    `seen` (k, n) are the unknowns y of the states, `left` (n, k) what multiplies the equations to
+    those of the states, `inverse_mass` the inverse of the last M, `places` the
+    places of the states among the unknowns y (None where the states are combinations), and
+    `decided` tells whether condition numbers leave no doubt about the number n of the states.
+    """
+
+    pencil: Pencil
+    steps: tuple[Elimination, ...]
+    inverse_mass: Floats
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    charge: Floats
+    seen: Floats
+    left: Floats
+    places: Ints | None
+    decided: bool
+
+    def lefts(self, s: NDArray[Any], w: NDArray[Any]) -> NDArray[Any]:
+        """Return left vectors (m, k) of the pencil from those of A: ``w A = s w``, (m, n).
+
+        `s` (m, m): an equation without charge that determines an unknown with charge has a part
+        that is linear in it.
+        """
+        return lefts(self.steps, self.inverse_mass, s, w)
+
+
+def lefts(
+    steps: Sequence[Elimination], inverse_mass: Floats, s: NDArray[Any], w: NDArray[Any]
+) -> NDArray[Any]:
+    """See `Reduced`."""
+    w = w @ inverse_mass
+    for step in reversed(steps):
+        full = np.zeros((len(w), len(step.a) + len(step.d)), dtype=w.dtype)
+        full[:, step.d] = w
+        moved = s @ (w @ step.mass) if step.mass.any() else 0.0
+        full[:, step.a] = (moved - w @ step.pull) @ step.inverse
+        w = full if step.turn is None else full @ step.turn
+    return w
+
+
+class _Reduction:
+    """The equations of a stack that are left, the unknowns y of those left, and the steps."""
+
+    def __init__(self, stack: Pencil, names: Sequence[str]) -> None:
+        self.M, self.K, self.b, self.names = stack.M, stack.K, stack.b, names
+        count, size = self.M.shape[:2]
+        self.C = np.broadcast_to(np.eye(size), (count, size, size)).copy()
+        self.D = np.zeros((count, size, self.b.shape[2]))
+        self.steps = list[tuple[Any, ...]]()
+        self.left = np.arange(size)  # unknowns that stay
+        self.worst = np.ones(count)
+        self.turned = False
+
+    def run(self, *, grade: bool) -> Floats | None:
+        """Eliminate until M is regular; return its inverse, or None if `graded` would keep more."""
+        while True:
+            turn, charged = None, agreed(self.M.any(axis=2))
+            if charged.all():
+                inverse, condition = scaled_inverse(self.M)
+                if grade and not self.turned and not agreed(condition < GRADED):
+                    alone(len(self.M))
+                    if condition[0] < NOTHING:
+                        return None
+                if agreed(condition < SINGULAR):
+                    self.worst = np.maximum(self.worst, condition)
+                    return inverse
+                alone(len(self.M))
+                turn, charged = self._separate()
+            self._eliminate(turn, np.flatnonzero(~charged), np.flatnonzero(charged))
+
+    def _separate(self) -> tuple[Floats, Bools]:
+        """Combine equations so that each has charge, or none, by singular vectors of M."""
+        scale = np.abs(self.M[0]).max(axis=1)
+        U, S, Vt = _parts_decomposed(self.M[0] / scale[:, None])
+        if np.any((RANK / DOUBTFUL * S[0] < S) & (RANK * DOUBTFUL * S[0] > S)):
+            raise EngineError(
+                "the capacitances do not determine the states: parts cancel to the last digit"
+            )
+        charged, turn = RANK * S[0] < S, U.T / scale
+        self.M = ((S * charged)[:, None] * Vt)[None]
+        self.K, self.b = turn @ self.K, turn @ self.b
+        self.worst[:], self.turned = np.inf, True
+        return turn, charged
+
+    def _eliminate(self, turn: Floats | None, a: Ints, d: Ints) -> None:
+        M, K, b, p = self.M, self.K, self.b, a
+        inverse, condition = (
+            scaled_inverse(taken(K, a, p)) if turn is None else (K, np.full(1, np.inf))
+        )
+        if not agreed(condition < SINGULAR):
+            alone(len(K))
+            p = _pivots(K[0][a])
+            inverse, condition = scaled_inverse(taken(K, a, p))
+            self.turned = True
+        if not condition[0] < SINGULAR:
+            listed = [self.names[self.left[k]] for k in p[:5]]
+            more = ", ..." if len(p) > 5 else ""
+            raise EngineError(
+                f"nodes without capacitance stay undetermined: {', '.join(listed)}{more}"
+            )
+        self.worst = np.maximum(self.worst, condition)
+        q = np.setdiff1d(np.arange(M.shape[1]), p)
+        own, right = taken(K, a, p), np.concatenate([taken(K, a, q), b.take(a, axis=1)], axis=2)
+        X = -inverse @ right
+        X -= inverse @ (right + own @ X)
+        P, given = X[:, :, : len(q)], X[:, :, len(q) :]
+        mass, pull, charge = taken(M, d, p), taken(K, d, p), taken(M, d, q)
+        self.M, self.K = charge + mass @ P, taken(K, d, q) + pull @ P
+        self.b = b.take(d, axis=1) + pull @ given
+        if agreed(mass.any(axis=(1, 2))):
+            if agreed((mass @ given)[:, :, STEPS:].any(axis=(1, 2))):
+                raise EngineError(
+                    "a capacitor at the output of a behavioural amplifier: not supported"
+                )
+            sizes = np.abs(charge) + np.abs(mass) @ np.abs(P)
+            lost = np.abs(self.M) < sizes / DECIDED
+            self.worst = np.where((lost & (sizes > 0.0)).any(axis=(1, 2)), np.inf, self.worst)
+            self.M[np.abs(self.M) < 4.0 * ROUNDED * sizes] = 0.0
+            self.turned = True
+        own = self.C[:, :, p]
+        self.D = self.D + own @ given
+        self.C = self.C[:, :, q] + own @ P
+        self.left = self.left[q]
+        self.steps.append((turn, a, d, p, inverse, mass, pull))
+
+
+def reduce_together(
+    stack: Pencil, names: Sequence[str], exact: Callable[[], NDArray[np.longdouble]] | None = None
+) -> list[Reduced]:
+    """Eliminate all unknowns without charge from B pencils, whose unknowns have `names`.
+
+    `exact` makes M of a pencil that is alone, for `graded`.
+
+    Raises
+    ------
+    EngineError
+        The equations have no such form (see `state_space.linearise`), those of any board.
+    Unlike
+        The boards need different steps.
+    """
+    work = _Reduction(stack, names)
+    inverse_mass = work.run(grade=exact is not None)
+    if inverse_mass is None:
+        one = graded(stack.taken(0), exact() if exact else stack.M[0].astype(np.longdouble))
+        found = reduce_together(Pencil(*(each[None] for each in one.parts)), names)
+        return [replace(each, places=None, decided=False) for each in found]
+    right, found = np.concatenate([work.K, work.b], axis=2), []
+    rates = inverse_mass @ right
+    rates += inverse_mass @ (right - work.M @ rates)
+    A, B = rates[:, :, : work.M.shape[1]], rates[:, :, work.M.shape[1] :]
+    for k in range(len(A)):
+        pencil = stack.taken(k)
+        steps = tuple(
+            Elimination(turn, a, d, p, *(each[k] for each in matrices))
+            for turn, a, d, p, *matrices in work.steps
+        )
+        L = lefts(steps, inverse_mass[k], A[k], np.eye(len(A[k])))
+        C, D = work.C[k], work.D[k]
+        if any(step.mass.any() for step in steps):  # the step itself charges what it reaches
+            D = D - C @ (L @ (pencil.M @ D))
+            B[k] = L @ pencil.b
+        found.append(
+            Reduced(
+                pencil=pencil,
+                steps=steps,
+                inverse_mass=inverse_mass[k],
+                A=A[k],
+                B=B[k],
+                C=pencil.basis @ C,
+                D=pencil.basis @ D,
+                charge=L @ pencil.charges,
+                seen=C,
+                left=L,
+                places=None if work.turned else work.left,
+                decided=bool(work.worst[k] < DECIDED),
+            )
+        )
+    return found
+
+
+def taken(A: Floats, rows: Ints, columns: Ints) -> Floats:
+    """Return rows and columns of each matrix of a stack."""
+    return A.take(rows, axis=1).take(columns, axis=2)
+
+
+def _pivots(rows: Floats) -> Ints:
+    """Return as many unknowns as there are equations, which these determine best."""
+    from scipy.linalg import qr
+
+    scale = np.abs(rows).max(axis=1, keepdims=True)
+    scale[scale == 0.0] = 1.0
+    pivots: Ints = qr(rows / scale, mode="r", pivoting=True)[1]
+    return np.sort(pivots[: len(rows)])
+
+
+def _parts_decomposed(A: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the singular value decomposition of A, each connected part by itself.
+
+    One of the whole would mix all unknowns without charge at will, and their scales with them: of
+    a node behind 1e12 ohm beside a current of amperes nothing would be left.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    size, begin = len(A), 0
+    U, S, Vt = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
+    count, labels = connected_components(A != 0.0, directed=False)
+    for k in range(count):
+        own = np.flatnonzero(labels == k)
+        places = slice(begin, begin := begin + len(own))
+        U[own, places], S[places], Vt[places, own] = np.linalg.svd(A[np.ix_(own, own)])
+    order = np.argsort(-S, kind="stable")
+    return U[:, order], S[order], Vt[order]
