@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 from taction.system.array_types import EPS, Bools, Floats, Ints
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import agreed, alone
-from taction.verification.engines.statespace.linearised.scaled_inverse import scaled_inverse
+from taction.verification.engines.statespace.linearised.scaled_inverse import (
+    SINGULAR,
+    pivoted,
+    scaled_inverse,
+)
 
 ROUNDED = 16 * EPS  # error of a sum of products, relative to the sum of their sizes
-SINGULAR = 1e13  # condition number of a scaled matrix above which it counts as singular
 GRADED = 1e6  # condition number of the capacitances from which states are combinations of voltages
 NOTHING = 1e15  # condition number from which rounding leaves nothing of the smallest capacitance
 DECIDED = 1e9  # condition number below which rounding cannot make a matrix singular, or regular
@@ -203,18 +206,21 @@ class _Reduction:
             self._eliminate(turn, np.flatnonzero(~charged), np.flatnonzero(charged))
 
     def _separate(self) -> tuple[Floats, Bools]:
-        """Combine equations so that each has charge, or none, by singular vectors of M."""
+        """Combine equations so that each has charge, or none, by complete pivoting."""
+        from scipy.linalg import solve_triangular
+
+        size = len(self.M[0])
         scale = np.abs(self.M[0]).max(axis=1)
-        U, S, Vt = _parts_decomposed(self.M[0] / scale[:, None])
-        if np.any((RANK / DOUBTFUL * S[0] < S) & (RANK * DOUBTFUL * S[0] > S)):
-            raise EngineError(
-                "the capacitances do not determine the states: parts cancel to the last digit"
-            )
-        charged, turn = RANK * S[0] < S, U.T / scale
-        self.M = ((S * charged)[:, None] * Vt)[None]
+        scale[scale == 0.0] = 1.0
+        L, U, p, q, rank = pivoted(self.M[0] / scale[:, None])
+        turn = np.zeros((size, size))
+        turn[:, p] = solve_triangular(L, np.eye(size), lower=True, unit_diagonal=True)
+        turn /= scale
+        self.M = np.zeros((1, size, size))
+        self.M[0][:rank, q] = U[:rank]
         self.K, self.b = turn @ self.K, turn @ self.b
         self.worst[:], self.turned = np.inf, True
-        return turn, charged
+        return turn, np.arange(size) < rank
 
     def _eliminate(self, turn: Floats | None, a: Ints, d: Ints) -> None:
         M, K, b, p = self.M, self.K, self.b, a
@@ -325,22 +331,3 @@ def _pivots(rows: Floats) -> Ints:
     scale[scale == 0.0] = 1.0
     pivots: Ints = qr(rows / scale, mode="r", pivoting=True)[1]
     return np.sort(pivots[: len(rows)])
-
-
-def _parts_decomposed(A: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the singular value decomposition of A, each connected part by itself.
-
-    One of the whole would mix all unknowns without charge at will, and their scales with them: of
-    a node behind 1e12 ohm beside a current of amperes nothing would be left.
-    """
-    from scipy.sparse.csgraph import connected_components
-
-    size, begin = len(A), 0
-    U, S, Vt = np.zeros((size, size)), np.zeros(size), np.zeros((size, size))
-    count, labels = connected_components(A != 0.0, directed=False)
-    for k in range(count):
-        own = np.flatnonzero(labels == k)
-        places = slice(begin, begin := begin + len(own))
-        U[own, places], S[places], Vt[places, own] = np.linalg.svd(A[np.ix_(own, own)])
-    order = np.argsort(-S, kind="stable")
-    return U[:, order], S[order], Vt[order]
