@@ -26,6 +26,7 @@ GROUPS = ((1e5, 0.25), (1e2, 0.5), (0.0, 1.0))  # condition of a mode, width of 
 NARROW = 0.4  # of the decay rate: largest distance of a pole from the centre of its group
 POWERS = 100  # largest number of powers of the time in a group
 SAMPLED = (1e-2, 1e2, 120)  # first and last instant in units of the scale, and number
+BALANCING = 6  # steps to units in which couplings are equal in both directions
 SPARE = 1.05  # for what lies between the instants
 
 
@@ -412,6 +413,19 @@ def _single(label: Ints, t: Complexes, mates: Ints) -> tuple[list[int], list[int
     single = np.flatnonzero(np.bincount(label)[label] == 1).tolist()
     paired = [k for k in single if mates[k] != k and mates[mates[k]] == k]
     return [k for k in single if k not in paired], [k for k in paired if t[k].imag > 0.0]
+
+
+def balanced_sums(H: Floats, s: Complexes) -> Floats:
+    """Return the row sums of H >= 0 for modes s in units in which they are about the column sums.
+
+    The largest bounds the spectral radius in any units. They start from the square roots of the
+    poles' inverses (E. E. Osborne, J. ACM 7, 1960, all rows at once).
+    """
+    unit = 1.0 / np.sqrt(np.maximum(np.abs(s), 1e-30))
+    for _ in range(BALANCING):
+        rows, columns = (H @ unit) / unit, (1.0 / unit @ H) * unit
+        unit = unit * (np.maximum(rows, 1e-30) / np.maximum(columns, 1e-30)) ** 0.25
+    return np.asarray((H @ unit) / unit)
 
 
 def components(linked: Bools) -> Ints:

@@ -39,6 +39,7 @@ from taction.verification.engines.statespace.equations.mirror_symmetry import bl
 from taction.verification.engines.statespace.linearised.block_modes import (
     BlockModes,
     Group,
+    balanced_sums,
     find_block_modes,
     newton_step,
 )
@@ -50,7 +51,9 @@ from taction.verification.engines.statespace.linearised.reduction import (
     reduce_together,
 )
 
-CERTAIN = 0.2  # row sum of the couplings over distances, from which no bound is stated
+CERTAIN = (
+    0.2  # row sum of the couplings over distances in balanced units, from which no bound is stated
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,21 +216,20 @@ class BlockShares:
         """Bounds a, b (K, n) on the error of ``C x`` by mode i; see `ModeShares.errors`."""
         block = self.block
         s, E, rates = block.poles, block.coupling, _rates(block)
-        if not block.is_known:
-            unknown = np.full(self.seen.shape, np.inf)
-            return unknown, unknown
         strong = ~(block.alone[:, None] & block.alone)
         gap = np.abs(np.where(strong, rates[:, None] - rates, s[:, None] - s))
         near = gap <= np.minimum(np.abs(rates)[:, None], np.abs(rates))
         apart = np.where(near, 0.0, E / np.where(near, 1.0, gap))
-        weight = np.sqrt(np.maximum(np.abs(s), 1e-30))
-        nu = float((apart @ (1.0 / weight) * weight).max(initial=0.0))
-        more = 1.0 / (1.0 - 4.0 * nu) if nu < CERTAIN else np.inf  # of higher orders
+        if not (block.is_known and np.all(balanced_sums(apart, s) < CERTAIN)):
+            unknown = np.full(self.seen.shape, np.inf)
+            return unknown, unknown
+        more = np.linalg.inv(np.eye(len(s)) - 4.0 * apart)  # of higher orders
         seen = self._grown(np.abs(self.seen) + self.doubt, transposed=True)
         dual = self._grown(np.abs(self.dual) + self.unsure, transposed=False)
         close = np.where(near, E, 0.0)
         np.fill_diagonal(close, 0.5 * np.diag(E))  # it counts once
-        lag, vague = ((seen @ X) * dual + seen * (X @ dual) for X in (more * close, more * apart))
+        parts = more @ close @ more, more @ apart
+        lag, vague = ((seen @ X) * dual + seen * (X @ dual) for X in parts)
         own = self._grown(np.abs(self.seen), transposed=True)
         missed = self._grown(self.doubt.copy(), transposed=True)
         vague += own * self._grown(self.unsure.copy(), transposed=False) + missed * dual

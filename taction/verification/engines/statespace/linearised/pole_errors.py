@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from taction.system.array_types import Complexes, Floats, Ints
-from taction.verification.engines.statespace.linearised.block_modes import BlockModes, components
+from taction.verification.engines.statespace.linearised.block_modes import (
+    BlockModes,
+    balanced_sums,
+    components,
+)
 
 LINKED = 16.0  # the square of a distance, over it: a larger coupling in both directions links
 TIGHT = 0.9  # row sum of the couplings over distances, from which their series may not end
@@ -46,7 +50,6 @@ def _errors(modes: BlockModes) -> Floats:
     own = np.diag(E)
     linked = (modes.group[:, None] == modes.group) | (gap**2 / LINKED < E * E.T)
     linked |= gap < 4.0 * (own[:, None] + own)
-    weight = np.sqrt(np.maximum(np.abs(s), 1e-30))
     for _ in range(n):
         label = components(linked)
         apart = label[:, None] != label
@@ -54,7 +57,7 @@ def _errors(modes: BlockModes) -> Floats:
         nearest = half.min(axis=1, initial=np.inf)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             H = np.nan_to_num(seen / nearest[:, None], nan=np.inf, posinf=1e300)
-        tight = H @ (1.0 / weight) * weight >= TIGHT
+        tight = ~(balanced_sums(H, s) < TIGHT)
         if not tight.any():
             beyond = (seen + seen @ np.linalg.solve(np.eye(n) - H, H)) / half
             errors = _within(E + E @ beyond, label, centre, radius)

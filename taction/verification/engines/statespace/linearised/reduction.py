@@ -32,7 +32,7 @@ DECIDED = 1e9  # condition number below which rounding cannot make a matrix sing
 RANK = 1e-14  # of the largest singular value of M: a smaller one is no charge
 DOUBTFUL = 10.0  # a singular value so near to that is neither
 CANCEL = "the capacitances do not determine the states: parts cancel to the last digit"
-AT_OUTPUT = "a capacitor at the output of a behavioural amplifier: not supported"
+IMPULSE = "an unknown follows the rate of change of a behavioural amplifier's output: not supported"
 STEPS = 2  # inputs before those that change with time
 
 
@@ -183,6 +183,7 @@ class _Reduction:
         count, size = self.M.shape[:2]
         self.C = np.broadcast_to(np.eye(size), (count, size, size)).copy()
         self.D = np.zeros((count, size, self.b.shape[2]))
+        self.jump = np.zeros((2, *self.b.shape))  # charges by each input's rate, with sizes
         self.steps = list[tuple[Any, ...]]()
         self.left = np.arange(size)  # unknowns that stay
         self.worst = np.ones(count)
@@ -219,6 +220,7 @@ class _Reduction:
         self.M = np.zeros((1, size, size))
         self.M[0][:rank, q] = U[:rank]
         self.K, self.b = turn @ self.K, turn @ self.b
+        self.jump = np.stack([turn @ self.jump[0], np.abs(turn) @ self.jump[1]])
         self.worst[:], self.turned = np.inf, True
         return turn, np.arange(size) < rank
 
@@ -247,11 +249,12 @@ class _Reduction:
         mass, pull, charge = taken(M, d, p), taken(K, d, p), taken(M, d, q)
         self.M, self.K = charge + mass @ P, taken(K, d, q) + pull @ P
         self.b = b.take(d, axis=1) + pull @ given
+        jump, terms = self.jump[:, :, a, STEPS:]
+        if agreed((np.abs(jump) > 4.0 * ROUNDED * terms).any(axis=(1, 2))):
+            raise EngineError(IMPULSE)
+        self.jump = self.jump[:, :, d]
         if agreed(mass.any(axis=(1, 2))):
-            if agreed((mass @ given)[:, :, STEPS:].any(axis=(1, 2))):
-                raise EngineError(
-                    "a capacitor at the output of a behavioural amplifier: not supported"
-                )
+            self.jump += np.stack([mass @ given, np.abs(mass) @ np.abs(given)])
             sizes = np.abs(charge) + np.abs(mass) @ np.abs(P)
             lost = np.abs(self.M) < sizes / DECIDED
             self.worst = np.where((lost & (sizes > 0.0)).any(axis=(1, 2)), np.inf, self.worst)
