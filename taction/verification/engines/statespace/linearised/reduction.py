@@ -32,7 +32,7 @@ DECIDED = 1e9  # condition number below which rounding cannot make a matrix sing
 RANK = 1e-14  # of the largest singular value of M: a smaller one is no charge
 DOUBTFUL = 10.0  # a singular value so near to that is neither
 CANCEL = "the capacitances do not determine the states: parts cancel to the last digit"
-IMPULSE = "an unknown follows the rate of change of a behavioural amplifier's output: not supported"
+AT_OUTPUT = "a capacitor at the output of a behavioural amplifier: not supported"
 STEPS = 2  # inputs before those that change with time
 
 
@@ -249,12 +249,12 @@ class _Reduction:
         mass, pull, charge = taken(M, d, p), taken(K, d, p), taken(M, d, q)
         self.M, self.K = charge + mass @ P, taken(K, d, q) + pull @ P
         self.b = b.take(d, axis=1) + pull @ given
-        jump, terms = self.jump[:, :, a, STEPS:]
-        if agreed((np.abs(jump) > 4.0 * ROUNDED * terms).any(axis=(1, 2))):
-            raise EngineError(IMPULSE)
-        self.jump = self.jump[:, :, d]
+        moved = np.stack([mass @ given, np.abs(mass) @ np.abs(given)])
+        for jump, terms in (self.jump[:, :, a], moved if turn is None else 0.0 * moved):
+            if agreed((np.abs(jump) > 4.0 * ROUNDED * terms)[:, :, STEPS:].any(axis=(1, 2))):
+                raise EngineError(AT_OUTPUT)
+        self.jump = self.jump[:, :, d] + moved
         if agreed(mass.any(axis=(1, 2))):
-            self.jump += np.stack([mass @ given, np.abs(mass) @ np.abs(given)])
             sizes = np.abs(charge) + np.abs(mass) @ np.abs(P)
             lost = np.abs(self.M) < sizes / DECIDED
             self.worst = np.where((lost & (sizes > 0.0)).any(axis=(1, 2)), np.inf, self.worst)
