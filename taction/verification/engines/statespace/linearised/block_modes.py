@@ -230,13 +230,16 @@ def certify(
     if reduced.steps and reduced.steps[0].turn is None:
         step = reduced.steps[0]
         unseen[step.p] = np.abs(step.inverse) @ (np.abs(R[step.a]) + rounding[step.a])
-        WM, size = W @ M[:, step.p], np.abs(T)
-        lost = np.abs(T @ WM - W @ K[:, step.p])
-        lost += ROUNDED * (
-            size @ (weights @ pencil.mass[:, step.p]) + weights @ pencil.pull[:, step.p]
-        )
+        size, charged = np.abs(T), bool(pencil.mass[:, step.p].any())
+        lost = _product(K[:, step.p].T, W.T).T
+        doubt = weights @ pencil.pull[:, step.p]
+        if charged:
+            WM = _product(M[:, step.p].T, W.T).T
+            lost = (np.diag(T)[:, None] * WM if single else T @ WM) - lost
+            doubt += size @ (weights @ pencil.mass[:, step.p])
+        lost = np.abs(lost) + ROUNDED * doubt
         E = E + lost @ unseen[step.p]
-        if WM.any():
+        if charged:
             moved = np.abs(WM) @ unseen[step.p]
             far = np.abs(np.diag(T)[:, None] - np.diag(T))
             E = E + (far + np.where(group[:, None] == group, size, 0.0)) * moved
