@@ -15,6 +15,7 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.documents import HIDDEN
+from taction.system.errors import StepTooSmall, TimedOut
 from taction.system.progress import Clock, Progress
 from taction.system.quantities import quantity
 from taction.system.results import Result
@@ -177,6 +178,9 @@ def _finer(recording: Recording) -> TransientPlan | None:
 
 
 REPEATS = 3  # largest number of repeated runs
+REPEAT_FAILED = (
+    "a better run ended without a record, so the readings are of the run before it: {reason}"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -339,20 +343,25 @@ def record_and_measure(
     A run that does not suffice is repeated.
 
     A run that missed the wanted error is repeated with smaller steps, a record that is too short
-    for a reading is repeated with a longer stop time. `known` are the measurements of
-    `companion.exact_response`, if it has been measured.
+    for a reading is repeated with a longer stop time; the record stays if its repeat fails. `known`
+    are the measurements of `companion.exact_response`, if it has been measured.
 
     Raises
     ------
     SimulationError
-        As `taction.verification.verdict.simulation.Pending.result`.
+        Of the first run, as `taction.verification.verdict.simulation.Pending.result`.
     """
     recording = _record(design, ideal, pending, clock, known)
     for _ in range(REPEATS):
         plan = better_plan(recording, ideal)
         if plan is None:
             break
-        repeated = _record(replace(design, plan=plan), ideal, None, clock, known)
+        try:
+            repeated = _record(replace(design, plan=plan), ideal, None, clock, known)
+        except (StepTooSmall, TimedOut) as error:
+            ends = recording.ends
+            flag = REPEAT_FAILED.format(reason=str(error).splitlines()[0])
+            return replace(recording, ends=replace(ends, flags=(*ends.flags, flag)))
         recording = replace(repeated, before=recording.accuracy)
     return recording
 

@@ -14,7 +14,7 @@ import pytest
 
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene, parse_scene
-from taction.system.errors import EngineError, InputError
+from taction.system.errors import EngineError, InputError, StepTooSmall
 from taction.system.progress import Clock
 from taction.system.waveforms import Waveforms
 from taction.verification.engines.statespace.transients import simulate
@@ -154,6 +154,31 @@ def test_a_step_that_misses_is_refined(ngspice: str, monkeypatch: pytest.MonkeyP
     document = json.loads(json.dumps(verdict_document(verdict)["accuracy"]))
     assert {"wanted", "achieved", "seconds", "points"} <= document.keys()
     assert document["wanted"] == 1e-4
+
+
+def test_a_record_stays_where_its_repeat_fails(
+    ngspice: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The verdict is that of the first run, and says why there is no better one."""
+    design, ideal, _ = board()
+    rough = replace(design.plan, wanted=1e-3 * design.plan.wanted)
+    begin, plans = recording.begin, list[TransientPlan]()
+
+    def second_fails(asked: PlannedBoard) -> Pending:
+        plans.append(asked.plan)
+        if len(plans) > 1:
+            raise StepTooSmall("the time step fell below the limit\nthe log says: ...")
+        return begin(asked)
+
+    monkeypatch.setattr(recording, "begin", second_fails)
+    found = record_and_measure(replace(design, plan=rough), ideal, None, Clock(lambda stage: None))
+    assert len(plans) == 2
+    assert found.achieved is not None
+    assert found.achieved > rough.wanted
+    assert (
+        "the readings are of the run before it: the time step fell below the limit"
+        in (found.ends.flags[-1])
+    )
 
 
 def test_a_board_that_the_other_engine_cannot_answer_runs_twice(
