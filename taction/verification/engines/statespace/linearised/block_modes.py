@@ -231,13 +231,13 @@ def certify(
         step = reduced.steps[0]
         unseen[step.p] = np.abs(step.inverse) @ (np.abs(R[step.a]) + rounding[step.a])
         size, charged = np.abs(T), bool(pencil.mass[:, step.p].any())
-        lost = _product(K[:, step.p].T, W.T).T
+        coupled = _product(K[:, step.p].T, W.T).T
         doubt = weights @ pencil.pull[:, step.p]
         if charged:
             WM = _product(M[:, step.p].T, W.T).T
-            lost = (np.diag(T)[:, None] * WM if single else T @ WM) - lost
+            coupled = (np.diag(T)[:, None] * WM if single else T @ WM) - coupled
             doubt += size @ (weights @ pencil.mass[:, step.p])
-        lost = np.abs(lost) + ROUNDED * doubt
+        lost = np.abs(coupled) + ROUNDED * doubt
         E = E + lost @ unseen[step.p]
         if charged:
             moved = np.abs(WM) @ unseen[step.p]
