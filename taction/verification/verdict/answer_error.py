@@ -28,6 +28,7 @@ from taction.verification.verdict.run_checks import unconfirmed
 
 DECISIVE = ("headroom", "engines_agree", "same_problem")
 """Checks without which the equilibrium need not be that of the board."""
+MOST_SLOPES = 10_000_000  # of outputs with array elements: more would take over 600 MB
 ALIKE = 1e-9  # relative difference of errors that count as equal: those of a symmetric board
 
 
@@ -51,7 +52,7 @@ class BuiltBoards:
     ----------
     distance, error : float
         Largest distance of an output from the regularised answer that `SHARE` of the boards keep,
-        and the bound on its error, V.
+        and the bound on its error, V; infinite where it is not `known`.
     least, most : float
         Bounds on the share of the boards that rest within the limits of the scene: the tolerance
         of the steady state, and the band of the settling time. The yield is at most `most`.
@@ -70,6 +71,11 @@ class BuiltBoards:
     counted: str
 
     @property
+    def known(self) -> bool:
+        """Whether it is known where they rest; it is not for more than `MOST_SLOPES` slopes."""
+        return math.isfinite(self.distance)
+
+    @property
     def covers(self) -> str:
         """What differs between the boards, and what of it the check of the steady state counts."""
         if self.counted == self.varies:
@@ -81,12 +87,18 @@ class BuiltBoards:
     @classmethod
     def of(cls, design: PlannedBoard, evidence: Evidence) -> BuiltBoards | None:
         """Return the boards of a design; None where nothing varies that moves their rest."""
+        checks, amplitude = evidence.checks, evidence.measurements.amplitude
+        limit = min(checks.steady_state.tolerance, checks.settling_time.band)
+        elements = sum(int(np.isfinite(each.ohms).sum()) for each in design.circuit.matrices)
+        if (
+            design.scene.tolerances.resistor
+            and elements * len(design.circuit.outputs) > MOST_SLOPES
+        ):
+            return cls(math.inf, 0.0, 0.0, 1.0, limit, *design.varies)
         spread = design.built_spread()
         if spread is None:
             return None
-        checks, amplitude = evidence.checks, evidence.measurements.amplitude
         targets = np.array([channel.target for channel in evidence.measurements.channels])
-        limit = min(checks.steady_state.tolerance, checks.settling_time.band)
         doubt = evidence.static_error * amplitude
         distance, error = spread.distance(targets)
         least, most = spread.within(targets, limit * amplitude)

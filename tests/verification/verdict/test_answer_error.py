@@ -119,6 +119,18 @@ def test_the_yield_of_a_pass_is_said_aloud() -> None:
     assert "passes as drawn" not in str(loose)
 
 
+def test_the_yield_of_a_large_board_is_said_to_be_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """38 array elements have 152 slopes at 4 outputs."""
+    monkeypatch.setattr(answer_error, "MOST_SLOPES", 20)
+    found = taction.verify("scenes/custom-matrix.toml", engine="statespace")
+    assert found.outcome.value == "pass"
+    (line,) = [text for text in str(found).splitlines() if "passes as drawn" in text]
+    assert "how many built boards pass is not known for so many parts (resistors 1 %," in line
+    assert "of built boards within" not in str(found)
+    answer = verdict_document(found)["answer"]
+    assert (answer["built_error"], answer["yield_at_most"]) == (None, 1.0)
+
+
 def test_an_unstable_board_finds_no_answer() -> None:
     slow = {"base": "ideal", "dc_gain": 1e5, "gbw": "200kHz", "second_pole": "300kHz"}
     verdict = judged(STRESS, T @ STRESS, opamp=slow, capacitance="1pF")

@@ -22,7 +22,7 @@ def answer_text(
     subject = "it" if short else "that answer"
     built, near = answer.built, _within(answer.board + answer.board_error, answer.step)
     text = f"The board as drawn finds the regularised answer {near} of the step"
-    if built is not None:
+    if built is not None and built.known:
         wide = _within(built.distance + built.error, answer.step)
         text += f", {100 * SHARE:g} % of built boards {wide}{f' ({built.covers})' * covers}"
     return f"{text}; {_truth(answer, subject, short=short, volts=volts)}."
@@ -34,8 +34,13 @@ def yield_text(answer: AnswerError) -> str:
     The bound is that of the place of rest alone, to first order in the deviations.
     """
     built = answer.built
-    if built is None or built.most >= SHARE:
+    if built is None or (built.known and built.most >= SHARE):
         return ""
+    if not built.known:
+        return (
+            "passes as drawn; how many built boards pass is not known for so many parts"
+            f" ({built.covers}): 'taction yield montecarlo' draws some"
+        )
     at_most = percent(rounded_up(built.most, 2)) if built.most else "0 %"
     return (
         f"passes as drawn; at most {at_most} of built boards pass: the others rest beyond"
