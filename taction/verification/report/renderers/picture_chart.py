@@ -38,7 +38,7 @@ MARKS = {
 LINES = {"solid": "-", "dash": (0, (4.0, 4.0)), "dot": ":", "dashdot": "-.", "": "none"}
 THEME = {"ink": "#1a1a1a", "muted": "#555555", "band": "#d9d9d9", "true": GREY}
 DIVERGING = (BLUE, "#f4f4f2", ORANGE)
-FEW = 5  # steps between labels with a unit, which are long
+FEW = 5  # steps between labels that may be long
 LABELLED = 0.5  # height of the ticks and the label of the horizontal axis, inches
 TURNED = 0.3  # more height of turned names, inches
 
@@ -124,6 +124,8 @@ def _label(axes: Axes, chart: Chart, name: str) -> None:
         ruler.set_major_locator(MaxNLocator(FEW))
         ruler.set_major_formatter(EngFormatter(unit))
     else:
+        if name == "x":
+            ruler.set_major_locator(MaxNLocator(FEW))
         ruler.set_major_formatter(lambda value, _: f"{value:.6g}".replace("-", "−"))
         shown = unit
     if axis.ticks:

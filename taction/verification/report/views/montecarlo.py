@@ -248,7 +248,8 @@ def _histogram(spread: QuantitySpread, values: Floats, missing: int, text: str) 
     if text:
         message += f", {text}"
     summary = (
-        f"{len(values)} samples from {figure(float(values.min()), spread.unit)} to"
+        f"{titled(spread.title)}: {len(values)} samples from"
+        f" {figure(float(values.min()), spread.unit)} to"
         f" {figure(float(values.max()), spread.unit)}; {message}."
     )
     return Chart(
