@@ -10,8 +10,7 @@ An exit status of 0 is not enough. A result is accepted when
 5. the plot has exactly the requested vectors;
 6. the time increases strictly, from within the first step to the stop time within 1e-9;
 7. every value is finite and below a physical bound (ngspice clamps an overflow to 1e99, and
-   computes 1/0 as 1e32 and the square root of a negative number as that of its magnitude);
-8. the deck passed `taction.verification.engines.ngspice.screening` before it was sent.
+   computes 1/0 as 1e32 and the square root of a negative number as that of its magnitude).
 
 A noise analysis has other points in the place of 3 to 7: every card has two plots, the spectrum and
 its integral. The spectrum begins and ends at the requested frequencies, with the requested number
@@ -28,14 +27,15 @@ from __future__ import annotations
 import math
 import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
 from taction.netlist_gen.analysis import (
+    Analysis,
     NoiseAnalysis,
     NoiseBand,
     OperatingPoint,
@@ -57,11 +57,27 @@ from taction.system.errors import (
 from taction.system.raw_file import Plot, read_plots, read_raw
 from taction.system.waveforms import Cost, Waveforms
 from taction.verification.engines.ngspice.executable import REMEDY
-from taction.verification.engines.ngspice.screening import ScreenedDeck
 
 Result = TypeVar("Result")
 
 LONGEST_LINE = 300  # characters of a line of the error stream in a message
+
+
+class DeckToRun(Protocol):
+    """What the runner uses of a deck (`taction.netlist_gen.deck.deck.Deck`).
+
+    `files` maps names to the text of further files in the deck's folder; `saved` are the node
+    names of the ``.save`` card; `analysis` is the requested analysis.
+    """
+
+    @property
+    def text(self) -> str: ...  # noqa: D102
+    @property
+    def files(self) -> Mapping[str, str]: ...  # noqa: D102
+    @property
+    def saved(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def analysis(self) -> Analysis: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +188,7 @@ _PLOT_NAMES = {Transient: "Transient Analysis", OperatingPoint: "Operating Point
 
 
 def accepted_waveforms(
-    deck: ScreenedDeck, ending: Ending, *, engine: str, bound: float, solver: str = ""
+    deck: DeckToRun, ending: Ending, *, engine: str, bound: float, solver: str = ""
 ) -> Waveforms:
     """Return the waveforms of a run that shows all its evidence.
 
@@ -213,7 +229,7 @@ def _accepted(ending: Ending, judge: Callable[[], Result]) -> Result:
 
 
 def _partial_waveforms(
-    deck: ScreenedDeck, ending: Ending, engine: str, solver: str
+    deck: DeckToRun, ending: Ending, engine: str, solver: str
 ) -> Waveforms | None:
     """Return the points that an interrupted run wrote; None without any."""
     try:
@@ -224,7 +240,7 @@ def _partial_waveforms(
     return _waveforms(deck, plot, ending, engine, solver) if len(plot.data) else None
 
 
-def _check_plot(deck: ScreenedDeck, plot: Plot) -> None:
+def _check_plot(deck: DeckToRun, plot: Plot) -> None:
     """Check points 3 and 5; `read_raw` has checked for one plot and point 4."""
     requested = _PLOT_NAMES[type(deck.analysis)]
     if plot.name != requested:
@@ -243,7 +259,7 @@ def _check_plot(deck: ScreenedDeck, plot: Plot) -> None:
         )
 
 
-def _check_time(deck: ScreenedDeck, time: Floats) -> None:
+def _check_time(deck: DeckToRun, time: Floats) -> None:
     """Check point 6."""
     analysis = deck.analysis
     if not isinstance(analysis, Transient):
@@ -272,10 +288,8 @@ def _check_values(waveforms: Waveforms, bound: float) -> None:
     raise BadEvidence(f"beyond {bound:g} V, or not a number, at {wrong.size} nodes: {listed}")
 
 
-def _waveforms(
-    deck: ScreenedDeck, plot: Plot, ending: Ending, engine: str, solver: str
-) -> Waveforms:
-    """Copy the columns in the order of `ScreenedDeck.saved`, each into contiguous memory.
+def _waveforms(deck: DeckToRun, plot: Plot, ending: Ending, engine: str, solver: str) -> Waveforms:
+    """Copy the columns in the order of `DeckToRun.saved`, each into contiguous memory.
 
     A column of the map is neither aligned nor contiguous: on 10,000 x 7 values, the minimum and
     maximum take 0.5 ms there and 0.01 ms on the copy.
@@ -303,7 +317,7 @@ INTEGRAL = ("Integrated Noise", ("v(onoise_total)",))
 FREQUENCY_TOLERANCE = 1e-6
 
 
-def integrated_noise(deck: ScreenedDeck, ending: Ending) -> float:
+def integrated_noise(deck: DeckToRun, ending: Ending) -> float:
     """Return the noise of the saved node over all bands, rms, V.
 
     Raises
@@ -315,7 +329,7 @@ def integrated_noise(deck: ScreenedDeck, ending: Ending) -> float:
     return _accepted(ending, lambda: _total(deck, read_plots(ending.raw)))
 
 
-def _total(deck: ScreenedDeck, plots: list[Plot]) -> float:
+def _total(deck: DeckToRun, plots: list[Plot]) -> float:
     analysis = deck.analysis
     if not isinstance(analysis, NoiseAnalysis):
         raise BadEvidence(f"the analysis is {type(analysis).__name__}, not Noise")
@@ -328,7 +342,7 @@ def _total(deck: ScreenedDeck, plots: list[Plot]) -> float:
     # ngspice runs the last card first.
     spectra.sort(key=lambda plot: float(plot.data[0, 0]))
     for spectrum, band in zip(spectra, analysis.bands, strict=True):
-        _check_frequencies(spectrum, band)
+        _check_frequencies(spectrum.data[:, 0], band)
     if not (variance := sum(map(_variance, spectra))):
         raise BadEvidence(f"no noise at node {deck.saved[0]}; is the node in the circuit?")
     return math.sqrt(variance)
@@ -342,16 +356,14 @@ def _check_name(plot: Plot, name: str, vectors: tuple[str, ...]) -> None:
         )
 
 
-def _check_frequencies(spectrum: Plot, band: NoiseBand) -> None:
-    frequencies = spectrum.data[:, 0]
-    expected = (band.start, band.stop)
-    found = (float(frequencies[0]), float(frequencies[-1]))
-    if len(frequencies) != band.steps + 1 or not np.allclose(
-        found, expected, rtol=FREQUENCY_TOLERANCE, atol=0.0
+def _check_frequencies(found: Floats, band: NoiseBand) -> None:
+    expected = band.start * 10.0 ** (np.arange(band.steps + 1) / band.density)
+    if found.shape != expected.shape or not np.allclose(
+        found, expected, rtol=FREQUENCY_TOLERANCE, atol=0
     ):
         raise BadEvidence(
-            f"{len(frequencies)} frequencies from {found[0]:g} to {found[1]:g} Hz;"
-            f" {band.steps + 1} from {expected[0]:g} to {expected[1]:g} Hz were asked for"
+            f"{len(found)} frequencies; {len(expected)} from {band.start:g} to {band.stop:g} Hz"
+            " were asked for"
         )
 
 
@@ -368,7 +380,7 @@ def _variance(spectrum: Plot) -> float:
 PLOT = "AC Analysis"
 
 
-def small_signal_response(deck: ScreenedDeck, ending: Ending) -> tuple[Floats, Complexes]:
+def small_signal_response(deck: DeckToRun, ending: Ending) -> tuple[Floats, Complexes]:
     """Return the frequencies (P,), Hz, and the voltages of the saved nodes (P, K), V.
 
     Raises
@@ -380,7 +392,7 @@ def small_signal_response(deck: ScreenedDeck, ending: Ending) -> tuple[Floats, C
     return _accepted(ending, lambda: _checked(deck, read_raw(ending.raw, flags="complex")))
 
 
-def _checked(deck: ScreenedDeck, plot: Plot) -> tuple[Floats, Complexes]:
+def _checked(deck: DeckToRun, plot: Plot) -> tuple[Floats, Complexes]:
     if not isinstance(deck.analysis, SmallSignal):
         raise BadEvidence(f"the analysis is {type(deck.analysis).__name__}, not SmallSignal")
     wanted = tuple(f"v({node.lower()})" for node in deck.saved)
@@ -388,15 +400,7 @@ def _checked(deck: ScreenedDeck, plot: Plot) -> tuple[Floats, Complexes]:
     if plot.name != PLOT or vectors[:1] != ("frequency",) or set(vectors[1:]) != set(wanted):
         text = f"the plot is {plot.name!r} with {', '.join(vectors)}"
         raise BadEvidence(f"{text}; {PLOT!r} with frequency and {', '.join(wanted)} was asked for")
-    band, found = deck.analysis.band, data[:, 0].real
-    expected = band.start * 10.0 ** (np.arange(band.steps + 1) / band.density)
-    if found.shape != expected.shape or not np.allclose(
-        found, expected, rtol=FREQUENCY_TOLERANCE, atol=0.0
-    ):
-        raise BadEvidence(
-            f"{len(found)} frequencies; {len(expected)} from {band.start:g} to {band.stop:g} Hz"
-            " were asked for"
-        )
+    _check_frequencies(found := data[:, 0].real, deck.analysis.band)
     if not np.isfinite(data).all():
         raise BadEvidence("a voltage is not finite")
     return found, data[:, [vectors.index(vector) for vector in wanted]]

@@ -10,7 +10,7 @@ import resource
 import shutil
 import signal
 import subprocess
-import time
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,6 @@ REMEDY = (
     " has the fast KLU solver), or name the executable in TACTION_NGSPICE"
 )
 PATIENCE = 20.0  # s to wait for a version
-ALIVE_INTERVAL = 0.002  # s between two looks whether the process still runs
 LONGEST_ANSWER = 65_536  # bytes of a version
 SHOWN = 2_000  # characters of an answer in a message
 _INHERITED = ("LD_LIBRARY_PATH",)  # an ngspice in a folder of its own may need it
@@ -102,7 +101,7 @@ _on_path = functools.cache(_absolute)  # a search costs 0.1 ms; a failure is not
 
 def _answer(executable: str) -> str:
     """Return what ``-v`` prints up to its end, `LONGEST_ANSWER` bytes or `PATIENCE` seconds."""
-    with open(os.memfd_create("answer"), "w+b") as answer:  # noqa: PTH123 - of a number
+    with tempfile.TemporaryFile() as answer:
         process = subprocess.Popen(
             [executable, "-v"],
             stdin=subprocess.DEVNULL,
@@ -113,17 +112,16 @@ def _answer(executable: str) -> str:
         )
         with contextlib.suppress(ProcessLookupError):  # it has ended
             resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (LONGEST_ANSWER, LONGEST_ANSWER))
-        end = time.monotonic() + PATIENCE
-        look = os.WEXITED | os.WNOHANG | os.WNOWAIT  # so that the group keeps its number
-        while not (ended := os.waitid(os.P_PID, process.pid, look)) and time.monotonic() < end:
-            time.sleep(ALIVE_INTERVAL)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(PATIENCE)
+        ended = process.returncode
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         answer.seek(0)
         text = answer.read().decode(errors="replace")
-    if ended and process.returncode < 0 and process.returncode != -signal.SIGXFSZ:
-        ended_by = signal.Signals(-process.returncode).name
+    if ended is not None and ended < 0 and ended != -signal.SIGXFSZ:
+        ended_by = signal.Signals(-ended).name
         raise SimulatorNotFound(f"{executable} -v was ended by {ended_by}. Run the command again")
     return text
 

@@ -40,22 +40,17 @@ from taction.system.progress import reached
 from taction.system.raw_file import last_instant
 from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice.evidence import (
+    DeckToRun,
     Ending,
     accepted_waveforms,
     integrated_noise,
     small_signal_response,
 )
 from taction.verification.engines.ngspice.executable import Simulator, environment, find_simulator
-from taction.verification.engines.ngspice.screening import ScreenedDeck, screen
 
+__all__ = ["Run", "Simulator", "find_simulator", "simulate", "start"]
 
-def guard_of_process() -> tuple[str, ...]:
-    """Return `guard` in the main thread, which lives as long as its process; else nothing.
-
-    Another thread may end before a simulation that a third thread waits for.
-    """
-    return guard() if threading.current_thread() is threading.main_thread() else ()
-
+Result = TypeVar("Result")
 
 STREAMS = ("stdout.txt", "stderr.txt")
 _HERE = Path("$PWD")
@@ -73,9 +68,11 @@ def command_line(simulator: Simulator) -> str:
 
 def launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
     """Start ngspice in `folder`, with its streams in files there."""
+    # Another thread than the main one may end before a simulation that a third thread waits for.
+    is_main = threading.current_thread() is threading.main_thread()
     with (folder / STREAMS[0]).open("wb") as out, (folder / STREAMS[1]).open("wb") as err:
         return subprocess.Popen(
-            [*guard_of_process(), simulator.executable, *_ARGUMENTS],
+            [*(guard() if is_main else ()), simulator.executable, *_ARGUMENTS],
             cwd=folder,
             env=environment(folder),
             stdin=subprocess.DEVNULL,
@@ -85,7 +82,7 @@ def launch(simulator: Simulator, folder: Path) -> subprocess.Popen[bytes]:
         )
 
 
-def make_folder(deck: ScreenedDeck, command: str, folder: Path | None) -> Path:
+def make_folder(deck: DeckToRun, command: str, folder: Path | None) -> Path:
     """Make the run folder and write all files that a run, or a repetition of the run, needs.
 
     `command` is the command line that repeats the run in its folder. An existing `folder` must be
@@ -125,10 +122,6 @@ def _empty(folder: Path) -> Path:
     return place
 
 
-__all__ = ["Run", "Simulator", "find_simulator", "simulate", "start"]
-
-Result = TypeVar("Result")
-
 LONGEST_LOG = MEGABYTE
 """Bytes of an error stream that are read; of a longer stream only the beginning and the end."""
 
@@ -136,14 +129,6 @@ LONGEST_RESULT = 8000 * MEGABYTE
 """Bytes of a file that ngspice may write; the system ends a run that writes more."""
 
 LOOK_INTERVAL = 0.5  # s between two looks at the share that is done
-
-
-def _limit(process: int, kind: int, most: int) -> None:
-    """Limit a process, unless its limit is lower already."""
-    with contextlib.suppress(ProcessLookupError):  # it has ended
-        known = [limit for limit in resource.prlimit(process, kind) if limit >= 0]  # -1: unlimited
-        least = min((most, *known))
-        resource.prlimit(process, kind, (least, least))
 
 
 class _Process:
@@ -159,7 +144,10 @@ class _Process:
         limits = {resource.RLIMIT_FSIZE: LONGEST_RESULT, resource.RLIMIT_AS: memory}
         for kind, most in limits.items():  # of the guard, which becomes the simulator, too
             if most is not None:
-                _limit(self._popen.pid, kind, most)
+                with contextlib.suppress(ProcessLookupError):  # it has ended
+                    known = resource.prlimit(self._popen.pid, kind)  # -1: unlimited
+                    least = min((most, *(limit for limit in known if limit >= 0)))
+                    resource.prlimit(self._popen.pid, kind, (least, least))
         self._over = threading.Event()
         _thread.start_new_thread(self._watch, ())  # `Thread` would wait until it runs
 
@@ -212,7 +200,7 @@ class Run:
 
     def __init__(
         self,
-        deck: ScreenedDeck,
+        deck: DeckToRun,
         simulator: Simulator,
         folder: Path,
         *,
@@ -255,7 +243,7 @@ class Run:
         """Wait for the end and return the noise of the saved node, V; see `integrated_noise`."""
         return self.accept(integrated_noise)
 
-    def accept(self, evidence: Callable[[ScreenedDeck, Ending], Result]) -> Result:
+    def accept(self, evidence: Callable[[DeckToRun, Ending], Result]) -> Result:
         """Wait for the end and return what `evidence` accepts; else keep the folder."""
         if not self._discard.alive:
             raise SimulationError("a run returns its result once, and never after it was cancelled")
@@ -300,7 +288,7 @@ class Run:
 
 
 def start(
-    deck: ScreenedDeck,
+    deck: DeckToRun,
     simulator: Simulator,
     *,
     timeout: float,
@@ -308,11 +296,11 @@ def start(
     keep: bool = False,
     bound: float = PHYSICAL_BOUND,
 ) -> Run:
-    """Screen a deck and start its simulation.
+    """Start the simulation of a deck.
 
     Parameters
     ----------
-    deck : ScreenedDeck
+    deck : DeckToRun
         What to run.
     simulator : Simulator
         The executable.
@@ -330,14 +318,11 @@ def start(
     ------
     InputError
         The run folder is not empty.
-    DidNotLoad, SingularCircuit
-        The deck did not pass the screening; no process was started and no file written.
     SimulatorNotFound
         The executable no longer exists.
     OutOfDisk
         The deck could not be written.
     """
-    screen(deck)
     place = make_folder(deck, command_line(simulator), folder)
     try:
         if not os.access(simulator.executable, os.X_OK):
@@ -349,7 +334,7 @@ def start(
 
 
 def simulate(
-    deck: ScreenedDeck,
+    deck: DeckToRun,
     simulator: Simulator,
     *,
     timeout: float,

@@ -247,19 +247,6 @@ def test_killed_by_a_signal(simulator: Simulator, tmp_path: Path) -> None:
     assert isinstance(caught.value.partial, Waveforms)
 
 
-def test_the_deck_is_screened_before_anything_is_written(
-    simulator: Simulator, tmp_path: Path
-) -> None:
-    with pytest.raises(DidNotLoad, match="control"):
-        simulate(
-            transient(".control", "shell touch it", ".endc"),
-            simulator,
-            timeout=30.0,
-            folder=tmp_path / "run",
-        )
-    assert not (tmp_path / "run").exists()
-
-
 def fake(folder: Path, answer: str) -> str:
     path = folder / "ngspice"
     path.write_text(f"#!/bin/sh\necho x >> {folder}/calls\necho '{answer}'\n")
