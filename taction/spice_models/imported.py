@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
+from taction.spice_models.branches import Branch
+
 ROLES = ("inp", "inn", "vcc", "vee", "out")
 """What a port of the subcircuit is: inputs, supplies, output; `REST` for a port left open."""
 REST = "nc"
@@ -24,21 +26,6 @@ class Subcircuit:
 
 
 @dataclass(frozen=True, slots=True)
-class LinearPart:
-    """A linear part: the letter of its card, its name, both nodes and its value.
-
-    `control` has two nodes (E, G, and Y, a charge by a voltage), or the card of a source (F, H).
-    """
-
-    letter: str
-    name: str
-    a: str
-    b: str
-    value: float  # ohm, F, H, V, A, or a gain
-    control: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
 class LinearModel:
     """The circuit of an op-amp at its operating point: its cards, each linear or measured alone.
 
@@ -47,7 +34,7 @@ class LinearModel:
     (lowest and highest frequency, Hz).
     """
 
-    parts: tuple[LinearPart, ...]
+    parts: tuple[Branch, ...]
     error: float
     band: Annotated[tuple[float, float], "Hz"]
 

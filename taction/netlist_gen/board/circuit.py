@@ -17,7 +17,6 @@ from typing import Any, Literal
 import numpy as np
 
 from taction.netlist_gen.board.parts import (
-    Branch,
     Capacitor,
     CurrentSource,
     NoiseCurrent,
@@ -28,6 +27,7 @@ from taction.netlist_gen.board.parts import (
     TransistorCell,
     VoltageSource,
 )
+from taction.spice_models.branches import Branch
 from taction.spice_models.imported import LinearModel
 from taction.spice_models.opamp import OpAmp
 from taction.spice_models.transistor import NOMINAL, Transistor

@@ -13,6 +13,7 @@ import numpy as np
 
 from taction.netlist_gen.board.devices import Device
 from taction.netlist_gen.board.wires import Wires
+from taction.spice_models.branches import label_of
 from taction.system.array_types import Bools, Floats
 
 
@@ -31,10 +32,7 @@ class Part:
     @property
     def label(self) -> str:
         """Its name as its designer wrote it: that in the deck, or ``x1.Rin`` in a subcircuit."""
-        path, _, last = self.name.rpartition(".")
-        if not path:
-            return self.card
-        return f"{path[1:]}.{last[:1].upper()}{last[1:]}"
+        return label_of(self.letter, self.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,20 +118,6 @@ class VoltageSource(Part):
     node: str
     volts: float
     switched: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Branch(Part):
-    """A linear part of `value` between nodes `a` and `b`; `branches` has the kinds."""
-
-    a: str
-    b: str
-    value: float
-
-    @property
-    def nodes(self) -> tuple[str, ...]:
-        """The nodes that it touches."""
-        return self.a, self.b
 
 
 @dataclass(frozen=True, slots=True, eq=False)

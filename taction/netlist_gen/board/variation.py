@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, Role
-from taction.netlist_gen.board.parts import Branch, OpAmpCell, ResistorMatrix
+from taction.netlist_gen.board.parts import OpAmpCell, ResistorMatrix
 from taction.netlist_gen.scene.checks import Tolerances
+from taction.spice_models.branches import Branch
 from taction.spice_models.input_errors import MOST, drawn
 from taction.spice_models.opamp import OpAmp
 from taction.system.array_types import Floats

@@ -7,10 +7,10 @@ depends on. Every card that `flat_cards` reads as linear stays a part.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-from taction.netlist_gen.deck.flat_cards import CardError, read_cards, shown
+from taction.spice_models.branches import label_of
 from taction.spice_models.foreign_expressions import number
 
 OHMIC = {
@@ -23,12 +23,31 @@ OHMIC = {
 """Parameters of a model that are resistances in series with its terminals, by terminal."""
 STRIPPED = "__inner"  # ends the name of a model without them
 LEAST_TERMINALS = {"d": 2, "q": 3, "j": 3, "m": 3}
-_MODEL = re.compile(r"\.model (\S+) (\w+)(.*)")
 _VOLTAGE = re.compile(r"(?<![\w.#])v ?\( ?([^,() ]+) ?(?:, ?([^,() ]+) ?)?\)")
 _CURRENT = re.compile(r"(?<![\w.#])i ?\( ?([^,() ]+) ?\)")
 _TAKES = re.compile(r"(?<![\w.#])[vi] ?\(")
 _GIVEN = re.compile(r"(\w+) ?= ?([^\s(),]+)")
 ACCEPTED = "accepted are R C L K V I E F G H B, D Q J M with a .model, and switches S W"
+Models = Mapping[str, tuple[str, str]]
+"""Kind and card of each model, by name."""
+
+
+class CardError(ValueError):
+    """A flat card that is not accepted; the text says what is."""
+
+
+def shown(card: str) -> str:
+    """Return the name of a flat card as its designer wrote it.
+
+    Examples
+    --------
+    >>> shown("r1"), shown("r.1"), shown("r.x1.xop.rin")
+    ('R1', 'R.1', 'x1.xop.Rin')
+    """
+    letter, dot, rest = card.partition(".")
+    if not dot or len(letter) != 1 or "." not in rest:  # R.1 is a name of the top level
+        return card[:1].upper() + card[1:]
+    return label_of("", f".{rest}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,16 +56,16 @@ class Element:
 
     name: str  # of the flat card
     # the card: ``~`` for its name, ``{0}`` ``{1}`` for held nodes, ``{i0}`` for controlling
-    # sources, ``{o0}`` ``{o1}`` for the nodes of an output
+    # sources, ``{o0}`` ``{o1}`` for the nodes of its output
     pattern: str
     held: tuple[str, ...]  # nodes whose voltages are held, terminals first
     currents: tuple[str, ...] = ()  # sources whose currents are held
-    # kind (``v``, ``i`` or ``l``) and both nodes of an output
-    outs: tuple[tuple[str, str, str], ...] = ()
+    out: tuple[str, str, str] | None = (
+        None  # kind (``v``, ``i`` or ``l``) and both nodes of its output
+    )
     terminals: int = 0  # how many of `held` are terminals, whose currents are read
     # by terminal, the inner node behind an ohmic resistance, ohm
     inner: Mapping[int, tuple[str, float]] = field(default_factory=dict)
-    whole: str = ""  # the pattern with these resistances in it; empty without them
 
     @property
     def subcircuit(self) -> str:
@@ -54,31 +73,15 @@ class Element:
         return ".".join(self.name.split(".")[1:-1])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SortedCards:
-    """Flat cards: linear ones with their models, elements, and all models by name."""
-
-    linear: tuple[str, ...]
-    elements: tuple[Element, ...]
-    models: Mapping[str, tuple[str, str]]
-
-    @property
-    def model_cards(self) -> list[str]:
-        """The models, and those without their ohmic resistances."""
-        cards = [card for _, card in self.models.values()]
-        inner = {
-            word.removesuffix(STRIPPED)
-            for element in self.elements
-            for word in element.pattern.split()
-            if word.endswith(STRIPPED)
-        }
-        for name in sorted(inner):
-            kind, card = self.models[name]
-            keys = "|".join(key for each in OHMIC[_letter(kind)] for key in each)
-            card = re.sub(rf"(?<=[\s(])(?:{keys}) ?= ?[^\s(),]+", " ", card)
-            card = _inner_junction(card)
-            cards.append(re.sub(r"^\.model \S+", f".model {name}{STRIPPED}", card))
-        return cards
+def model_cards(models: Models, elements: Iterable[Element]) -> Iterator[str]:
+    """Yield the models, and those without ohmic resistances that elements name."""
+    yield from (card for _, card in models.values())
+    words = {word for element in elements for word in element.pattern.split()}
+    for name in sorted(w.removesuffix(STRIPPED) for w in words if w.endswith(STRIPPED)):
+        kind, card = models[name]
+        keys = "|".join(key for each in OHMIC[_letter(kind)] for key in each)
+        card = re.sub(rf"(?<=[\s(])(?:{keys}) ?= ?[^\s(),]+", " ", card)
+        yield re.sub(r"^\.model \S+", f".model {name}{STRIPPED}", _inner_junction(card))
 
 
 def _inner_junction(card: str) -> str:
@@ -99,33 +102,6 @@ def _letter(kind: str) -> str:
     return "vdmos" if kind.startswith("vdmos") else known.get(kind, "m")
 
 
-def sorted_cards(cards: Iterable[str]) -> SortedCards:
-    """Sort flat cards into linear ones and elements; raise CardError for one that is neither.
-
-    Examples
-    --------
-    >>> found = sorted_cards(["r1 a 0 1k", "b1 a 0 v=tanh(v(c))"])
-    >>> found.linear, found.elements[0].pattern, found.elements[0].held
-    (('r1 a 0 1k',), 'b~ {o0} {o1} v=tanh(v({0}))', ('c',))
-    """
-    every = tuple(spelt_card(card) for card in cards)
-    models = {m[1]: (m[2], card) for card in every if (m := _MODEL.match(card))}
-    passive = [card for kind, card in models.values() if kind in ("r", "res", "c", "l")]
-    linear, elements = list[str](), list[Element]()
-    for card in every:
-        if card.startswith("."):
-            continue
-        try:
-            read_cards([*(passive if card[0] in "rcl" else ()), card])
-            linear.append(card)
-        except CardError:
-            element = _element(card, models)
-            if element is None:
-                raise
-            elements.append(element)
-    return SortedCards((*passive, *linear), tuple(elements), models)
-
-
 def spelt_card(card: str) -> str:
     """Return a card of a listing as ngspice reads it again."""
     card = re.sub(r"\s*=\s*", "=", " ".join(card.split()))
@@ -133,8 +109,15 @@ def spelt_card(card: str) -> str:
     return re.sub(r"(?<=[\s=])\(\s*([-+\w.]+)\s*\)(?=\s|$)", r"\1", card)
 
 
-def _element(card: str, models: Mapping[str, tuple[str, str]]) -> Element | None:
-    """Return the element of a card that is not linear; None of one that none can be."""
+def element_of(card: str, models: Models) -> Element | None:
+    """Return the element of a card that is not linear; None of one that none can be.
+
+    Examples
+    --------
+    >>> found = element_of("b1 a 0 v=tanh(v(c))", {})
+    >>> found.pattern, found.held, found.out
+    ('b~ {o0} {o1} v=tanh(v({0}))', ('c',), ('v', 'a', '0'))
+    """
     kind, (name, *words) = card[0], card.split()
     if kind in "dqjm":
         return _device(card, models)
@@ -159,7 +142,7 @@ def _element(card: str, models: Mapping[str, tuple[str, str]]) -> Element | None
     if not (front and rest):
         return None
     rest = _placed(rest, held, currents) if kind not in "sw" else rest
-    outs = ((out, words[0], words[1]),) if out else ()
+    outs = (out, words[0], words[1]) if out else None
     return Element(name, f"{kind}~ {front} {rest}", tuple(held), tuple(currents), outs, terminals)
 
 
@@ -186,7 +169,7 @@ def _placed(text: str, held: list[str], currents: list[str]) -> str:
     return _CURRENT.sub(current, _VOLTAGE.sub(voltage, text))
 
 
-def _device(card: str, models: Mapping[str, tuple[str, str]]) -> Element:
+def _device(card: str, models: Models) -> Element:
     """Return a transistor or a diode; its ohmic resistances lead to inner nodes of their own."""
     kind, (name, *words) = card[0], card.split()
     n = next((k for k, w in enumerate(words) if k > 1 and (w in models or f"{w}.1" in models)), 0)
@@ -195,18 +178,13 @@ def _device(card: str, models: Mapping[str, tuple[str, str]]) -> Element:
     nodes, model, rest = words[:n], words[n], words[n + 1 :]
     if kind == "q" and n == 3:
         nodes.append("0")  # its substrate
-    tail = " ".join(word for word in rest if word != "off" and not word.startswith("ic="))
-    places = " ".join(f"{{{k}}}" for k in range(len(nodes)))
-    pattern, count = f"{kind}~ {places}", len(nodes)
     type_name, text = models.get(model, ("", ""))
     letter = _letter(type_name) if kind == "m" else kind
-    values = dict(_GIVEN.findall(text))
-    inner = _inner(name, letter, values, rest)
-    whole = f"{pattern} {model} {tail}"
-    if not inner:
-        return Element(name, whole, tuple(nodes), terminals=count)
-    pattern = f"{pattern} {model}{STRIPPED} {tail}"
-    return Element(name, pattern, tuple(nodes), (), (), count, inner, whole)
+    inner = _inner(name, letter, dict(_GIVEN.findall(text)), rest)
+    places = " ".join(f"{{{k}}}" for k in range(len(nodes)))
+    tail = " ".join(word for word in rest if word != "off" and not word.startswith("ic="))
+    pattern = f"{kind}~ {places} {model}{STRIPPED if inner else ''} {tail}"
+    return Element(name, pattern, tuple(nodes), (), None, len(nodes), inner)
 
 
 def _inner(

@@ -1,4 +1,4 @@
-"""Flat linear cards of a deck, R C L K V I E F G H and linear B, as a `Circuit` without a topology.
+"""Flat cards of a deck: linear ones, R C L K V I E F G H B, as parts, all others as elements.
 
 The roles of the parts are unknown: each part is a knob of its own. What a deck says of time is a
 step: a source rests at its value before the first change, and steps at t = 0 to its last one.
@@ -8,26 +8,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
-from taction.netlist_gen.board.branches import (
-    BranchCoupling,
-    Coil,
-    CurrentBetween,
-    CurrentByCurrent,
-    CurrentByVoltage,
-    Source,
-    VoltageBetween,
-    VoltageByCurrent,
-    VoltageByVoltage,
-)
 from taction.netlist_gen.board.circuit import GROUND, Circuit, Fact, Knob, Output, common_facts
-from taction.netlist_gen.board.parts import Branch, Capacitor, Part, Resistor
+from taction.netlist_gen.board.linear_models import with_parts
+from taction.netlist_gen.deck.elements import CardError, Element, element_of, shown, spelt_card
 from taction.netlist_gen.deck.linear_expressions import affine
-from taction.netlist_gen.deck.stimuli import FIXED, Stimulus, stimulus_of
+from taction.netlist_gen.deck.stimuli import Stimulus, stimulus_of
 from taction.netlist_gen.deck.transfer_functions import OWN
+from taction.spice_models.branches import CONTROLS, Branch, Source
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, InputError
 
@@ -43,7 +33,9 @@ KINDS = {
 }
 """Letters of the parts that are knobs: what they are, and their unit."""
 IDLE = {"tc1", "tc2", "tc", "noisy"}  # without effect at 27 degrees C, or on poles
-_PASSIVE = re.compile(r"\.model (\S+) (?:r|res|c|l) ?\(?([^()]*)\)?")
+PASSIVE = ("r", "res", "c", "l")  # kinds of their models
+_PASSIVE = re.compile(r"\.model \S+ \w+ ?\(?([^()]*)\)?")
+_MODEL = re.compile(r"\.model (\S+) (\w+)")
 SCALES = {"tc1", "tc2", "tce", "rsh", "cj", "cjsw", "defw", "defl", "narrow", "short", "kf", "af"}
 """What a model of R, C or L may have where the part has a value of its own, which counts."""
 NAMED = 4  # sources in a sentence
@@ -51,28 +43,11 @@ SMALL_STEP = 1e-3  # V or A, of a source of a circuit that is linear about its o
 BIASED_STEP = 0.01  # of its DC value: the step of a source with AC, within the rails
 LEAST_FARADS = 1e-12  # scale of the charges of a deck without capacitors
 ABSENT = 1e-24  # F: at 1e12 ohm a pole beyond 10 GHz; vendors write 1e-30 for nothing
+CONTROLLED = "two nodes, a voltage source and one number"
 _FIELD = re.compile(r"[^\s=(),]+\s*=\s*[^\s=]+|[^\s=(),]+")
 _B = re.compile(r"(\S+) (\S+) ([vi]) ?= ?(.+)")
 _OUTPUT = re.compile(r"\bv\s*\(\s*([^\s,()]+)\s*\)")
 USUAL = ("out", "vout", "output", "vo", "o")  # names of an output, in this order
-
-
-class CardError(ValueError):
-    """A flat card that is not accepted; the text says what is."""
-
-
-def shown(card: str) -> str:
-    """Return the name of a flat card as its designer wrote it.
-
-    Examples
-    --------
-    >>> shown("r1"), shown("r.1"), shown("r.x1.xop.rin")
-    ('R1', 'R.1', 'x1.xop.Rin')
-    """
-    letter, dot, rest = card.partition(".")
-    if not dot or len(letter) != 1 or "." not in rest:  # R.1 is a name of the top level
-        return card[:1].upper() + card[1:]
-    return Part(f".{rest}").label
 
 
 def card_of(name: str) -> str:
@@ -82,62 +57,95 @@ def card_of(name: str) -> str:
 
 @dataclass(slots=True)
 class Flat:
-    """The parts of a deck while they are read."""
+    """The cards of a deck while they are read."""
 
-    resistors: list[Resistor] = field(default_factory=list)
-    capacitors: list[Capacitor] = field(default_factory=list)
-    branches: list[Branch] = field(default_factory=list)
-    stimuli: dict[str, Stimulus] = field(default_factory=dict)
+    parts: list[Branch] = field(default_factory=list)  # linear ones
+    elements: list[Element] = field(default_factory=list)  # which are measured
+    models: dict[str, tuple[str, str]] = field(default_factory=dict)  # kind and card, by name
+    stimuli: dict[str, Stimulus] = field(default_factory=dict)  # of V and I, by card
     charged: list[str] = field(default_factory=list)  # cards with ic=
     absent: list[str] = field(default_factory=list)  # capacitors below `ABSENT`
-    knobs: dict[str, tuple[str, float]] = field(default_factory=dict)  # card and value, by name
+    knobs: dict[str, Branch] = field(default_factory=dict)  # by name
 
     @property
     def nodes(self) -> dict[str, None]:
-        """All nodes without ground, in the order of the deck."""
-        found: dict[str, None] = {}
-        plain: list[Resistor | Capacitor] = [*self.resistors, *self.capacitors]
-        for part in plain:
-            found |= dict.fromkeys((part.a, part.b))
-        for branch in self.branches:
-            found |= dict.fromkeys(branch.nodes)
+        """All nodes without ground: those of R, then of C, then of other parts."""
+        parts = sorted(self.parts, key=lambda part: {"R": 0, "C": 1}.get(part.letter, 2))
+        found = dict.fromkeys(node for part in parts for node in part.nodes)
         found.pop(GROUND, None)
         return found
 
+    def add(self, part: Branch, knob: bool = False) -> None:
+        """Add a part; it can be moved as a `knob` unless it is one of ours."""
+        self.parts.append(part)
+        if knob and OWN not in part.name:
+            self.knobs[shown(part.letter.lower() + part.name)] = part
 
-def read_cards(lines: Iterable[str]) -> Flat:
-    """Read flat cards; raise CardError for one that is not linear, or has an unknown field."""
-    flat, every = Flat(), tuple(lines)
-    plain = {match[1]: match[2] for line in every if (match := _PASSIVE.fullmatch(line))}
-    for line in every:
-        name, _, rest = line.partition(" ")
-        if name == ".model" and rest.split()[0] in plain:
+
+def read_cards(lines: Iterable[str], *, measure: bool = False) -> Flat:
+    """Read flat cards; raise CardError for one with an unknown field.
+
+    One that is not linear becomes an element with `measure`, and is refused without.
+
+    Examples
+    --------
+    >>> found = read_cards(["r1 a 0 1k", "b1 a 0 v=tanh(v(c))"], measure=True)
+    >>> found.parts[0], found.elements[0].pattern
+    (Branch(letter='R', name='1', a='a', b='0', value=1000.0, control=()), \
+'b~ {o0} {o1} v=tanh(v({0}))')
+    """
+    flat, cards = Flat(), [spelt_card(line) for line in lines]
+    flat.models = {m[1]: (m[2], card) for card in cards if (m := _MODEL.match(card))}
+    for card in cards:
+        name, _, rest = card.partition(" ")
+        if name.startswith("."):
             continue
-        reader = _READERS.get(name[0])
-        if reader is None:
-            raise CardError(f"{shown(name)}: a device {name[0].upper()!r} is not linear: {line!r}")
         try:
-            if plain and name[0] in "rcl":
-                rest = _without_model(name[0], rest, plain)
-            reader(flat, name, rest)
-        except CardError:
-            raise
+            _read(flat, name, rest)
         except (ValueError, IndexError) as error:
-            raise CardError(f"{shown(name)}: {error}: {line!r}") from None
+            element = element_of(card, flat.models) if measure else None
+            if element is not None:
+                flat.elements.append(element)
+            elif isinstance(error, CardError):
+                raise
+            else:
+                raise CardError(f"{shown(name)}: {error}: {card!r}") from None
     return flat
 
 
-def _without_model(letter: str, text: str, models: Mapping[str, str]) -> str:
+def _read(flat: Flat, name: str, text: str) -> None:
+    match name[0]:
+        case "r" | "c" | "l":
+            _passive(flat, name, _without_model(name[0], text, flat.models))
+        case "k":
+            _coupling(flat, name, text)
+        case "v" | "i":
+            a, b, *rest = text.split(None, 2)
+            found = stimulus_of(rest[0] if rest else "")
+            part = Source(name[0].upper(), name[1:], a, b, found.after, before=found.before)
+            flat.add(part)
+            flat.stimuli[part.card] = found
+        case "e" | "f" | "g" | "h":
+            _controlled(flat, name, text)
+        case "b":
+            _expression(flat, name, text)
+        case letter:
+            raise ValueError(f"a device {letter.upper()!r} is not linear")
+
+
+def _without_model(letter: str, text: str, models: Mapping[str, tuple[str, str]]) -> str:
     """Return R, C or L with a value of its own without the name of its model."""
     words = text.split()
-    model = next((word for word in words[2:4] if word in models), None)
-    if model is not None:
-        words.remove(model)
-        given = {key.strip() for key in re.findall(r"\b(\w+) ?=", models[model])}
-        own = len(words) > 2 and ("=" not in words[2] or words[2].startswith(f"{letter}="))
-        if not own or given - SCALES:
-            keys = " ".join(sorted(SCALES))
-            raise ValueError(f"expected a value beside the model, and a model of {keys}")
+    model = next((w for w in words[2:4] if w in models and models[w][0] in PASSIVE), None)
+    if model is None:
+        return text
+    words.remove(model)
+    plain = _PASSIVE.fullmatch(models[model][1])
+    given = {key.strip() for key in re.findall(r"\b(\w+) ?=", plain[1] if plain else "?=")}
+    own = len(words) > 2 and ("=" not in words[2] or words[2].startswith(f"{letter}="))
+    if not own or not plain or given - SCALES:
+        keys = " ".join(sorted(SCALES))
+        raise ValueError(f"expected a value beside the model, and a model of {keys}")
     return " ".join(words)
 
 
@@ -173,27 +181,11 @@ def _passive(flat: Flat, name: str, text: str) -> None:
     if letter == "c" and abs(value) < ABSENT:
         flat.absent.append(shown(name))
         return
-    part: Resistor | Capacitor | Coil
-    if letter == "r":
-        part = Resistor(name[1:], a, b, value)
-        flat.resistors.append(part)
-    elif letter == "c":
-        part = Capacitor(name[1:], a, b, value)
-        flat.capacitors.append(part)
-    else:
-        if not value > 0.0:
-            raise ValueError("an inductance above 0 is expected")
-        part = Coil(name[1:], a, b, value)
-        flat.branches.append(part)
-    _knob(flat, name, part.card, value)
-    if letter != "r" and number(keyed.get("ic", "0")):
-        flat.charged.append(shown(name))
-
-
-def _knob(flat: Flat, name: str, card: str, value: float) -> None:
-    """Enter a part that can be moved: it is not one of ours."""
-    if OWN not in name:
-        flat.knobs[shown(name)] = (card, value)
+    if letter == "l" and not value > 0.0:
+        raise ValueError("an inductance above 0 is expected")
+    is_charged = letter != "r" and number(keyed.get("ic", "0"))
+    flat.add(Branch(letter.upper(), name[1:], a, b, value), knob=True)
+    flat.charged += [shown(name)] if is_charged else []
 
 
 def _coupling(flat: Flat, name: str, text: str) -> None:
@@ -204,86 +196,61 @@ def _coupling(flat: Flat, name: str, text: str) -> None:
     if len(coils) != 2:
         raise ValueError("expected two coils and one number")
     one, other = (f"L{coil[1:]}" for coil in coils)
-    flat.branches.append(BranchCoupling(name[1:], one, other, value))
-    if abs(value) < 1.0:  # an ideal one has no tolerance
-        _knob(flat, name, flat.branches[-1].card, value)
+    # an ideal one has no tolerance
+    flat.add(Branch("K", name[1:], one, other, value), knob=abs(value) < 1.0)
 
 
-def _controlled(kind: Callable[..., Branch]) -> Callable[[Flat, str, str], None]:
-    by_voltage = kind in (VoltageByVoltage, CurrentByVoltage)
-    count, accepted = (5, "four nodes and one number; polynomials are not linear")
-    if not by_voltage:
-        count, accepted = 4, "two nodes, a voltage source and one number"
-
-    def read(flat: Flat, name: str, text: str) -> None:
-        plain, keyed = _fields(text, count)
-        if len(plain) > count or keyed.keys() - {"m"}:
-            raise ValueError(f"expected {accepted}")
-        if not by_voltage and plain[2][0] != "v":
-            raise ValueError(f"{plain[2]!r} is no voltage source")
-        value = number(plain[-1]) * number(keyed.get("m", "1"))
-        control = (plain[2], plain[3]) if by_voltage else card_of(plain[2])
-        part = kind(name[1:], plain[0], plain[1], value, control)
-        flat.branches.append(part)
-        if value:
-            _knob(flat, name, part.card, value)
-
-    return read
-
-
-def _source(kind: Callable[..., Source]) -> Callable[[Flat, str, str], None]:
-    def read(flat: Flat, name: str, text: str) -> None:
-        a, b, *rest = text.split(None, 2)
-        stimulus = stimulus_of(rest[0] if rest else "")
-        part = kind(name[1:], a, b, stimulus.after, stimulus.before)
-        flat.branches.append(part)
-        flat.stimuli[part.card] = stimulus
-
-    return read
+def _controlled(flat: Flat, name: str, text: str) -> None:
+    letter = name[0].upper()
+    width = CONTROLS[letter]
+    plain, keyed = _fields(text, width + 3)
+    if len(plain) > width + 3 or keyed.keys() - {"m"}:
+        accepted = "four nodes and one number; polynomials are not linear"
+        raise ValueError(f"expected {accepted if width == 2 else CONTROLLED}")
+    a, b, *given, gain = plain
+    if width == 1 and given[0][0] != "v":
+        raise ValueError(f"{given[0]!r} is no voltage source")
+    value = number(gain) * number(keyed.get("m", "1"))
+    control = tuple(given) if width == 2 else (card_of(given[0]),)
+    flat.add(Branch(letter, name[1:], a, b, value, control), knob=value != 0.0)
 
 
 def _expression(flat: Flat, name: str, text: str) -> None:
-    """Read a B card: a sum of voltages becomes sources in series, a sum of currents in parallel."""
     if (match := _B.fullmatch(text)) is None:
         raise ValueError("expected two nodes and v=... or i=...")
     a, b, kind, formula = match.groups()
     found = affine(formula)
     if not all(map(math.isfinite, found.values())):
         raise ValueError("a number of the expression is not finite")
-    parts = [(probe, value) for probe, value in found.items() if value] or [((), 0.0)]
-    parts.sort(key=lambda part: not part[0])  # a constant last
-    nodes = [a, *(f"{name}#{k}" for k in range(1, len(parts))), b]
-    for k, (probe, value) in enumerate(parts):
-        ends = (nodes[k], nodes[k + 1]) if kind == "v" else (a, b)
-        made, control = _OF_PROBES[kind, probe[:1]], list[Any]()
-        if probe:
-            control = [probe[1:] if probe[0] == "v" else card_of(probe[1])]
-        part = made(f"{name}#{k}", *ends, value, *(control or [value]))
-        flat.branches.append(part)
-        if not probe:
-            flat.stimuli[part.card] = Stimulus(value, value, kind=FIXED)
+    constant = found.pop((), 0.0)
+    terms = [
+        (value, probe[1:] if probe[0] == "v" else (card_of(probe[1]),))
+        for probe, value in found.items()
+    ]
+    for part in sum_parts(name, kind, (a, b), terms, constant):
+        flat.add(part)
 
 
-_OF_PROBES: Mapping[tuple[str, tuple[str, ...]], Callable[..., Branch]] = {
-    ("v", ()): VoltageBetween,
-    ("i", ()): CurrentBetween,
-    ("v", ("v",)): VoltageByVoltage,
-    ("i", ("v",)): CurrentByVoltage,
-    ("v", ("i",)): VoltageByCurrent,
-    ("i", ("i",)): CurrentByCurrent,
-}
-"""Parts of a B card: what it is a source of, and the kind of what it depends on."""
-_READERS: Mapping[str, Callable[[Flat, str, str], None]] = {
-    **dict.fromkeys("rcl", _passive),
-    "k": _coupling,
-    "v": _source(VoltageBetween),
-    "i": _source(CurrentBetween),
-    "e": _controlled(VoltageByVoltage),
-    "g": _controlled(CurrentByVoltage),
-    "f": _controlled(CurrentByCurrent),
-    "h": _controlled(VoltageByCurrent),
-    "b": _expression,
-}
+def sum_parts(
+    name: str,
+    kind: str,
+    ends: tuple[str, str],
+    terms: Iterable[tuple[float, tuple[str, ...]]],
+    constant: float,
+) -> Iterator[Branch]:
+    """Yield the parts of a sum: of voltages sources in series, of currents in parallel.
+
+    `kind` is ``v`` or ``i``; a term is a gain with two nodes, or with the card of a source.
+    """
+    by_voltage, by_current, own = "EHV" if kind == "v" else "GFI"
+    made = [(by_voltage if len(control) == 2 else by_current, gain, control)
+            for gain, control in terms if gain]  # fmt: skip
+    if constant or not made:
+        made.append((own, constant, ()))
+    nodes = [ends[0], *(f"{name}#{k}" for k in range(1, len(made))), ends[1]]
+    for k, (letter, value, control) in enumerate(made):
+        a, b = nodes[k : k + 2] if kind == "v" else ends
+        yield Branch(letter, f"{name}#g{k}" if control else f"{name}#i", a, b, value, control)
 
 
 def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) -> tuple[str, ...]:
@@ -296,7 +263,7 @@ def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) ->
                 text = f"the deck has no such node; it has {', '.join(list(nodes)[:20])}"
                 raise InputError("--output", Complaint("node", repr(name), text))
         return tuple(dict.fromkeys(names))
-    held = {n for part in flat.branches if isinstance(part, VoltageBetween) for n in part.nodes}
+    held = {n for part in flat.parts if part.letter == "V" for n in part.nodes}
     seen = [name for card in shown_cards for name in _OUTPUT.findall(card)]
     known = tuple(dict.fromkeys(n for n in seen if n in nodes and n not in held))
     if known:
@@ -308,26 +275,24 @@ def outputs_of(flat: Flat, wanted: Sequence[str], shown_cards: Iterable[str]) ->
 
 def circuit_of(flat: Flat, name: str, outputs: Iterable[str]) -> Circuit:
     """Return the circuit of flat cards: its parts are its knobs, its facts are their values."""
-    largest = max((abs(part.farads) for part in flat.capacitors), default=LEAST_FARADS)
+    farads = [abs(part.value) for part in flat.parts if part.letter == "C"]
+    largest = max(farads, default=LEAST_FARADS)
     facts = common_facts(U0=1.0, C=largest)  # the scales of voltages and charges
-    knobs, roles = list[Knob](), dict[str, frozenset[str]]()
-    for part, (card, value) in flat.knobs.items():
-        title, unit = KINDS[card[0].lower()]
-        facts[part] = Fact(part, value, unit, part, title, part, role=part)
-        knobs.append(Knob(part, part, part, words=part))
-        roles[part] = frozenset((card,))
-    return Circuit(
+    for own, part in flat.knobs.items():
+        title, unit = KINDS[part.letter.lower()]
+        facts[own] = Fact(own, part.value, unit, own, title, own, role=own)
+    circuit = Circuit(
         name=name,
         amplifier="linear",
         topology="deck",
         facts=facts,
-        resistors=tuple(flat.resistors),
-        capacitors=tuple(flat.capacitors),
+        resistors=(),
+        capacitors=(),
         outputs=tuple(Output(node, 1.0) for node in outputs),
-        branches=tuple(flat.branches),
-        knobs=tuple(knobs),
-        roles=roles,
+        knobs=tuple(Knob(own, own, own, words=own) for own in flat.knobs),
+        roles={own: frozenset((part.card,)) for own, part in flat.knobs.items()},
     )
+    return with_parts(circuit, flat.parts)
 
 
 def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
@@ -344,7 +309,7 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
     if moving:
         return flat, f"step at t = 0: {_named(moving)}"
     still = "no source changes over time"
-    sources = [card for card, found in flat.stimuli.items() if found.kind != FIXED]
+    sources = [*flat.stimuli]
     excited = [card for card in sources if flat.stimuli[card].ac]
     faint = [card for card in excited if flat.stimuli[card].after]
     before, step = 0.0, 0.0
@@ -360,13 +325,13 @@ def stepped(flat: Flat, *, small: bool = False) -> tuple[Flat, str]:
             step, text = 1.0, f"{still}, so at t = 0 from 0 to 1"
     if not chosen:
         return flat, still if small else ""
-    branches = [
+    parts = [
         replace(part, before=before * part.value, value=part.value + step)
         if isinstance(part, Source) and part.card in chosen
         else part
-        for part in flat.branches
+        for part in flat.parts
     ]
-    return replace(flat, branches=branches), f"{text}: {_named(chosen)}"
+    return replace(flat, parts=parts), f"{text}: {_named(chosen)}"
 
 
 def _named(cards: Sequence[str]) -> str:

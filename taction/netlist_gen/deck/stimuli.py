@@ -16,7 +16,6 @@ REMARKS = {
     "repeated": "a pwl that repeats (r=) does not count: its source has its DC value",
 }
 """What is said of kinds of sources that are constant here."""
-FIXED = "fixed"  # kind of a source that is the constant of an expression
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from taction.netlist_gen.board.linear_models import check_parts
 from taction.netlist_gen.deck.vendor_subcircuit import stored_subcircuit
+from taction.spice_models.branches import check_parts
 from taction.spice_models.imported import Figures, ImportedOpAmp, LinearModel, check_pins
 from taction.system.documents import plain, read, taken
 from taction.system.errors import InputError, listed
@@ -87,7 +87,7 @@ def _check_range(key: str, value: float, least: float | None = None) -> None:
 def _check_linear(linear: LinearModel) -> None:
     _check_range("linear.error", linear.error, 0.0)
     for part in linear.parts:
-        _check_range(f"linear.parts.{part.letter}{part.name}", part.value)
+        _check_range(f"linear.parts.{part.card}", part.value)
     check_parts(linear.parts)
     low, high = linear.band
     if not LEAST <= low < high <= MOST:

@@ -1,20 +1,24 @@
-"""Elements of a deck on one bench: each alone, held where it rests, its ``G + s C`` measured.
+"""Elements of a deck on one bench: each alone, held at rest, its ``G + s C`` as linear parts.
 
-One copy stands on the bench for each node or current that is excited. A device with ohmic
-resistances is measured without them, and once more with them: both have to be the same.
+One copy stands on the bench for each node or current that is excited. A device is measured without
+its ohmic resistances, which are parts of their own. The parts of an element have constant currents
+or voltages that make it rest where it rests; those of a device count from its last terminal, so
+that one between floating nodes stays floating.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.deck.elements import Element, SortedCards
-from taction.netlist_gen.deck.flat_cards import CardError, shown
+from taction.netlist_gen.board.circuit import GROUND
+from taction.netlist_gen.deck.elements import CardError, Element, Models, model_cards, shown
+from taction.netlist_gen.deck.flat_cards import Flat, card_of, sum_parts
+from taction.spice_models.branches import Branch
 from taction.spice_models.foreign_expressions import number
 from taction.system.array_types import Complexes, Floats
 from taction.verification.engines.ngspice.commands import RESULT, run_commands
@@ -24,36 +28,24 @@ TIGHT = "reltol=1e-9 abstol=1e-15 vntol=1e-12"
 FREQUENCIES = (1e3, 1e6, 1e9)  # Hz
 MISFIT = 1e-4  # of the largest admittance: more is not G + s C
 ROUNDED = 1e-12  # of the largest admittance: less is rounding
+SMALL = 1e-9  # of the largest capacitance of an element: a difference below is rounding
+SAME = 1e-12  # of two gains with opposite signs: they are one of a difference
 LEAST_OHMS = 1e-6
 NAMED = 4  # elements in a message
 Reads = list[tuple[str, float]]  # vectors of a copy, with their signs
 Table = Mapping[str, complex]  # values by vector
+Control = tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MeasuredElement:
-    """An element with its small signal between its ports."""
+def linear_flat(flat: Flat, volts: Mapping[str, float], options: str, simulator: Simulator) -> Flat:
+    """Return flat cards with linear parts for every element, measured where it rests; no knobs.
 
-    element: Element
-    G: Floats  # conductances (rows read, columns held), or gains
-    C: Floats  # capacitances, or rates of gains
-    rest: Floats  # what is read at rest: currents, A, or voltages, V
-    held: Floats  # what is held at rest, V and A
-    ports: tuple[str, ...] = ()  # nodes of the terminals, behind their resistances
-    resistors: tuple[tuple[str, str, float], ...] = field(default=())  # terminal, inner node, ohm
-    outer: float = 0.0  # of a transistor, from its base, before the resistance, to its collector, F
-
-
-def measured(
-    cards: SortedCards, volts: Mapping[str, float], options: str, simulator: Simulator
-) -> list[MeasuredElement]:
-    """Measure every element where it rests; `volts` and `options` are those of its `DeckPoint`.
-
-    `CardError`: an element is not of the form ``G + s C``, or ngspice does not measure it.
+    `volts` and `options` are those of a `DeckPoint`. `CardError`: an element is not of the form
+    ``G + s C``, or ngspice does not measure it.
     """
-    if not cards.elements:
-        return []
-    bench = _Bench(cards, {"0": 0.0, **volts})
+    if not flat.elements:
+        return flat
+    bench, parts = _Bench(flat, {GROUND: 0.0, **volts}), [*flat.parts]
     commands = ["save all", "op", f"write {RESULT}", "set appendwrite"]
     for hertz in FREQUENCIES:
         commands += [f"ac lin 1 {hertz!r} {hertz!r}", f"write {RESULT}"]
@@ -61,32 +53,30 @@ def measured(
     if len(answers.plots) != 1 + len(FREQUENCIES):
         raise CardError(f"ngspice does not measure the elements alone: {answers.complaint}")
     tables = [dict(zip(names, values[-1], strict=True)) for names, values in answers.plots]
-    found, wrong = list[MeasuredElement](), list[str]()
-    for k, element in enumerate(cards.elements):
-        made, text = bench.fitted(k, tables)
-        found.append(made)
+    wrong = list[str]()
+    for element, copies in zip(flat.elements, bench.reads, strict=True):
+        found, text = bench.fitted(element, [_matrix(copies, table) for table in tables])
+        parts += found.parts()
         wrong += [f"{shown(element.name)}: {text}"] if text else []
     if wrong:
         more = f"; and {len(wrong) - NAMED} more" if len(wrong) > NAMED else ""
         raise CardError("; ".join(wrong[:NAMED]) + more)
-    return found
+    return replace(flat, parts=parts)
 
 
 class _Bench:
     """The cards of the bench, and what is read of each copy: vectors with their signs."""
 
-    def __init__(self, cards: SortedCards, volts: Mapping[str, float]) -> None:
-        self.elements, self.models, self.volts = cards.elements, cards.models, volts
-        self.cards = cards.model_cards
-        self.reads = {
-            f"{kind}{k}": [
-                self._copy(f"{kind}{k}_{j}", element, pattern, j)
+    def __init__(self, flat: Flat, volts: Mapping[str, float]) -> None:
+        self.models, self.volts = flat.models, volts
+        self.cards = list(model_cards(flat.models, flat.elements))
+        self.reads = [
+            [
+                self._copy(f"b{k}_{j}", element, j)
                 for j in range(max(len(element.held) + len(element.currents), 1))
             ]
-            for k, element in enumerate(self.elements)
-            for kind, pattern in (("b", element.pattern), ("w", element.whole))
-            if pattern
-        }
+            for k, element in enumerate(flat.elements)
+        ]
 
     def _held(self, element: Element) -> list[float]:
         try:
@@ -101,19 +91,18 @@ class _Bench:
         siemens = self.volts.get(f"{element.name}[gx]", 0.0) if i == 1 else 0.0
         return max(1.0 / siemens if siemens else element.inner[i][1], LEAST_OHMS)
 
-    def _copy(self, tag: str, element: Element, pattern: str, excited: int) -> Reads:
+    def _copy(self, tag: str, element: Element, excited: int) -> Reads:
         """Put a copy on the bench, with one of what it depends on excited."""
         rest, count = self._held(element), len(element.held)
-        inner = element.inner if pattern is element.pattern else {}
         nodes = [f"n{tag}_{i}" for i in range(count)]
         names = {f"i{j}": f"v{tag}_c{j}" for j in range(len(element.currents))}
         names |= {f"o{j}": f"o{tag}_{j}" for j in range(2)}
         names |= {f"{i}": node for i, node in enumerate(nodes)}
-        card = re.sub(r"\{(\w+)\}", lambda match: names[match[1]], pattern)
+        card = re.sub(r"\{(\w+)\}", lambda match: names[match[1]], element.pattern)
         self.cards.append(card.replace("~", tag, 1))
         for i, node in enumerate(nodes):
             outer = node
-            if i in inner:
+            if i in element.inner:
                 outer = f"x{tag}_{i}"
                 self.cards.append(f"rh{tag}_{i} {outer} {node} {self._ohms(element, i)!r}")
             self.cards.append(f"vh{tag}_{i} {outer} 0 dc {rest[i]!r} ac {int(i == excited)}")
@@ -122,44 +111,138 @@ class _Bench:
             driven = int(count + j == excited)
             self.cards.append(f"ih{tag}_{j} 0 k{tag}_{j} dc {rest[count + j]!r} ac {driven}")
         reads = [(f"i(vh{tag}_{i})", -1.0) for i in range(element.terminals)]
-        if inner:
+        if element.inner:
             reads += [(f"v({node})", 1.0) for node in nodes[: element.terminals]]
-        for which, _, _ in element.outs:
+        if element.out:
+            kind = element.out[0]
             self.cards.append(f"vz{tag} o{tag}_1 0 dc 0")
-            if which == "i":
+            if kind == "i":
                 self.cards.append(f"vo{tag} o{tag}_0 0 dc 0")
-            if which == "l":
+            if kind == "l":
                 self.cards.append(f"io{tag} 0 o{tag}_0 dc 0 ac 1")
-            reads.append((f"i(vo{tag})", -1.0) if which == "i" else (f"v(o{tag}_0)", 1.0))
+            reads.append((f"i(vo{tag})", -1.0) if kind == "i" else (f"v(o{tag}_0)", 1.0))
         return reads
 
-    def fitted(self, k: int, tables: Sequence[Table]) -> tuple[MeasuredElement, str]:
+    def fitted(self, element: Element, tables: Sequence[Complexes]) -> tuple[_Measured, str]:
         """Return an element with ``G + s C``, and why it is not of this form, or nothing."""
-        element = self.elements[k]
         n, held = element.terminals, np.array(self._held(element))
-        point, *found = (_matrix(self.reads[f"b{k}"], table) for table in tables)
+        point, *found = tables
         rest = point[:, 0].real
         if element.inner:  # currents and voltages of the inner nodes
             held[:n], rest = rest[n:], rest[:n]
             found = [each[:n] @ np.linalg.inv(each[n:]) for each in found]
         G, C, wrong = _fit(np.array(found))
-        inner = sorted(element.inner.items())
-        ports = tuple(element.inner[i][0] if i in element.inner else element.held[i]
-                      for i in range(n))  # fmt: skip
-        resistors = tuple((element.held[i], name, self._ohms(element, i)) for i, (name, _) in inner)
-        outer = self.volts.get(f"{element.name}[cbx]", 0.0) if 1 in element.inner else 0.0
-        made = MeasuredElement(element, G, C, rest, held, ports, resistors, outer)
-        if element.whole and not wrong:
-            wrong = _behind(made, [_matrix(self.reads[f"w{k}"], table) for table in tables[1:]])
         wrong = wrong or _wrong_state(element, G, held, self.models)
-        if not wrong and element.outs and element.outs[0][0] == "v" and np.any(C):
+        if not wrong and element.out and element.out[0] == "v" and np.any(C):
             wrong = "its voltage depends on the rate of a change"
-        return made, wrong
+        if not wrong and np.any(C[:, len(element.held) :]) and element.currents:
+            wrong = "it depends on the rate of a current"
+        ohms = {i: self._ohms(element, i) for i in element.inner}
+        outer = self.volts.get(f"{element.name}[cbx]", 0.0) if 1 in element.inner else 0.0
+        return _Measured(element, G, C, rest, held, ohms, outer), wrong
 
 
-def _wrong_state(
-    element: Element, G: Floats, held: Floats, models: Mapping[str, tuple[str, str]]
-) -> str:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """An element with its small signal between its ports."""
+
+    element: Element
+    G: Floats  # conductances (rows read, columns held), or gains
+    C: Floats  # capacitances, or rates of gains
+    rest: Floats  # what is read at rest: currents, A, or voltages, V
+    held: Floats  # what is held at rest, V and A
+    ohms: Mapping[int, float]  # of the resistances before terminals
+    outer: float  # of a transistor, from its base, before the resistance, to its collector, F
+
+    def parts(self) -> Iterator[Branch]:
+        """Yield the linear parts that stand for it."""
+        element, n, name = self.element, self.element.terminals, self.element.name
+        inner = {i: node for i, (node, _) in element.inner.items()}
+        for i, ohms in self.ohms.items():
+            yield Branch("R", inner[i], element.held[i], inner[i], ohms)
+        ports = [inner.get(i, node) for i, node in enumerate(element.held[:n])]
+        if self.outer:
+            yield Branch("C", f"{name}#x", element.held[1], ports[0], self.outer)
+        if element.out and element.out[0] == "l":
+            yield from self._coil(*element.out[1:])
+            return
+        end, volts = ports[-1] if n else GROUND, self.held.copy()
+        volts[:n] -= volts[n - 1] if n else 0.0
+        controls: list[Control] = [(port, end) for port in ports]
+        controls += [(node, GROUND) for node in element.held[n:]]
+        charging = [*controls]
+        controls += [(card_of(source),) for source in element.currents]
+        rows = [(f"{name}#{i}", "i", port, end) for i, port in enumerate(ports[:-1])]
+        rows += [(name, *element.out)] if element.out else []
+        for i, (card, kind, a, b) in enumerate(rows):
+            constant = float(self.rest[i] - self.G[i] @ volts)
+            if a != b or kind == "v":
+                yield from sum_parts(card, kind, (a, b), _terms(self.G[i], controls), constant)
+        every = self._charges(ports, charging) if n else self._rates(rows[0][2:], charging)
+        least = SMALL * float(np.abs(self.C).max(initial=0.0))
+        yield from (part for part in every if abs(part.value) > least and part.a != part.b)
+
+    def _coil(self, a: str, b: str) -> Iterator[Branch]:
+        """Yield the parts of a coil whose inductance is an expression."""
+        name, ohms = self.element.name, float(self.G[0, 0])
+        middle = f"{name}#m" if ohms else b
+        yield Branch("L", name[1:], a, middle, float(self.C[0, 0]))
+        if ohms:
+            yield Branch("H", f"{name}#r", middle, b, ohms, (f"L{name[1:]}",))
+
+    def _rates(self, ends: tuple[str, str], controls: Sequence[Control]) -> Iterator[Branch]:
+        """Yield the charges of a current that an expression gives."""
+        for j, control in enumerate(controls):
+            card = f"{self.element.name}#q{j}"
+            yield Branch("Y", card, *ends, float(self.C[0, j]), control)
+
+    def _charges(self, ports: Sequence[str], controls: Sequence[Control]) -> Iterator[Branch]:
+        """Yield the capacitances of a device, from the last of its terminals that have any.
+
+        Where the substrate has none, the others sum to zero, and from there rounding would be a
+        pole.
+        """
+        C, n = self.C, len(ports)
+        least = SMALL * float(np.abs(C).max(initial=0.0))
+        large = np.abs(C[:n]) > least
+        *own, last = [i for i in range(n) if large[i].any() or large[:, i].any()] or [0]
+        end, sums = ports[last], np.diag(C).copy()
+
+        def made(letter: str, card: str, a: str, b: str, value: float, *control: str) -> Branch:
+            return Branch(letter, f"{self.element.name}#{card}", a, b, float(value), control)
+
+        for i in own:
+            for j in own[: own.index(i)]:
+                one, other = float(C[i, j]), float(C[j, i])
+                shared = min(one, other, key=abs) if one * other > 0.0 else 0.0
+                if abs(shared) <= least or ports[i] == ports[j]:
+                    shared = 0.0
+                sums[[i, j]] += shared
+                yield made("C", f"c{i}{j}", ports[i], ports[j], -shared)
+                yield made("Y", f"q{i}{j}", ports[i], end, one - shared, ports[j], end)
+                yield made("Y", f"q{j}{i}", ports[j], end, other - shared, ports[i], end)
+            for j in range(n, len(controls)):
+                yield made("Y", f"q{i}{j}", ports[i], end, C[i, j], *controls[j])
+        for i in own:
+            yield made("C", f"c{i}", ports[i], end, sums[i])
+
+
+def _terms(gains: Floats, controls: Sequence[Control]) -> Iterator[tuple[float, Control]]:
+    """Yield gains with what they multiply; two opposite ones are that of a difference."""
+    left = [j for j, control in enumerate(controls) if gains[j] and control[1:] != control[:1]]
+    while left:
+        j = left.pop(0)
+        (node, *end), gain = controls[j], float(gains[j])
+        for k in left if end else ():
+            other, against = controls[k][0], controls[k][-1]
+            if [against] == end and abs(gain + gains[k]) <= SAME * abs(gain):
+                left.remove(k)
+                end = [other]
+                break
+        yield gain, (node, *end)
+
+
+def _wrong_state(element: Element, G: Floats, held: Floats, models: Models) -> str:
     """Return whether ngspice left a switch in a state that its control contradicts."""
     if element.name[0] not in "sw":
         return ""
@@ -196,22 +279,3 @@ def _fit(responses: Complexes) -> tuple[Floats, Floats, str]:
         hertz = FREQUENCIES[int(off.argmax())]
         return G, C, f"its small signal is not G + s C: off by {off.max():.1e} at {hertz:.0e} Hz"
     return G, C, ""
-
-
-def _behind(made: MeasuredElement, whole: Sequence[Complexes]) -> str:
-    """Return where a device with its resistances is not what was measured without them."""
-    n = made.element.terminals
-    ohms, collector, base = np.zeros((n, 1)), *np.eye(n)[:2]
-    for i, (_, _, value) in zip(sorted(made.element.inner), made.resistors, strict=True):
-        ohms[i] = value
-    for hertz, wanted in zip(FREQUENCIES, whole, strict=True):
-        s = 2j * math.pi * hertz
-        Y, x = made.G[:n, :n] + s * made.C[:n, :n], s * made.outer
-        # Inner voltages v for 1 V at each outer terminal; x leads from the outer base.
-        loaded = np.eye(n) + ohms * (Y + x * np.outer(collector, collector))
-        v = np.linalg.solve(loaded, np.eye(n) + x * ohms * np.outer(collector, base))
-        found = Y @ v + x * np.outer(collector - base, v[0] - base)
-        miss = np.abs(found - wanted).max() / np.abs(wanted).max()
-        if not miss <= MISFIT:
-            return f"its resistances are not in series: off by {miss:.1e} at {hertz:.0e} Hz"
-    return ""

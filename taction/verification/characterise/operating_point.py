@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taction.netlist_gen.deck.elements import SortedCards, sorted_cards
-from taction.netlist_gen.deck.flat_cards import CardError
+from taction.netlist_gen.deck.elements import CardError
+from taction.netlist_gen.deck.flat_cards import Flat, read_cards
 from taction.verification.characterise.element_bench import TIGHT
 from taction.verification.engines.ngspice.commands import (
     RESULT,
@@ -52,7 +52,7 @@ class DeckPoint:
     weights: Mapping[str, float]  # current into each node, A for 1 V of the source `PROBE`
     options: str  # of the deck, such as gmin
     mode: str  # of ngspice: see `MODES`
-    found: SortedCards | None  # the cards, sorted; None of a linear deck
+    flat: Flat  # the cards, read
     volts: Mapping[str, float]  # by node, V; currents by ``name#branch``, A; what transistors say
     limits: str  # tolerances of ngspice with which it was found
     text: tuple[str, ...] = ()  # with it, after `AT_ONCE`, ngspice finds the point again; or empty
@@ -62,16 +62,16 @@ class DeckPoint:
         cls,
         lines: Sequence[str],
         cards: Sequence[str],
+        flat: Flat,
         nodes: Sequence[str],
         options: str = "",
         mode: str = "",
-        found: SortedCards | None = None,
     ) -> DeckPoint:
         """Return any point of a linear deck: it is the same everywhere."""
         drawn = np.random.default_rng(3)
         signs, sizes = drawn.choice([-1.0, 1.0], len(nodes)), drawn.uniform(0.5, 1.0, len(nodes))
         weights = dict(zip(nodes, (signs * sizes).tolist(), strict=True))
-        point = cls(tuple(lines), tuple(cards), weights, options, mode, found, {}, TIGHT)
+        point = cls(tuple(lines), tuple(cards), weights, options, mode, flat, {}, TIGHT)
         return replace(point, text=(*point.probed, f".options {TIGHT} {options}"))
 
     @property
@@ -115,11 +115,11 @@ def find_point(
             break
     else:
         raise CardError(f"ngspice does not expand the deck: {said}")
-    found, volts = sorted_cards(cards), read_volts(first)
+    flat, volts = read_cards(cards, measure=True), read_volts(first)
     words = {word for card in cards for word in card.split()}
     nodes = [name for name in volts if name in words]
-    linear = DeckPoint.of(lines, cards, nodes, options, mode, found)
-    if not found.elements:
+    linear = DeckPoint.of(lines, cards, flat, nodes, options, mode)
+    if not flat.elements:
         return linear
     if not volts:
         raise CardError(f"ngspice finds no operating point: {first.complaint}")
@@ -128,10 +128,9 @@ def find_point(
 
 def _tight(point: DeckPoint, simulator: Simulator) -> DeckPoint:
     """Return a point with as many digits as ngspice finds from there, or by itself."""
-    assert point.found is not None  # noqa: S101 - a deck with elements
     asked = [
         f"@{each.name}[{key}]"
-        for each in point.found.elements
+        for each in point.flat.elements
         if each.name[0] == "q" and 1 in each.inner
         for key in ("gx", "cbx")
     ]

@@ -15,10 +15,11 @@ from functools import partial
 import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit, Knob
-from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
+from taction.netlist_gen.board.parts import Capacitor, Resistor
 from taction.netlist_gen.scene.keys import Value
 from taction.netlist_gen.scene.scene import Scene
 from taction.netlist_gen.topologies.frame.table import topology_of
+from taction.spice_models.branches import Branch
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError, InputError, TactionError
 from taction.verification.engines.statespace.equations.exact_count import characteristic

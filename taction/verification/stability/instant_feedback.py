@@ -11,17 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from taction.netlist_gen.board.branches import (
-    ByCurrent,
-    ByVoltage,
-    CurrentByCurrent,
-    CurrentByVoltage,
-    VoltageBetween,
-    VoltageByCurrent,
-    VoltageByVoltage,
-)
 from taction.netlist_gen.board.circuit import GROUND, Circuit
-from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
+from taction.netlist_gen.board.parts import Capacitor, Resistor
+from taction.spice_models.branches import Branch
 from taction.system.errors import EngineError
 from taction.system.quantities import show
 from taction.verification.stability.poles import poles
@@ -70,19 +62,18 @@ def _acts_at_once(circuit: Circuit) -> bool:
     Nodes that resistors join to known ones are known, if no source whose control is not known acts
     on them.
     """
-    if any(isinstance(part, ByCurrent) for part in circuit.branches):
+    if any(part.letter in "FH" for part in circuit.branches):
         return True  # what a current depends on is not followed
-    gains = [part for part in circuit.branches if isinstance(part, ByVoltage)]
-    sources = [part for part in circuit.branches if isinstance(part, VoltageBetween)]
-    ends = {node for e in gains if isinstance(e, VoltageByVoltage) for node in (e.a, e.b)}
+    gains = [part for part in circuit.branches if part.letter in "EGY"]
+    sources = [part for part in circuit.branches if part.letter == "V"]
+    ends = {node for e in gains if e.letter == "E" for node in (e.a, e.b)}
     states = [(part.a, part.b) for part in circuit.capacitors]
     pairs = [*states, *((r.a, r.b) for r in circuit.resistors), *((v.a, v.b) for v in sources)]
     known, size = {GROUND}, 0
     while len(known) > size:
         size = len(known)
         follows = [part for part in gains if known.issuperset(part.control)]
-        fixed: list[Branch] = [*sources, *(e for e in follows if isinstance(e, VoltageByVoltage))]
-        for part in fixed:
+        for part in (*sources, *(e for e in follows if e.letter == "E")):
             known.update((part.a, part.b) if not known.isdisjoint((part.a, part.b)) else ())
         for group in _groups(states, known):
             tied = any(not (group.isdisjoint(p) or known.isdisjoint(p)) for p in states)
@@ -113,14 +104,12 @@ def delayed(circuit: Circuit, farads: float) -> Circuit:
     branches, resistors, capacitors = list[Branch](), list[Resistor](), list[Capacitor]()
     for part in circuit.branches:
         node = NODE.format(part.name)
-        if isinstance(part, VoltageByVoltage):
-            branches.append(CurrentByVoltage(node, GROUND, node, part.value, part.control))
-        elif isinstance(part, VoltageByCurrent):
-            branches.append(CurrentByCurrent(node, GROUND, node, part.value, part.control))
-        else:
+        if part.letter not in "EH":
             branches.append(part)
             continue
-        branches.append(VoltageByVoltage(part.name, part.a, part.b, 1.0, (node, GROUND)))
+        letter = "G" if part.letter == "E" else "F"
+        branches.append(Branch(letter, node, GROUND, node, part.value, part.control))
+        branches.append(Branch("E", part.name, part.a, part.b, 1.0, (node, GROUND)))
         resistors.append(Resistor(node, node, GROUND, 1.0))
         capacitors.append(Capacitor(node, node, GROUND, DELAY))
     capacitors += [part for part in circuit.capacitors if part.farads > 0.0]

@@ -16,8 +16,7 @@ import numpy as np
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
-from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
-from taction.netlist_gen.deck.flat_cards import shown
+from taction.netlist_gen.deck.elements import shown
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.errors import Complaint, InputError
@@ -187,10 +186,11 @@ def _parts(board: ForeignBoard) -> dict[str, StoredKey]:
         name, unit = shown(card.lower()), UNITS_OF_SOURCES[card[0]]
         found[name] = StoredKey(source.after, unit)
         found[f"{name} before the step"] = StoredKey(source.before, unit)
-    every: list[Resistor | Capacitor | Branch] = [*flat.resistors, *flat.capacitors, *flat.branches]
-    for part in every:
-        nodes = (part.a, part.b) if isinstance(part, Resistor | Capacitor) else part.nodes
-        found[f"{shown(part.card.lower())} nodes"] = StoredKey(" ".join(nodes))
+    for part in flat.parts:
+        name = shown(part.card.lower())
+        if part.letter in UNITS_OF_SOURCES and part.card not in flat.stimuli:  # of an expression
+            found[name] = StoredKey(part.value, UNITS_OF_SOURCES[part.letter])
+        found[f"{name} nodes"] = StoredKey(" ".join(part.nodes))
     return found
 
 

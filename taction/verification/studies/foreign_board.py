@@ -9,23 +9,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.branches import Source
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.deck.deck import Deck
-from taction.netlist_gen.deck.elements import ACCEPTED
+from taction.netlist_gen.deck.elements import ACCEPTED, CardError, shown
 from taction.netlist_gen.deck.flat_cards import (
     ABSENT,
-    CardError,
     Flat,
     circuit_of,
     outputs_of,
     read_cards,
-    shown,
     stepped,
 )
 from taction.netlist_gen.deck.foreign_deck import (
@@ -36,13 +33,13 @@ from taction.netlist_gen.deck.foreign_deck import (
 )
 from taction.netlist_gen.deck.ltspice import missing_cards
 from taction.netlist_gen.deck.macromodels import check_size, is_plain, ltspice_opamps, ready_lines
-from taction.netlist_gen.deck.stimuli import FIXED, REMARKS
+from taction.netlist_gen.deck.stimuli import REMARKS
 from taction.netlist_gen.deck.unanswered_cards import unanswered, with_first_steps
+from taction.spice_models.branches import Source
 from taction.spice_models.foreign_expressions import number
 from taction.system.errors import Complaint, DidNotLoad, InputError, one_line
 from taction.system.time_limit import more_time
-from taction.verification.characterise.element_bench import MISFIT
-from taction.verification.characterise.element_parts import linear_flat
+from taction.verification.characterise.element_bench import MISFIT, linear_flat
 from taction.verification.characterise.operating_point import DeckPoint, find_point
 from taction.verification.engines.ngspice.commands import expand
 from taction.verification.engines.ngspice.executable import find_simulator
@@ -75,7 +72,9 @@ class ForeignBoard:
     def at_rest(self) -> DeckPoint:
         """Where it rests; of a linear deck, which is the same everywhere, any point."""
         nodes = list(self.flat.nodes)
-        return self.point or DeckPoint.of(self._ready, self.lines, nodes, _options(self.deck))
+        return self.point or DeckPoint.of(
+            self._ready, self.lines, self.flat, nodes, _options(self.deck)
+        )
 
     @property
     def has_transient(self) -> bool:
@@ -85,9 +84,8 @@ class ForeignBoard:
     def witness(self, transient: Transient, solver: str) -> Deck:
         """Return the deck of ngspice's own transient: its flat cards, with the step at t = 0."""
         cards = [_CHARGE.sub("", line) for line in self.lines if line[0] not in "vi"]
-        for part in self.flat.branches:  # but the constant of a B card
-            if isinstance(part, Source) and self.flat.stimuli[part.card].kind != FIXED:
-                cards.append(_stepping(part, transient))
+        sources = (part for part in self.flat.parts if isinstance(part, Source))
+        cards += [_stepping(part, transient) for part in sources]
         nodes = tuple(out.node for out in self.circuit.outputs)
         amps, charge = max(1e-12, transient.current), transient.charge or 1e-18
         uncharged = " uic" if self.initial == "zero" else ""
@@ -223,18 +221,19 @@ def _with_values(line: str, changed: Mapping[str, float]) -> str:
 
 def _measured_flat(point: DeckPoint) -> tuple[Flat, str]:
     """Return the linear parts of a deck at its operating point, and what was done."""
-    assert point.found is not None  # noqa: S101 - `find_point` sorts them
-    flat, elements = linear_flat(point, find_simulator()), point.found.elements
+    flat, elements = (
+        linear_flat(point.flat, point.volts, point.options, find_simulator()),
+        point.flat.elements,
+    )
     if not elements:
         return flat, ""
     within = tuple(f"{each.subcircuit}." for each in elements if each.subcircuit)
-    for name in [name for name in flat.knobs if name.startswith(within)] if within else ():
-        del flat.knobs[name]
+    knobs = {name: part for name, part in flat.knobs.items() if not name.startswith(within)}
     places = list(dict.fromkeys(each.subcircuit or shown(each.name) for each in elements))
     names = ", ".join(places[:NAMED])
     names += f" and {len(places) - NAMED} more" * (len(places) > NAMED)
     loose = "" if point.is_tight else f" (found with {point.limits} only)"
-    return flat, (
+    return replace(flat, knobs=knobs), (
         f"linear about ngspice's operating point{loose}, for small signals: {names}, measured"
         f" there within {100 * MISFIT:g} %; their own noise does not count, and values of"
         " parts change without moving the point"

@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from taction.netlist_gen.board.branches import ByCurrent, ByVoltage
 from taction.netlist_gen.board.circuit import Circuit
 from taction.system.array_types import Complexes
 from taction.system.documents import Hertz, Number, Rate
@@ -141,7 +140,7 @@ def influences(
 
 def _is_passive(circuit: Circuit) -> bool:
     """Whether no source has a gain, and no resistor a negative value."""
-    gains = any(isinstance(part, ByVoltage | ByCurrent) for part in circuit.branches)
+    gains = any(part.control for part in circuit.branches)
     return not (gains or circuit.opamps or any(part.ohms <= 0.0 for part in circuit.resistors))
 
 

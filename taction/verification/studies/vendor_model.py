@@ -7,23 +7,22 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from taction.netlist_gen.board.linear_models import record_of
-from taction.netlist_gen.board.parts import Branch, Capacitor, Resistor
-from taction.netlist_gen.deck.flat_cards import CardError, Flat, circuit_of
+from taction.netlist_gen.deck.elements import CardError
+from taction.netlist_gen.deck.flat_cards import Flat, circuit_of
 from taction.netlist_gen.deck.vendor_subcircuit import flat_subcircuit, vendor_subcircuit
+from taction.spice_models.branches import Branch
 from taction.spice_models.imported import (
     COMPENSATION,
     DEVICE,
     Figures,
     ImportedOpAmp,
     LinearModel,
-    LinearPart,
     check_pins,
     port_nodes,
 )
@@ -31,7 +30,7 @@ from taction.system.errors import Complaint, EngineError, InputError, Simulation
 from taction.system.quantities import show_rate
 from taction.system.results import Result
 from taction.verification.characterise.characterise import RAMP, Bode, slope
-from taction.verification.characterise.element_parts import linear_flat
+from taction.verification.characterise.element_bench import linear_flat
 from taction.verification.characterise.operating_point import DeckPoint, find_point
 from taction.verification.characterise.vendor_bench import (
     DRIVEN,
@@ -245,11 +244,11 @@ def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> Li
     none: an element is not of the form ``G + s C``, the netlist is unstable with its inputs held,
     ngspice's small signal is another one.
     """
-    flat = linear_flat(point, simulator)
+    flat = linear_flat(point.flat, point.volts, point.options, simulator)
     if moving := [card for card, found in flat.stimuli.items() if found.moves]:
         raise CardError(f"{moving[0]} changes over time")
     held = _with(flat, "eservo", value=0.0)  # both inputs; 1 GF of the servo hides other poles
-    held.capacitors[:] = [part for part in flat.capacitors if part.card.lower() != "cslow"]
+    held.parts = [part for part in held.parts if part.card.lower() != "cslow"]
     found = poles(LinearBoard(circuit_of(held, "bench", (OUT,))))
     if found.known_unstable:
         raise CardError(f"the netlist itself has a pole at {show_rate(found.rightmost.real)}")
@@ -269,29 +268,25 @@ def _linear_model(point: DeckPoint, seen: Responses, simulator: Simulator) -> Li
             f"it is {100.0 * worst:.2g} % from the small signal of ngspice, more than"
             f" {100.0 * GOOD:g} %, at {[*PORTS][int(port)]}, {hertz[int(at)]:.4g} Hz"
         )
-    return LinearModel(_parts(flat), worst, (float(hertz[0]), float(hertz[-1])))
+    return LinearModel(tuple(_parts(flat)), worst, (float(hertz[0]), float(hertz[-1])))
 
 
 def _with(flat: Flat, card: str, **values: Any) -> Flat:
     """Return flat cards with other values of one source."""
-    branches = [replace(p, **values) if p.card.lower() == card else p for p in flat.branches]
-    return replace(flat, branches=branches, capacitors=[*flat.capacitors])
+    parts = [replace(p, **values) if p.card.lower() == card else p for p in flat.parts]
+    return replace(flat, parts=parts)
 
 
-def _parts(flat: Flat) -> tuple[LinearPart, ...]:
-    """Return the parts of the op-amp with its supplies: the bench without what drives it."""
-    every: list[Resistor | Capacitor | Branch] = [*flat.resistors, *flat.capacitors, *flat.branches]
-    records = [record_of(part) for part in every if part.card.lower() not in BENCH]
+def _parts(flat: Flat) -> Iterator[Branch]:
+    """Yield the parts of the op-amp with its supplies: the bench without what drives it."""
 
     def port(node: str) -> str:
         return "inn" if node == "pin" else node
 
-    return tuple(
-        each
-        if each.letter == "K"
-        else replace(each, a=port(each.a), b=port(each.b), control=tuple(map(port, each.control)))
-        for each in records
-    )
+    for part in flat.parts:
+        if part.card.lower() not in BENCH:
+            a, b, *control = map(port, (part.a, part.b, *part.control))
+            yield Branch(part.letter, part.name, a, b, part.value, tuple(control))
 
 
 def _doubts(figures: Figures) -> list[str]:

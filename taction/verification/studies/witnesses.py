@@ -18,9 +18,9 @@ from functools import partial
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.branches import Source
 from taction.netlist_gen.deck.deck import Deck
 from taction.netlist_gen.scene.checks import AGREE
+from taction.spice_models.branches import Source
 from taction.system.array_types import EPS, Complexes, Floats
 from taction.system.errors import EngineError, SimulationError, StepTooSmall, one_line
 from taction.system.time_limit import time_left

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from taction import check
-from taction.netlist_gen.deck.flat_cards import CardError, read_cards
+from taction.netlist_gen.deck.elements import CardError
+from taction.netlist_gen.deck.flat_cards import read_cards
 from taction.netlist_gen.deck.foreign_deck import read_deck
 from taction.netlist_gen.deck.stimuli import stimulus_of
 from taction.system.errors import InputError, TactionError
@@ -149,7 +150,7 @@ def test_lines_that_ngspice_takes_for_comments_are_left_out(folder: Path, ngspic
     assert deck.lines[-1] == ".model d d ( is=1f"
     (remark,) = deck.remarks
     assert remark.startswith("deck.cir: line 8 and 1 more: begins with no letter")
-    assert len(read_board(deck.file).flat.resistors) == 1
+    assert len(read_board(deck.file).circuit.resistors) == 1
 
 
 def test_what_ltspice_defines_and_ngspice_does_not(folder: Path, ngspice: str) -> None:
@@ -214,6 +215,12 @@ def test_what_a_source_does(text: str, before: float, after: float, at: float) -
 def test_a_flat_card_that_is_not_linear_is_refused(card: str) -> None:
     with pytest.raises(CardError, match="is not linear"):
         read_cards([card])
+
+
+def test_a_card_of_a_listing_that_is_no_part_is_left_out() -> None:
+    """ngspice lists the options and models of a deck among its cards."""
+    flat = read_cards([".options gmin=1e-15", ".model m r(rsh=1)", "r1 a 0 m 5"])
+    assert [part.value for part in flat.parts] == [5.0]
 
 
 def test_lines_that_end_with_two_returns(folder: Path) -> None:

@@ -9,30 +9,14 @@ source determines. A coil has its current as state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
-from taction.netlist_gen.board.branches import (
-    BranchCoupling,
-    ByCurrent,
-    ByVoltage,
-    ChargeByVoltage,
-    Coil,
-    CurrentBetween,
-    CurrentByCurrent,
-    CurrentByVoltage,
-    Source,
-    VoltageBetween,
-    VoltageByCurrent,
-    VoltageByVoltage,
-)
-from taction.netlist_gen.board.parts import Branch
+from taction.spice_models.branches import Branch, Source
 from taction.system.array_types import Floats
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.descriptor import GROUND, Stamper
-
-VOLTAGES = (VoltageBetween, VoltageByVoltage, VoltageByCurrent)
 
 
 def current_of(card: str) -> str:
@@ -61,13 +45,11 @@ class _Branches:
         self.stamper, self.parts = stamper, parts
         self.cards = {part.card: k for k, part in enumerate(parts)}
         self.values = stamper.values(lambda c: [part.value for part in c.branches])
-        self.sensed = dict.fromkeys(part.control for part in parts if isinstance(part, ByCurrent))
-        for part in parts:
-            if isinstance(part, ByCurrent) and part.control not in self.cards:
-                raise EngineError(
-                    f"{part.card} is controlled by {part.control}, which is no source"
-                )
-        coils = [part.card for part in parts if isinstance(part, Coil)]
+        self.sensed = {part.control[0]: part.card for part in parts if part.letter in "FH"}
+        for card, by in self.sensed.items():
+            if card not in self.cards:
+                raise EngineError(f"{by} is controlled by {card}, which is no source")
+        coils = [part.card for part in parts if part.letter == "L"]
         names = [current_of(card) for card in dict.fromkeys([*self.sensed, *coils])]
         places: list[int] = stamper.nodes(names).tolist()
         self.currents = dict(zip(names, places, strict=True))
@@ -78,8 +60,7 @@ class _Branches:
         for part, child, other in self._forest():
             self._law(part, child, other)
         for part in self.parts:
-            if kind := _OTHERS.get(type(part)):
-                kind(self, part)
+            self._flow(part)
         self._move()
 
     def _place(self, node: str) -> int:
@@ -99,7 +80,7 @@ class _Branches:
         """
         at: dict[int, list[Branch]] = {}
         for part in self.parts:
-            if isinstance(part, VOLTAGES):
+            if part.letter in "VEH":
                 for end in self._ends(part):
                     at.setdefault(end, []).append(part)
         reached, used = set[int](), set[str]()
@@ -146,15 +127,15 @@ class _Branches:
         stamper.fixed.add(child)
         self._state(child, child, -1.0)
         self._state(child, other, 1.0)
-        if isinstance(part, VoltageBetween):
+        if part.letter == "V":
             row, (before, step) = np.array([child]), self._steps(part)
             stamper.constant_laws.append((row, sign * before))
             stamper.switched.append((row, sign * step))
-        elif isinstance(part, VoltageByVoltage):
+        elif part.letter == "E":
             for place, gain in self._controls(part):
                 self._state(child, place, sign * gain)
-        elif isinstance(part, VoltageByCurrent):
-            self._state(child, self._current(part.control), sign * self._value(part.card))
+        else:
+            self._state(child, self._current(part.control[0]), sign * self._value(part.card))
 
     def _value(self, card: str) -> Floats:
         return self.values[:, self.cards[card]]
@@ -162,12 +143,12 @@ class _Branches:
     def _steps(self, part: Branch) -> tuple[Floats, Floats]:
         """Return what a source has before t = 0, and what is switched on then, (B, 1) each."""
         k = self.cards[part.card]
-        sources = [c.branches[k] for c in self.stamper.circuits]
-        found = [(each.before, each.step) for each in sources if isinstance(each, Source)]
+        parts = [c.branches[k] for c in self.stamper.circuits]
+        found = [(p.before, p.step) if isinstance(p, Source) else (p.value, 0.0) for p in parts]
         before, step = np.array(found).T[:, :, None]
         return before, step
 
-    def _controls(self, part: ByVoltage) -> Iterator[tuple[int, Floats]]:
+    def _controls(self, part: Branch) -> Iterator[tuple[int, Floats]]:
         value = self._value(part.card)
         for node, gain in zip(part.control, (value, -value), strict=True):
             yield self._place(node), gain
@@ -185,40 +166,41 @@ class _Branches:
         self._add(a, column, -value, b)
         self._add(b, column, value, a)
 
-    def _coil(self, part: Branch) -> None:
-        current, (a, b) = self._current(part.card), self._ends(part)
-        self.stamper.mass.add_one(current, current, self._value(part.card))
-        self._state(current, a, 1.0)
-        self._state(current, b, -1.0)
-        self._through(part, current, 1.0)
+    def _flow(self, part: Branch) -> None:
+        """Stamp what flows through a part that is no source of voltage."""
+        mass, value = self.stamper.mass, self._value(part.card)
+        match part.letter:
+            case "L":
+                current, (a, b) = self._current(part.card), self._ends(part)
+                mass.add_one(current, current, value)
+                self._state(current, a, 1.0)
+                self._state(current, b, -1.0)
+                self._through(part, current, 1.0)
+            case "K":
+                henries = value * np.sqrt(self._value(part.a) * self._value(part.b))
+                one, other = (self._current(card) for card in (part.a, part.b))
+                mass.add_one(one, other, henries)
+                mass.add_one(other, one, henries)
+            case "I":
+                self._source(part)
+            case "G":
+                for place, gain in self._controls(part):
+                    self._through(part, place, gain)
+            case "Y":  # what flows out of `part.a` is on the left of ``M z' = K z``
+                a, b = self._ends(part)
+                for place, gain in self._controls(part):
+                    mass.add_one(a, place, gain, b)
+                    mass.add_one(b, place, -gain, a)
+            case "F":
+                self._through(part, self._current(part.control[0]), value)
 
-    def _coupling(self, part: Branch) -> None:
-        henries = self._value(part.card) * np.sqrt(self._value(part.a) * self._value(part.b))
-        one, other = (self._current(card) for card in (part.a, part.b))
-        self.stamper.mass.add_one(one, other, henries)
-        self.stamper.mass.add_one(other, one, henries)
-
-    def _source(self, part: CurrentBetween) -> None:
+    def _source(self, part: Branch) -> None:
         rows = [*self.rows, GROUND]  # which take the currents into places; ground stays ground
         (a, b), (before, step) = self._ends(part), self._steps(part)
         for place, sign in ((a, -1.0), (b, 1.0)):
             row, taken = np.array([place]), np.array([rows[place]])
             self.stamper.constant_currents.append((row, sign * before))
             self.stamper.switched.append((taken, sign * step))
-
-    def _by_voltage(self, part: CurrentByVoltage) -> None:
-        for place, gain in self._controls(part):
-            self._through(part, place, gain)
-
-    def _charge(self, part: ChargeByVoltage) -> None:
-        """Add what flows out of `part.a`, on the left of ``M z' = K z``."""
-        a, b = self._ends(part)
-        for place, value in self._controls(part):
-            self.stamper.mass.add_one(a, place, value, b)
-            self.stamper.mass.add_one(b, place, -value, a)
-
-    def _by_current(self, part: CurrentByCurrent) -> None:
-        self._through(part, self._current(part.control), self._value(part.card))
 
     def _move(self) -> None:
         stamper = self.stamper
@@ -233,13 +215,3 @@ class _Branches:
         stamper.constant_currents[:] = [
             (rows[i], values) for i, values in stamper.constant_currents
         ]
-
-
-_OTHERS: dict[type[Branch], Callable[..., None]] = {
-    Coil: _Branches._coil,
-    BranchCoupling: _Branches._coupling,
-    CurrentBetween: _Branches._source,
-    CurrentByVoltage: _Branches._by_voltage,
-    ChargeByVoltage: _Branches._charge,
-    CurrentByCurrent: _Branches._by_current,
-}

@@ -13,7 +13,7 @@ import numpy as np
 
 from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.linear_models import with_linear_models
-from taction.netlist_gen.board.parts import Branch, ResistorMatrix
+from taction.netlist_gen.board.parts import ResistorMatrix
 from taction.netlist_gen.board.wired_arrays import port_matrices
 from taction.system.errors import EngineError
 from taction.verification.engines.statespace.equations.alike import in_groups
@@ -96,7 +96,7 @@ def _differ_in_values(one: Circuit, other: Circuit) -> bool:
         and list(one.models) == list(other.models)
         and not any(c.transistors or c.has_imported for c in (one, other))
         and len(one.branches) == len(other.branches)
-        and all(map(_same_kind, one.branches, other.branches))
+        and list(map(_WIRED, one.branches)) == list(map(_WIRED, other.branches))
         and list(map(_ENDS, one.resistors)) == list(map(_ENDS, other.resistors))
         and list(map(_ENDS, one.capacitors)) == list(map(_ENDS, other.capacitors))
         and list(map(_AMPLIFIED, one.amplifiers)) == list(map(_AMPLIFIED, other.amplifiers))
@@ -108,19 +108,10 @@ def _differ_in_values(one: Circuit, other: Circuit) -> bool:
 
 
 _ENDS = operator.attrgetter("a", "b")
-_WIRED = operator.attrgetter("card", "a", "b")
+_WIRED = operator.attrgetter("card", "a", "b", "control")
 _AMPLIFIED = operator.attrgetter("kind", "input", "output")
 _VOLTAGE = operator.attrgetter("node", "switched")
 _LINES = operator.attrgetter("by_column", "plus", "minus", "sinks", "wires")
-
-
-def _same_kind(one: Branch, other: Branch) -> bool:
-    """Whether two branches differ in values alone."""
-    return one is other or (
-        type(one) is type(other)
-        and _WIRED(one) == _WIRED(other)
-        and getattr(one, "control", ()) == getattr(other, "control", ())
-    )
 
 
 def _alike(one: ResistorMatrix, other: ResistorMatrix) -> bool:
