@@ -23,6 +23,8 @@ from taction.verification.verdict.verify import Verdict, verify
 
 SMALL = 8.2e-12  # F, the next smaller capacitor of the paper's bench
 QUIET = 2.45e6  # ohm, a gain with the least settling time (taction reproduce, chapter console)
+EXPECTED = (Outcome.PASS, Outcome.FAIL, Outcome.PASS)
+TITLES = ("The board of the paper", "C = 8.2 pF instead of 10 pF", "A gain of 2.45 MΩ")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,24 +97,19 @@ def demo(
     start = time.perf_counter()
     scene = paper_scene("paper-breadboard")
     # The limits of the rise time are what the paper measured on the first board alone.
-    free = scene.checks.model_copy(update={"rise_time": None})
-    loose = scene.model_copy(update={"checks": free})
-    first = _verified(scene, {}, "1 of 3: the paper's board", progress)
-    second = _verified(
-        loose, {"design.capacitance": SMALL}, "2 of 3: a smaller capacitor", progress
-    )
+    loose = scene.model_copy(update={"checks": scene.checks.model_copy(update={"rise_time": None})})
     lam = ideal_network(make_problem(scene), scene).lam  # the same solution: R follows
-    changes: dict[str, Value] = {"design.gain": QUIET, "design.lambda": lam}
-    third = _verified(loose, changes, "3 of 3: another gain", progress)
-    steps = (
-        DemonstrationStep("The board of the paper", Outcome.PASS, first, _works(first)),
-        DemonstrationStep(
-            f"C = {_text(SMALL, 'F')} instead of 10 pF", Outcome.FAIL, second, _oscillates(second)
-        ),
-        DemonstrationStep(
-            f"A gain of {_text(QUIET, 'ohm')}", Outcome.PASS, third, _settles(third, first)
-        ),
+    boards: tuple[tuple[str, Scene, dict[str, Value]], ...] = (
+        ("the paper's board", scene, {}),
+        ("a smaller capacitor", loose, {"design.capacitance": SMALL}),
+        ("another gain", loose, {"design.gain": QUIET, "design.lambda": lam}),
     )
+    verdicts = []
+    for number, (what, board, changes) in enumerate(boards, 1):
+        stage = f"{number} of {len(boards)}: {what}"
+        progress(stage)
+        verdicts.append(verify(with_values(board, changes), _named(stage, progress)))
+    steps = tuple(map(DemonstrationStep, TITLES, EXPECTED, verdicts, _texts(*verdicts)))
     found = Demonstration(steps, time.perf_counter() - start)
     if output is None:
         return found
@@ -125,9 +122,28 @@ def demo(
     return told
 
 
-def _verified(scene: Scene, changes: dict[str, Value], stage: str, progress: Progress) -> Verdict:
-    progress(stage)
-    return verify(with_values(scene, changes), lambda part: progress(f"{stage}, {part}"))
+def _named(stage: str, progress: Progress) -> Progress:
+    return lambda part: progress(f"{stage}, {part}")
+
+
+def _texts(works: Verdict, oscillates: Verdict, settles: Verdict) -> tuple[str, str, str]:
+    """Return what each board shows, with the numbers of its verdict."""
+    circuit, band = works.circuit, works.measurements.band
+    first, after = (_text(_figure(each, "settling_time"), "s") for each in (works, settles))
+    frequency = _text(_figure(oscillates, "frequency"), "Hz")
+    overshoot, less = (_figure(each, "overshoot") for each in (works, settles))
+    return (
+        f"{len(circuit.outputs)} sensors lie below a skin. A cylinder presses on it, and each"
+        " sensor feels a mixture of all places. To find the pressures is an inverse problem that"
+        f" noise makes unstable; a board of {len(circuit.opamps)} op-amps solves it with a"
+        f" regulariser. Its outputs {banded('settle', band)} of the step in {first}, where a"
+        f" numerical solver says, and overshoot by {percent(overshoot)}.",
+        f"The same board with the next smaller capacitor of the shelf oscillates at {frequency},"
+        " as the authors saw on their bench. The poles say so before anything is built.",
+        "With the first capacitor, less gain and R for the same solution the board"
+        f" {banded('settles', settles.measurements.band)} in {after} instead of {first}, and"
+        f" overshoots by {percent(less, 2)}. `taction design tune` finds such gains.",
+    )
 
 
 def _text(value: float, unit: str) -> str:
@@ -139,34 +155,3 @@ def _figure(verdict: Verdict, name: str) -> float:
     if value is None:
         raise NoVerdictError(f"{verdict.scene.name} has no {name.replace('_', ' ')}")
     return value
-
-
-def _works(verdict: Verdict) -> str:
-    circuit = verdict.circuit
-    return (
-        f"{len(circuit.outputs)} sensors lie below a skin. A cylinder presses on it, and each"
-        " sensor feels a mixture of all places. To find the pressures is an inverse problem that"
-        f" noise makes unstable; a board of {len(circuit.opamps)} op-amps solves it with a"
-        f" regulariser. Its outputs {banded('settle', verdict.measurements.band)} of the step in"
-        f" {_text(_figure(verdict, 'settling_time'), 's')},"
-        " where a numerical solver says, and overshoot by"
-        f" {percent(_figure(verdict, 'overshoot'))}."
-    )
-
-
-def _oscillates(verdict: Verdict) -> str:
-    frequency = _text(_figure(verdict, "frequency"), "Hz")
-    return (
-        f"The same board with the next smaller capacitor of the shelf oscillates at {frequency},"
-        " as the authors saw on their bench. The poles say so before anything is built."
-    )
-
-
-def _settles(verdict: Verdict, before: Verdict) -> str:
-    after, first = (_figure(each, "settling_time") for each in (verdict, before))
-    return (
-        "With the first capacitor, less gain and R for the same solution the board"
-        f" {banded('settles', verdict.measurements.band)} in {_text(after, 's')} instead of"
-        f" {_text(first, 's')}, and overshoots by"
-        f" {percent(_figure(verdict, 'overshoot'), 2)}. `taction design tune` finds such gains."
-    )

@@ -45,8 +45,7 @@ CLOSE = 1e-6  # largest relative difference of two values of the onset
 
 def closed_loops(quick: bool) -> Chapter:
     """Judge the time of INV, and the stability of PINV with one pole, with two, and at 1 uS."""
-    sizes = SIZES[:2] if quick else SIZES
-    return Chapter((_time(sizes), _one_pole(), _onset(), _published()))
+    return Chapter((_time(SIZES[:2] if quick else SIZES), _one_pole(), _onset(), _published()))
 
 
 def _scene(name: str, matrix: Floats, opamp: Mapping[str, Any] = ONE_POLE, **design: Any) -> Scene:
@@ -59,25 +58,21 @@ def _scene(name: str, matrix: Floats, opamp: Mapping[str, Any] = ONE_POLE, **des
 
 def _time(sizes: tuple[int, ...]) -> Finding:
     """Judge ``T_ij = 2^-|i-j|`` with inputs of 1; and less 1/100, in two ways."""
-    free = [_slowest(_decaying(n), "differential") for n in sizes]
-    signed = [_slowest(_decaying(n) - NEGATIVE, "differential") for n in sizes]
-    offset = [_slowest(_decaying(n) - NEGATIVE, "offset") for n in sizes]
+
+    def slowest(count: int, less: float, way: str) -> float:
+        """Return wt times the time constant of the slowest mode of a board of good op-amps."""
+        n = np.arange(count)
+        matrix = 0.5 ** np.abs(n[:, None] - n[None, :]) - less
+        design = {"negative_entries": way, "strain_input": "voltage"}
+        scene = _scene("inverse", matrix, ONE_POLE | {"dc_gain": 1e12}, **design)
+        return -WT / poles(synthesise(scene)).rightmost.real
+
+    ways = ((0.0, "differential"), (NEGATIVE, "differential"), (NEGATIVE, "offset"))
+    free, signed, offset = ([slowest(n, *way) for n in sizes] for way in ways)
     condition = max(free + signed) < END and offset[-1] > GROWN * offset[0]
     values = {"time": free[-1], "signed_time": signed[-1], "offset_time": offset[-1]}
     lists = {"times": free, "signed": signed, "offset": offset, "sizes": list(sizes)}
-    return finding("inv-time", values, weigh(False, condition), **lists)
-
-
-def _decaying(count: int) -> Floats:
-    n = np.arange(count)
-    return np.asarray(0.5 ** np.abs(n[:, None] - n[None, :]))
-
-
-def _slowest(matrix: Floats, way: str) -> float:
-    """Return wt times the time constant of the slowest mode of an INV board of good op-amps."""
-    design = {"negative_entries": way, "strain_input": "voltage"}
-    scene = _scene("inverse", matrix, ONE_POLE | {"dc_gain": 1e12}, **design)
-    return -WT / poles(synthesise(scene)).rightmost.real
+    return finding("inv-time", weigh(False, condition), **values, **lists)
 
 
 def _one_pole() -> Finding:
@@ -86,71 +81,58 @@ def _one_pole() -> Finding:
     found = [poles(synthesise(_scene("least-squares", ROWS, ONE_POLE, **{KNOB: gf}))) for gf in gfs]
     slowest = max(each.rightmost.real for each in found)
     power = max(float(np.linalg.eigvalsh(_power(gf)).max()) for gf in gfs)
-    stable = all(each.known_stable for each in found)
-    values = {"growth_rate": slowest, "power": power}
-    return finding("pinv-one-pole", values, weigh(stable and power < 0.0), gfs=[gfs[0], gfs[-1]])
+    outcome = weigh(all(each.known_stable for each in found) and power < 0.0)
+    gfs = [gfs[0], gfs[-1]]
+    return finding("pinv-one-pole", outcome, growth_rate=slowest, power=power, gfs=gfs)
 
 
 def _loads(gf: float) -> Floats:
     return np.append(ROWS.sum(axis=1) * UNIT + gf, ROWS.sum(axis=0) * UNIT)
 
 
-def _bracket(gf: float) -> Floats:
-    """Return the currents into the loads of the op-amps' inputs for their output voltages, S."""
+def _rates(gf: float) -> Floats:
+    """Return ``q'`` for the op-amps' output voltages, without their own decay, 1/s."""
     X, (M, N) = ROWS * UNIT, ROWS.shape
-    return np.block([[-gf * np.eye(M), -X], [X.T, np.zeros((N, N))]])
+    currents = np.block([[-gf * np.eye(M), -X], [X.T, np.zeros((N, N))]])
+    return np.asarray(WT * currents / _loads(gf)[:, None])
 
 
 def _power(gf: float) -> Floats:
     """Return ``(P A + A' P) / 2`` for ``P = diag(loads) / wt``, S: below zero, all modes decay."""
-    A = WT * (_bracket(gf) / _loads(gf)[:, None]) - WT / GAIN * np.eye(sum(ROWS.shape))
-    P = np.diag(_loads(gf) / WT)
-    return 0.5 * (P @ A + A.T @ P)
+    PA = (_loads(gf) / WT)[:, None] * (_rates(gf) - WT / GAIN * np.eye(sum(ROWS.shape)))
+    return np.asarray(0.5 * (PA + PA.T))
 
 
 def _onset() -> Finding:
     """Judge the least gf with a second pole, by `onset`, the state matrix, and ngspice beside."""
     opamp = ONE_POLE | {"second_pole": 1.0 / (math.tau * LAG)}
     scene = _scene("least-squares", ROWS, opamp, **{KNOB: UNIT})
-    found = onset(scene, over=f"{KNOB}=1uS:10mS")
-    edge = found.findings[-1]
-    value, exact = edge.crossing.value, _edge(LAG)
-    difference, test = abs(value / exact - 1.0), edge.confirmation
+    edge = onset(scene, over=f"{KNOB}=1uS:10mS").findings[-1]
+    exact = float(brentq(_rightmost, 1e-6, 1e-2, xtol=1e-18, rtol=1e-12))
+    value, test = edge.crossing.value, edge.confirmation
     if test.confirmed is None:
         raise EngineError(test.reason)
+    off = abs(value / exact - 1.0)
     sides = [side.value for side in (test.below, test.above) if side is not None]
-    values = {"onset": value, "difference": difference}
-    return finding(
-        "pinv-onset",
-        values,
-        weigh(difference < CLOSE and test.confirmed),
-        sides=sides,
-        lag=LAG,
-        law=_law(LAG),
-    )
+    found = {"onset": value, "difference": off, "lag": LAG, "sides": sides, "law": _law()}
+    return finding("pinv-onset", weigh(off < CLOSE and test.confirmed), **found)
 
 
-def _rightmost(gf: float, lag: float) -> float:
-    """Return the rightmost pole of ``q' = wt A o - wp q``, ``lag o' = q - o``, 1/s."""
+def _rightmost(gf: float) -> float:
+    """Return the rightmost pole of ``q' = wt A o - wp q``, ``LAG o' = q - o``, 1/s."""
     eye = np.eye(sum(ROWS.shape))
-    A = _bracket(gf) / _loads(gf)[:, None]
-    whole = np.block([[-WT / GAIN * eye, WT * A], [eye / lag, -eye / lag]])
+    whole = np.block([[-WT / GAIN * eye, _rates(gf)], [eye / LAG, -eye / LAG]])
     return float(np.linalg.eigvals(whole).real.max())
 
 
-def _edge(lag: float) -> float:
-    """Return the least gf of the state matrix, S."""
-    return float(brentq(_rightmost, 1e-6, 1e-2, args=(lag,), xtol=1e-18, rtol=1e-12))
-
-
-def _law(lag: float) -> float:
+def _law() -> float:
     """Return the least gf of ``c sigma² < gf / (2 wt t2) + gf² d / 4`` with mean loads, S."""
     sigma = float(np.linalg.norm(ROWS * UNIT, 2))
     c = float(np.mean(1.0 / (ROWS.sum(axis=0) * UNIT)))
 
     def excess(gf: float) -> float:
         d = float(np.mean(1.0 / (ROWS.sum(axis=1) * UNIT + gf)))
-        return gf / (2.0 * WT * lag) + gf**2 * d / 4.0 - c * sigma**2
+        return gf / (2.0 * WT * LAG) + gf**2 * d / 4.0 - c * sigma**2
 
     return float(brentq(excess, 1e-9, 1.0, rtol=1e-12))
 
@@ -159,12 +141,10 @@ def _published() -> Finding:
     """Random matrices with the conductances, the size and the gf of the published boards."""
     rng = np.random.default_rng(0)
     design = {KNOB: PUBLISHED, "stray_capacitance": "1pF"}
-    found = []
-    for _ in range(BOARDS):
-        matrix = rng.uniform(68e-6, 200e-6, (6, 4)) / UNIT
-        found.append(poles(synthesise(_scene("least-squares", matrix, FAST, **design))))
-    unstable = sum(each.known_unstable for each in found)
+    matrices = (rng.uniform(68e-6, 200e-6, (6, 4)) / UNIT for _ in range(BOARDS))
+    found = [poles(synthesise(_scene("least-squares", T, FAST, **design))) for T in matrices]
+    unstable = float(sum(each.known_unstable for each in found))
     growth = min(each.rightmost.real for each in found)
     frequency = float(np.median([each.frequency for each in found]))
-    values = {"unstable": float(unstable), "growth_rate": growth, "frequency": frequency}
-    return finding("pinv-published", values, weigh(unstable == 0), boards=len(found))
+    values = {"unstable": unstable, "growth_rate": growth, "frequency": frequency}
+    return finding("pinv-published", weigh(unstable == 0), **values, boards=BOARDS)

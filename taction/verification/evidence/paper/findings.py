@@ -1,4 +1,4 @@
-"""The claims of the paper, and what a run of each claim found."""
+"""The claims of the paper, what a run of each claim found, and the charts of a chapter."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import enum
 import math
 import string
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from taction.netlist_gen.scene.loading import load_scene
 from taction.netlist_gen.scene.scene import Scene
+from taction.system.charts import Axis, Chart, Mark
 from taction.system.quantities import UNITS, show
-from taction.verification.evidence.paper.pictures import Picture
 from taction.verification.readings.readings import Reading
 
 HERE = Path(__file__).parent
@@ -33,11 +33,11 @@ class ClaimOutcome(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One entry of ``claims.toml``.
+    """One table of ``claims.toml``.
 
     `chapter` is a key of `verification.evidence.paper.reproduce.CHAPTERS`; `place` says where the
-    paper makes the claim; `printed` is the paper's value or formula, or empty. `run` and `ours`
-    are templates of `Sentence`: what taction runs, and what the run gives. A verdict other than
+    paper makes the claim; `printed` is the paper's value or formula. `run` and `ours` are
+    templates of `Sentence`: what taction runs, and what the run gives. A verdict other than
     `expected` is a regression. A quick run leaves out a claim that is not `quick`.
     """
 
@@ -45,30 +45,42 @@ class Claim:
     chapter: str
     place: str
     claim: str
-    printed: str
     run: str
     ours: str
     expected: ClaimOutcome
+    printed: str = ""
     quick: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The result for the claim `id`: `run` and `ours` as sentences, `values` in SI base units."""
+    """The result for a claim: `run` and `ours` as sentences, `values` in SI base units."""
 
-    id: str
+    DOCUMENT = (
+        *("id = claim.id", "claim = claim.claim", "place = claim.place", "run"),
+        *("printed = claim.printed", "ours", "verdict = outcome"),
+        *("expected = claim.expected", "as_expected"),
+        "values # behind `ours`, in SI base units",
+    )
+
+    claim: Claim
     run: str
     ours: str
     outcome: ClaimOutcome
     values: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def as_expected(self) -> bool:
+        """Whether the verdict is the one in the table."""
+        return self.outcome is self.claim.expected
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chapter:
-    """The findings of one chapter, and its pictures."""
+    """The findings of one chapter, and its charts."""
 
     findings: tuple[Finding, ...]
-    pictures: tuple[Picture, ...] = ()
+    charts: tuple[Chart, ...] = ()
 
 
 class Sentence(string.Formatter):
@@ -89,14 +101,21 @@ class Sentence(string.Formatter):
         return ", ".join(format(v, format_spec) for v in values)
 
 
-def finding(id_: str, values: dict[str, float], outcome: ClaimOutcome, **others: Any) -> Finding:
-    """Return the finding on the claim `id_`: `values` and `others` fill the claim's templates."""
+def finding(id_: str, outcome: ClaimOutcome, **found: Any) -> Finding:
+    """Return the finding on the claim `id_`, whose templates `found` fills; its reals are values.
+
+    Examples
+    --------
+    >>> finding("operations", ClaimOutcome.HOLDS, millions=62.5).values
+    {'millions': 62.5}
+    """
     claim = next(claim for claim in load_claims() if claim.id == id_)
-    run, ours = (Sentence().format(text, **values, **others) for text in (claim.run, claim.ours))
-    return Finding(id_, run, ours, outcome, values)
+    run, ours = (Sentence().format(text, **found) for text in (claim.run, claim.ours))
+    values = {name: float(each) for name, each in found.items() if isinstance(each, float)}
+    return Finding(claim, run, ours, outcome, values)
 
 
-def weigh(always: bool, condition: bool = False, *, fitted: bool = False) -> ClaimOutcome:
+def weigh(always: object, condition: object = False, *, fitted: bool = False) -> ClaimOutcome:
     """Return the verdict on a claim that holds `always`, or only under its `condition`.
 
     A claim on a board whose parts were chosen so that the claim holds is `fitted`: the run shows
@@ -110,8 +129,12 @@ def weigh(always: bool, condition: bool = False, *, fitted: bool = False) -> Cla
 @cache
 def load_claims() -> tuple[Claim, ...]:
     """Read the table of claims."""
-    entries = tomllib.loads((HERE / "claims.toml").read_text(encoding="utf-8"))["claim"]
-    return tuple(Claim(**{**e, "expected": ClaimOutcome(e["expected"])}) for e in entries)
+    chapters = tomllib.loads((HERE / "claims.toml").read_text(encoding="utf-8"))
+    return tuple(
+        Claim(id_, chapter, **{**entry, "expected": ClaimOutcome(entry["expected"])})
+        for chapter, entries in chapters.items()
+        for id_, entry in entries.items()
+    )
 
 
 def paper_scene(name: str) -> Scene:
@@ -122,3 +145,10 @@ def paper_scene(name: str) -> Scene:
 def seconds(reading: Reading | None) -> float:
     """Return a measured time, s; infinity for a time that does not exist."""
     return math.inf if reading is None else reading.value
+
+
+def chart(title: str, caption: str, x: Axis, y: Axis, *marks: Mark) -> Chart:
+    """Return a chart of a chapter; a legend of many names stands below it."""
+    named = sum(bool(getattr(mark, "name", "")) for mark in marks)
+    drawn = Chart(title, x, y, marks, summary=caption, height=330)
+    return drawn if named <= 2 else replace(drawn, legend="below")

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from taction.system.array_types import Bools, Floats
-from taction.system.charts import SERIES, Axis, Curve
-from taction.verification.evidence.paper.findings import Chapter, Finding, finding, weigh
-from taction.verification.evidence.paper.pictures import Picture, level, panel, picture
+from taction.system.array_types import Floats
+from taction.system.charts import SERIES, Axis, Chart, Curve
+from taction.verification.evidence.paper.findings import Chapter, Finding, chart, finding, weigh
 from taction.verification.evidence.paper.tactile import (
     COARSE,
     FINE,
     Geometry,
-    GradientFlow,
     by_transform,
     entropy,
-    squared_error,
+    gradient_flow,
     unit_network,
 )
 from taction.verification.reference.dynamics import ScaledNetwork
@@ -25,7 +24,6 @@ from taction.verification.reference.dynamics import ScaledNetwork
 PRINTED = (0.1, 10.0, 100.0)  # the paper's lambdas
 LAMBDAS = tuple(np.geomspace(0.01, 300.0, 13).tolist())
 STOP = 10.0  # time constants of the fastest mode at which figure 5's flow is stopped
-LATER = 1000.0  # time constants, for a second curve
 PICTURE_SEED = 3
 ACCURATE = 0.1  # of the squared error of the answer 0: the limit of "accurately"
 MOST = 0.9  # share of the seeds for which a claim that holds must be true
@@ -35,20 +33,22 @@ MOST = 0.9  # share of the seeds for which a claim that holds must be true
 class _Trials:
     """Squared errors (eq 20) over S seeds on one geometry.
 
-    `printed` (S, 3) and `scanned` (S, 13) are for the lambdas of `PRINTED` and `LAMBDAS`, the
-    other errors (S,) for the stopped and the converged flow and for the Fourier transform.
-    `negative` (S,) marks seeds with a negative output of the stopped flow, `positive` (S,) seeds
-    with only positive outputs at lambda = 0.1.
+    `flow` (S, 2), of the stopped and the converged flow, and `transform` (S, 1) have no
+    regularisation; `printed` (S, 3) and `scanned` (S, 13) have the lambdas of `PRINTED` and
+    `LAMBDAS`. `least` (S, 2) are the least outputs of the stopped flow and at lambda = 0.1.
     """
 
     geometry: Geometry
+    flow: Floats
+    transform: Floats
     printed: Floats
     scanned: Floats
-    stopped: Floats
-    converged: Floats
-    transform: Floats
-    negative: Bools
-    positive: Bools
+    least: Floats
+
+    @property
+    def better(self) -> Floats:
+        """Shares (2,) of seeds for which each flow is better than the transform."""
+        return np.asarray(np.mean(self.flow < self.transform, axis=0))
 
     @property
     def ten_wins(self) -> float:
@@ -56,194 +56,118 @@ class _Trials:
         return float(np.mean(np.argmin(self.printed, axis=1) == 1))
 
     @property
-    def best(self) -> float:
-        """Median over the seeds of the best lambda of the scan."""
-        return float(np.median(np.array(LAMBDAS)[np.argmin(self.scanned, axis=1)]))
+    def over_zero(self) -> tuple[float, float]:
+        """Median errors at lambda = 10 and at the best lambda over that of the answer 0."""
+        of_zero = float(np.mean(self.geometry.stress**2))
+        each = (self.printed[:, 1], self.scanned.min(axis=1))
+        ten, best = (float(np.median(errors)) / of_zero for errors in each)
+        return ten, best
 
 
 def reconstruction(quick: bool) -> Chapter:
     """Judge section 4.2 over many seeds of the noise, on a coarse wide and a fine narrow grid."""
     seeds = range(1, 21 if quick else 301)
     both = (_trials(COARSE, seeds), _trials(FINE, seeds))
-    findings = (
-        _figure_5(*both),
-        _exponential_is_positive(),
-        *_transform(*both),
-        _figure_7(*both),
-        _figure_8(),
-        _figure_9(*both),
-        _noise(*both),
-    )
-    return Chapter(findings, (_figures(), _errors(*both), _flow()))
+    findings = (*_unregularised(*both), *_regularised(*both))
+    return Chapter(findings, (*_figures(), *(_errors(trials) for trials in both)))
 
 
 def _trials(geometry: Geometry, seeds: range) -> _Trials:
-    T, flow = geometry.matrix, GradientFlow(geometry.matrix)
-    errors, negative, positive = [], [], []
-    for seed in seeds:
-        strain = geometry.strain(seed)
-        stopped = flow.at(STOP, strain)
-        solved = [entropy(T, strain, lam) for lam in (*PRINTED, *LAMBDAS)]
-        answers = (stopped, flow.converged(strain), by_transform(geometry, strain), *solved)
-        errors.append([squared_error(u, geometry.stress) for u in answers])
-        negative.append(stopped.min() < 0.0)
-        positive.append(solved[0].min() > 0.0)
-    at_stop, at_rest, transform, *over_lambda = np.array(errors).T
-    printed, scanned = np.split(np.array(over_lambda).T, [len(PRINTED)], axis=1)
-    signs = (np.array(negative), np.array(positive))
-    return _Trials(geometry, printed, scanned, at_stop, at_rest, transform, *signs)
+    T, strains = geometry.matrix, np.array([geometry.strain(seed) for seed in seeds])
+    flows = [gradient_flow(T, time, strains) for time in (STOP, np.inf)]
+    solved = [
+        np.array([entropy(T, strain, lam) for strain in strains]) for lam in (*PRINTED, *LAMBDAS)
+    ]
+    u = np.array([*flows, by_transform(geometry, strains), *solved])
+    errors = np.mean((u - geometry.stress) ** 2, axis=2).T
+    least = u[[0, 3]].min(axis=2).T
+    flow, transform, printed, scanned = np.split(errors, [2, 3, 6], axis=1)
+    return _Trials(geometry, flow, transform, printed, scanned, least)
 
 
-def _figure_5(coarse: _Trials, fine: _Trials) -> Finding:
-    negative = float(min(coarse.negative.mean(), fine.negative.mean()))
-    ratio = float(np.median(fine.stopped) / np.median(fine.converged))
-    values = {"negative_share": negative, "stopped_over_converged": ratio}
-    outcome = weigh(False, negative >= MOST and ratio < 0.01)
-    return finding("figure-5", values, outcome, stop=STOP, seeds=len(fine.stopped))
-
-
-def _exponential_is_positive() -> Finding:
-    """Search for an output below zero, which an exponential amplifier cannot have."""
+def _unregularised(coarse: _Trials, fine: _Trials) -> tuple[Finding, ...]:
+    """Judge figures 5 and 6, and search for an output below zero of exponential amplifiers."""
+    both, seeds = (coarse, fine), len(fine.flow)
+    negative = min(float(np.mean(t.least[:, 0] < 0.0)) for t in both)
+    ratio = float(np.divide(*np.median(fine.flow, axis=0)))
     strain = FINE.strain(PICTURE_SEED)
     scaled = ScaledNetwork(unit_network(FINE.matrix, strain, mu=1e-6))
     least = float(scaled.g.g(np.linspace(-700.0, 0.0, 1401)).min())
     least_u = float(entropy(FINE.matrix, strain, 0.01).min())
-    values = {"least_output": least, "least_u": least_u}
-    return finding("figure-5-exponential", values, weigh(not (least > 0.0 and least_u > 0.0)))
-
-
-def _transform(coarse: _Trials, fine: _Trials) -> tuple[Finding, Finding]:
-    both = (coarse, fine)
-    stopped = [float(np.mean(t.stopped < t.transform)) for t in both]
-    converged = [float(np.mean(t.converged < t.transform)) for t in both]
-    outcome = weigh(min(converged) >= MOST, min(stopped) >= MOST)
+    stopped, converged = np.transpose([t.better for t in both]).tolist()
+    condition = [float(np.linalg.cond(t.geometry.matrix)) for t in both]
+    at_rest = min(converged) >= MOST
+    positive = weigh(min(least, least_u) <= 0.0)
+    early = {"negative_share": negative, "stopped_over_converged": ratio, "stop": STOP}
     return (
-        finding(
-            "figure-6",
-            {"coarse": stopped[0], "fine": stopped[1]},
-            outcome,
-            seeds=len(fine.stopped),
-            stopped=stopped,
-        ),
-        finding(
-            "figure-6-converged",
-            {"coarse": converged[0], "fine": converged[1]},
-            weigh(min(converged) >= MOST),
-            condition=[float(np.linalg.cond(t.geometry.matrix)) for t in both],
-        ),
+        finding("figure-5", weigh(False, negative >= MOST and ratio < 0.01), **early, seeds=seeds),
+        finding("figure-5-exponential", positive, least_output=least, least_u=least_u),
+        finding("figure-6", weigh(at_rest, min(stopped) >= MOST), **_pair(stopped), seeds=seeds),
+        finding("figure-6-converged", weigh(at_rest), **_pair(converged), condition=condition),
     )
 
 
-def _figure_7(coarse: _Trials, fine: _Trials) -> Finding:
-    positive = float(min(coarse.positive.mean(), fine.positive.mean()))
-    weak = [float(np.mean(t.printed[:, 0] > 2.0 * t.scanned.min(axis=1))) for t in (coarse, fine)]
-    values = {"positive": positive, "coarse": weak[0], "fine": weak[1]}
-    outcome = weigh(positive == 1.0 and min(weak) >= 0.5, positive == 1.0 and max(weak) >= 0.5)
-    return finding("figure-7", values, outcome, seeds=len(fine.stopped))
-
-
-def _figure_8() -> Finding:
-    peaks, floors = [], []
-    for geometry in (COARSE, FINE):
-        u = entropy(geometry.matrix, geometry.strain(PICTURE_SEED), 100.0)
-        truth = geometry.stress
-        peaks.append(float(u.max() / truth.max()))
-        floors.append(float(u[truth == 0.0].min()))
-    values = {"peak_coarse": peaks[0], "peak_fine": peaks[1], "floor": min(floors)}
-    outcome = weigh(max(peaks) < 0.6 and min(floors) > 0.1)
-    return finding("figure-8", values, outcome, peaks=peaks, floors=floors)
-
-
-def _figure_9(coarse: _Trials, fine: _Trials) -> Finding:
-    wins = (coarse.ten_wins, fine.ten_wins)
-    return finding(
-        "figure-9",
-        {"coarse": wins[0], "fine": wins[1]},
-        weigh(min(wins) >= MOST, coarse.ten_wins >= 0.8),
-        seeds=len(fine.stopped),
-        medians=[np.median(t.printed, axis=0).tolist() for t in (coarse, fine)],
-        best=(coarse.best, fine.best),
+def _regularised(coarse: _Trials, fine: _Trials) -> tuple[Finding, ...]:
+    """Judge figures 7 to 9, and how near the best answer is to the true one."""
+    both, seeds = (coarse, fine), len(fine.flow)
+    positive = min(float(np.mean(t.least[:, 1] > 0.0)) for t in both)
+    weak = [float(np.mean(t.printed[:, 0] > 2.0 * t.scanned.min(axis=1))) for t in both]
+    truths = [t.geometry.stress for t in both]
+    strong = [entropy(t.geometry.matrix, t.geometry.strain(PICTURE_SEED), PRINTED[2]) for t in both]
+    peaks = [float(u.max() / truth.max()) for u, truth in zip(strong, truths, strict=True)]
+    floors = [float(u[truth == 0.0].min()) for u, truth in zip(strong, truths, strict=True)]
+    ten, best = zip(*(t.over_zero for t in both), strict=True)
+    everywhere, wins = positive == 1.0, [t.ten_wins for t in both]
+    too_weak = weigh(everywhere and min(weak) >= 0.5, everywhere and max(weak) >= 0.5)
+    too_strong = weigh(max(peaks) < 0.6 and min(floors) > 0.1)
+    medians = [np.median(t.printed, axis=0).tolist() for t in both]
+    lambdas = [np.median(np.array(LAMBDAS)[t.scanned.argmin(axis=1)]) for t in both]
+    shown = {"medians": medians, "best": lambdas, "seeds": seeds}
+    accurate = weigh(max(ten) <= ACCURATE, min(best) <= ACCURATE)
+    errors = _pair(ten, "ten_") | _pair(best, "best_")
+    return (
+        finding("figure-7", too_weak, positive=positive, **_pair(weak), seeds=seeds),
+        finding("figure-8", too_strong, **_pair(peaks, "peak_"), floor=min(floors), floors=floors),
+        finding("figure-9", weigh(min(wins) >= MOST, wins[0] >= 0.8), **_pair(wins), **shown),
+        finding("noise-immunity", accurate, **errors, seeds=seeds),
     )
 
 
-def _noise(coarse: _Trials, fine: _Trials) -> Finding:
-    """Compare the squared errors with that of the answer 0 everywhere."""
-    ten, best = [], []
-    for t in (coarse, fine):
-        of_zero = squared_error(np.zeros(t.geometry.channels), t.geometry.stress)
-        ten.append(float(np.median(t.printed[:, 1])) / of_zero)
-        best.append(float(np.median(t.scanned.min(axis=1))) / of_zero)
-    return finding(
-        "noise-immunity",
-        {"ten_coarse": ten[0], "ten_fine": ten[1], "best_coarse": best[0], "best_fine": best[1]},
-        weigh(max(ten) <= ACCURATE, min(best) <= ACCURATE),
-        seeds=len(fine.stopped),
-        ten=ten,
-        best=best,
-    )
+def _pair(values: Sequence[float], before: str = "") -> dict[str, float]:
+    """Return the values on the two geometries with their names."""
+    return dict(zip((f"{before}coarse", f"{before}fine"), values, strict=True))
 
 
-def _figures() -> Picture:
+def _figures() -> list[Chart]:
     """Return figures 5 to 9 on the fine grid."""
-    strain, truth, y = FINE.strain(PICTURE_SEED), FINE.stress, FINE.y
-    flow = GradientFlow(FINE.matrix)
+    T, strain = FINE.matrix, FINE.strain(PICTURE_SEED)
     answers = {
-        "Fig 5: lambda = 0, stopped flow": flow.at(STOP, strain),
+        "Fig 5: lambda = 0, stopped flow": gradient_flow(T, STOP, strain),
         "Fig 6: Fourier transform": by_transform(FINE, strain),
-        "Fig 7: lambda = 0.1": entropy(FINE.matrix, strain, 0.1),
-        "Fig 8: lambda = 100": entropy(FINE.matrix, strain, 100.0),
-        "Fig 9: lambda = 10": entropy(FINE.matrix, strain, 10.0),
-        "best of 13: lambda = 0.31": entropy(FINE.matrix, strain, 0.31),
+        "Fig 7: lambda = 0.1": entropy(T, strain, 0.1),
+        "Fig 8: lambda = 100": entropy(T, strain, 100.0),
+        "Fig 9: lambda = 10": entropy(T, strain, 10.0),
+        "best of 13: lambda = 0.31": entropy(T, strain, 0.31),
     }
-    axes, charts = (Axis("y (in depths)"), Axis("stress")), []
-    for title, u in answers.items():
-        lines = [Curve(y, truth, "true", "ink", "dash"), Curve(y, u, "recovered")]
-        if title.startswith("Fig 5"):
-            later = flow.at(LATER, strain)
-            lines.append(Curve(y, later, "stopped 100 times later", SERIES[1]))
-        charts.append(panel(title, *axes, *lines))
     text = "Figures 5 to 9 again: N = 51 over y = -3 to 3, noise variance 0.1, one seed."
-    return picture(text, *charts)
+    axes = Axis("y (in depths)"), Axis("stress")
+    truth = Curve(FINE.y, FINE.stress, "true", "ink", "dash")
+    return [
+        chart(title, text, *axes, truth, Curve(FINE.y, u, "recovered"))
+        for title, u in answers.items()
+    ]
 
 
-ERROR = Axis("mean squared error, eq (20)", scale="log")
-
-
-def _errors(coarse: _Trials, fine: _Trials) -> Picture:
-    charts = []
-    for t in (coarse, fine):
-        low, middle, high = np.quantile(t.scanned, (0.1, 0.5, 0.9), axis=0)
-        printed = np.median(t.printed, axis=0)
-        charts.append(
-            panel(
-                t.geometry.title,
-                Axis("lambda", scale="log"),
-                ERROR,
-                Curve(LAMBDAS, middle, "median of the seeds", mark="circle"),
-                Curve(LAMBDAS, low, "10 and 90 %", line="dot"),
-                Curve(LAMBDAS, high, line="dot"),
-                Curve(PRINTED, printed, "the paper's three", SERIES[3], "", "square"),
-            )
-        )
-    text = "Which lambda is best depends on the grid, which the paper does not give."
-    return picture(text, *charts)
-
-
-def _flow() -> Picture:
-    times, charts = np.geomspace(0.1, 1e6, 60), []
-    for geometry in (COARSE, FINE):
-        strain, truth = geometry.strain(PICTURE_SEED), geometry.stress
-        flow = GradientFlow(geometry.matrix)
-        errors = [squared_error(flow.at(t, strain), truth) for t in times.tolist()]
-        charts.append(
-            panel(
-                geometry.title,
-                Axis("time (time constants of the fastest mode)", scale="log"),
-                ERROR,
-                Curve(times, errors, "gradient flow, lambda = 0"),
-                level(squared_error(by_transform(geometry, strain), truth), "Fourier transform"),
-                level(squared_error(flow.converged(strain), truth), "converged", 2),
-            )
-        )
-    text = "Without regularisation the error is least when the flow is stopped, largest at rest."
-    return picture(text, *charts)
+def _errors(trials: _Trials) -> Chart:
+    low, middle, high = np.quantile(trials.scanned, (0.1, 0.5, 0.9), axis=0)
+    printed = np.median(trials.printed, axis=0)
+    return chart(
+        f"N = {trials.geometry.channels} over {trials.geometry.span:g} depths",
+        "Which lambda is best depends on the grid, which the paper does not give.",
+        Axis("lambda", scale="log"),
+        Axis("mean squared error, eq (20)", scale="log"),
+        Curve(LAMBDAS, middle, "median of the seeds", mark="circle"),
+        Curve(LAMBDAS, low, "10 and 90 %", line="dot"),
+        Curve(LAMBDAS, high, line="dot"),
+        Curve(PRINTED, printed, "the paper's three", SERIES[3], "", "square"),
+    )

@@ -6,15 +6,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from taction.system.charts import Chart
 from taction.system.errors import NoVerdictError
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
-from taction.verification.evidence.paper.breadboard import breadboard
+from taction.verification.evidence.paper.as_printed import equations, kernels
+from taction.verification.evidence.paper.boards import breadboard, console, hardware
 from taction.verification.evidence.paper.closed_loops import closed_loops
-from taction.verification.evidence.paper.conditioning import conditioning
-from taction.verification.evidence.paper.console import console
-from taction.verification.evidence.paper.energy import energy
-from taction.verification.evidence.paper.equations import equations
 from taction.verification.evidence.paper.findings import (
     Chapter,
     Claim,
@@ -22,12 +20,9 @@ from taction.verification.evidence.paper.findings import (
     Finding,
     load_claims,
 )
-from taction.verification.evidence.paper.hardware import hardware
-from taction.verification.evidence.paper.kernels import kernels
-from taction.verification.evidence.paper.pictures import Picture
 from taction.verification.evidence.paper.reconstruction import reconstruction
-from taction.verification.evidence.paper.simnon import simnon
-from taction.verification.evidence.paper.speed import speed
+from taction.verification.evidence.paper.scaling import conditioning, speed
+from taction.verification.evidence.paper.trajectories import energy, simnon
 from taction.verification.studies.running.versions import describe_machine
 
 Run = Callable[[bool], Chapter]
@@ -48,26 +43,6 @@ CHAPTERS: dict[str, tuple[str, Run]] = {
 WHOLE, SHORT = 75, 22  # s, of all chapters on one core of 2.5 GHz
 
 
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """A claim with its finding."""
-
-    DOCUMENT = (
-        *("id = claim.id", "claim = claim.claim", "place = claim.place", "run = finding.run"),
-        *("printed = claim.printed", "ours = finding.ours", "verdict = finding.outcome"),
-        *("expected = claim.expected", "as_expected"),
-        "values = finding.values # behind `ours`, in SI base units",
-    )
-
-    claim: Claim
-    finding: Finding
-
-    @property
-    def as_expected(self) -> bool:
-        """Whether the verdict is the one in the table."""
-        return self.finding.outcome is self.claim.expected
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperSection:
     """One chapter of the report; `seconds` is its wall time."""
@@ -75,8 +50,8 @@ class PaperSection:
     DOCUMENT = ("title", "seconds [s]")
 
     title: str
-    judged: tuple[Judged, ...]
-    pictures: tuple[Picture, ...]
+    findings: tuple[Finding, ...]
+    charts: tuple[Chart, ...]
     seconds: float
 
 
@@ -86,7 +61,7 @@ class Reproduction(Result):
 
     VIEW = "taction.verification.report.views.paper:view"
     DOCUMENT = (
-        *("outcome", "quick", "seconds [s]", "machine", "claims = judged"),
+        *("outcome", "quick", "seconds [s]", "machine", "claims = findings"),
         *("left_out = omitted", "chapters = sections"),
     )
 
@@ -106,17 +81,17 @@ class Reproduction(Result):
         return tuple(claim.id for claim in self.left_out)
 
     @property
-    def judged(self) -> tuple[Judged, ...]:
-        """Every claim that was judged, in the order of the table."""
-        return tuple(each for section in self.sections for each in section.judged)
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found of every claim, in the order of the table."""
+        return tuple(each for section in self.sections for each in section.findings)
 
     @property
     def outcome(self) -> str:
         """``fail`` where a verdict is not the expected one, else ``inconclusive`` or ``pass``."""
-        ran = [each for each in self.judged if each.finding.outcome is not ClaimOutcome.NOT_RUN]
+        ran = [each for each in self.findings if each.outcome is not ClaimOutcome.NOT_RUN]
         if not all(each.as_expected for each in ran):
             return "fail"
-        return "pass" if len(ran) == len(self.judged) else "inconclusive"
+        return "pass" if len(ran) == len(self.findings) else "inconclusive"
 
 
 def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -> Reproduction:
@@ -136,7 +111,7 @@ def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -
 
     Examples
     --------
-    The quick run takes some minutes.
+    The quick run takes half a minute.
 
     >>> import taction
     >>> taction.reproduce(quick=True).outcome  # doctest: +SKIP
@@ -148,28 +123,20 @@ def reproduce(*, quick: bool = False, progress: Progress = lambda stage: None) -
     about = SHORT if quick else WHOLE
     progress(Notice(f"{len(selected)} claims in {len(CHAPTERS)} chapters: about {about} s"))
     sections: list[PaperSection] = []
-    for name, (title, function) in CHAPTERS.items():
+    for name, (title, run) in CHAPTERS.items():
         start = time.perf_counter()
         progress(Notice(f"{title} ({len(sections) + 1} of {len(CHAPTERS)})"))
-        of_chapter = [claim for claim in selected if claim.chapter == name]
-        chapter = _run(function, of_chapter, quick=quick)
-        findings = {finding.id: finding for finding in chapter.findings}
-        judged = tuple(Judged(claim, findings[claim.id]) for claim in of_chapter)
-        sections.append(PaperSection(title, judged, chapter.pictures, time.perf_counter() - start))
-    return Reproduction(
-        tuple(sections),
-        tuple(claim for claim in claims if claim not in selected),
-        quick,
-        time.perf_counter() - began,
-    )
+        try:
+            chapter = run(quick)
+        except NoVerdictError as error:
+            chapter = _not_run([c for c in selected if c.chapter == name], error)
+        findings = tuple(sorted(chapter.findings, key=lambda each: claims.index(each.claim)))
+        sections.append(PaperSection(title, findings, chapter.charts, time.perf_counter() - start))
+    left_out = tuple(claim for claim in claims if claim not in selected)
+    return Reproduction(tuple(sections), left_out, quick, time.perf_counter() - began)
 
 
-def _run(function: Run, claims: list[Claim], *, quick: bool) -> Chapter:
-    """Run one chapter; a chapter that gives no verdict has the reason as finding of each claim."""
-    try:
-        return function(quick)
-    except NoVerdictError as error:
-        reason = str(error).splitlines()[0]
-        return Chapter(
-            tuple(Finding(claim.id, "nothing", reason, ClaimOutcome.NOT_RUN) for claim in claims)
-        )
+def _not_run(claims: list[Claim], error: NoVerdictError) -> Chapter:
+    """Return the reason why a chapter gives no verdict as the finding on each of its claims."""
+    reason = str(error).splitlines()[0]
+    return Chapter(tuple(Finding(c, "nothing", reason, ClaimOutcome.NOT_RUN) for c in claims))

@@ -29,11 +29,6 @@ class Geometry:
     span: float
 
     @property
-    def title(self) -> str:
-        """The geometry in words, for pictures."""
-        return f"N = {self.channels} over {self.span:g} depths"
-
-    @property
     def y(self) -> Floats:
         """Positions (N,)."""
         return grid(self.channels, self.span)
@@ -81,40 +76,25 @@ def unit_network(
     return IdealNetwork(T, strain, lam, RC=1.0, amplifier=amplifier, bias=regulariser.biased)
 
 
-def squared_error(u: Floats, truth: Floats) -> float:
-    """Return the mean squared error, eq (20)."""
-    return float(np.mean((u - truth) ** 2))
-
-
-def largest_difference(a: Floats, b: Floats) -> float:
+def difference(a: Floats, b: Floats) -> float:
     """Return the largest difference of two arrays over the largest entry of the second."""
     return float(np.max(np.abs(a - b)) / np.max(np.abs(b)))
 
 
 def by_transform(geometry: Geometry, strain: Floats) -> Floats:
-    """Deconvolve (N,) by the discrete Fourier transform: divide by the kernel's, transform back."""
+    """Deconvolve (..., N) by the discrete Fourier transform: divide by the kernel's spectrum."""
     N = geometry.channels
     offset = np.asarray(geometry.spacing * np.fft.fftfreq(N, 1.0 / N), dtype=np.float64)
     spectrum = np.fft.fft(kernel(offset, depth=1.0, modulus=1.0, poisson=0.5))
     return np.asarray(np.fft.ifft(np.fft.fft(strain) / spectrum).real)
 
 
-class GradientFlow:
-    """The network without regularisation and with linear amplifiers, ``du/dt = -Tᵀ(Tu - eps)``.
+def gradient_flow(T: Floats, time: float, strain: Floats) -> Floats:
+    """Return the outputs (..., N) at a time of the network without regularisation, from zero.
 
-    Exact in the modes of T; time is in units of the fastest mode's time constant.
+    It has linear amplifiers: ``du/dt = -Tᵀ(Tu - eps)``. Exact in the modes of T; `time` is in time
+    constants of the fastest mode, and infinity is the rest.
     """
-
-    def __init__(self, T: Floats) -> None:
-        self.U, self.sigma, self.Vt = np.linalg.svd(T)
-        self.rates = (self.sigma / self.sigma[0]) ** 2
-
-    def at(self, time: float, strain: Floats) -> Floats:
-        """Return the outputs (N,) at `time`, from zero."""
-        with np.errstate(over="ignore"):
-            share = -np.expm1(-self.rates * time) / self.sigma
-        return np.asarray(self.Vt.T @ (share * (self.U.T @ strain)))
-
-    def converged(self, strain: Floats) -> Floats:
-        """Return the outputs (N,) at rest."""
-        return np.asarray(self.Vt.T @ ((self.U.T @ strain) / self.sigma))
+    U, sigma, Vt = np.linalg.svd(T)
+    share = -np.expm1(-((sigma / sigma[0]) ** 2) * time) / sigma
+    return np.asarray((strain @ U * share) @ Vt)

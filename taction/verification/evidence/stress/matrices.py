@@ -14,17 +14,7 @@ Rows = list[list[float]]
 
 
 def make_array(spec: Any) -> Any:
-    """Return the rows or values of `spec`; lists and names of files are returned unchanged.
-
-    Parameters
-    ----------
-    spec : dict or list or str
-        A table with ``make``, a key of `GENERATORS`, and the arguments of the generator.
-
-    Raises
-    ------
-    ValueError
-        An unknown generator, or arguments that it does not take.
+    """Return the rows or values of a table ``make``; lists and names of files are left unchanged.
 
     Examples
     --------
@@ -34,13 +24,7 @@ def make_array(spec: Any) -> Any:
     if not isinstance(spec, Mapping):
         return spec
     arguments = dict(spec)
-    name = arguments.pop("make", None)
-    if name not in GENERATORS:
-        raise ValueError(f"make = {name!r}: expected one of {', '.join(map(repr, GENERATORS))}")
-    try:
-        return GENERATORS[name](**arguments)
-    except TypeError as error:
-        raise ValueError(f"make = {name!r}: {error}") from None
+    return GENERATORS[arguments.pop("make")](**arguments)
 
 
 def _rounded(value: float) -> float:

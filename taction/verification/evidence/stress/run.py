@@ -5,10 +5,10 @@ from __future__ import annotations
 import enum
 import time
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
-from taction.system.errors import INTERRUPTED, Interrupted
+from taction.system.errors import INTERRUPTED, Interrupted, SimulatorNotFound, SimulatorTooOld
 from taction.system.progress import Notice, Progress
 from taction.system.results import Result
 from taction.verification.evidence.stress.catalogue import Case, load_catalogue, select
@@ -18,8 +18,7 @@ from taction.verification.evidence.stress.compare import (
     worst,
     wrong_checks,
 )
-from taction.verification.studies.running.collecting import collected
-from taction.verification.studies.running.executors import local
+from taction.verification.studies.running.collecting import for_each_file
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.verdict.checks import Check
 from taction.verification.verdict.verify import Verdict, verify
@@ -80,10 +79,10 @@ class StressReport(Result):
     """The runs of all cases; `versions` are those of the programs that were used."""
 
     VIEW = "taction.verification.report.views.stress:view"
-    DOCUMENT = ("runs", "count", "numbers", "outside", "versions = known_versions")
+    DOCUMENT = ("runs", "count", "numbers", "outside", "versions")
 
     runs: tuple[CaseRun, ...]
-    versions: tuple[tuple[str, str], ...]
+    versions: dict[str, str]
 
     @property
     def wrong(self) -> tuple[CaseRun, ...]:
@@ -104,11 +103,6 @@ class StressReport(Result):
         if self.wrong:
             return 1
         return 3 if any(run.judgement is CaseJudgement.NOT_RUN for run in self.runs) else 0
-
-    @property
-    def known_versions(self) -> dict[str, str | None]:
-        """`versions` by name."""
-        return dict(self.versions)
 
     @property
     def numbers(self) -> int:
@@ -167,55 +161,54 @@ def stress(
     cases = select(load_catalogue(), tuple(only))
     progress(Notice(f"cases: {len(cases)}"))
     machine = describe_machine()
-    versions = tuple((name, str(machine[name])) for name in VERSIONS)
-    todo = [(case, engine) for case in cases for engine in case.engines]
-    runs = {(case.name, engine): _not_run(case, engine, STOPPED) for case, engine in todo}
-    if machine["ngspice"] is None:
-        runs |= {(c.name, e): _not_run(c, e, NO_NGSPICE) for c, e in todo if e == "ngspice"}
-        todo = [(case, engine) for case, engine in todo if engine != "ngspice"]
-    with local(jobs) as workers, suppress(KeyboardInterrupt):
-        calls = ((key, key) for key in todo)
-        for number, ((case, engine), run) in enumerate(collected(workers, run_case, calls)):
-            runs[case.name, engine] = run if isinstance(run, CaseRun) else _killed(case, engine)
-            progress(f"{number + 1} of {len(todo)}: {case.name}, {engine}")
-    report = StressReport(tuple(runs.values()), versions)
+    calls = [(case, engine) for case in cases for engine in case.engines]
+    names = [Path(f"{case.name}, {engine}") for case, engine in calls]
+    found = for_each_file(_run_named, names, calls, jobs=jobs, progress=progress)
+    runs = tuple(_as_run(*call, run) for call, run in zip(calls, found, strict=True))
+    report = StressReport(runs, {name: str(machine[name]) for name in VERSIONS})
     if report.interrupted:
         raise Interrupted("the finished cases are in the report", report)
     return report
 
 
-def _not_run(case: Case, engine: str, reason: str) -> CaseRun:
-    return CaseRun(case, engine, "-", CaseJudgement.NOT_RUN, reason=reason)
+def _run_named(_: Path, case: Case, engine: str) -> CaseRun:
+    return run_case(case, engine)
 
 
-def _killed(case: Case, engine: str) -> CaseRun:
-    return CaseRun(case, engine, "-", CaseJudgement.WRONG_OUTCOME, reason="its process was killed")
+def _as_run(case: Case, engine: str, found: CaseRun | BaseException | None) -> CaseRun:
+    """Return the run that was found, or one that says why there is none."""
+    if isinstance(found, CaseRun):
+        return found
+    if found is None:
+        return CaseRun(case, engine, "-", CaseJudgement.NOT_RUN, reason=STOPPED)
+    killed = "its process was killed"
+    return CaseRun(case, engine, "-", CaseJudgement.WRONG_OUTCOME, reason=killed)
 
 
 def run_case(case: Case, engine: str) -> CaseRun:
-    """Verify one case with one engine and judge the verdict, or the exception."""
+    """Verify one case with one engine and judge the verdict, or the exception.
+
+    The outcomes are judged by those of the case, the numbers by its true values where known.
+    """
     began = time.perf_counter()
     try:
         verdict = verify(case.scene(engine))
+    except (SimulatorNotFound, SimulatorTooOld):
+        return CaseRun(case, engine, "-", CaseJudgement.NOT_RUN, reason=NO_NGSPICE)
     except Exception as error:
         # Also an exception that taction does not raise on purpose is an outcome, a wrong one.
         seconds, name = time.perf_counter() - began, type(error).__name__
         right = name in case.outcome[engine]
         judgement = CaseJudgement.RIGHT if right else CaseJudgement.WRONG_OUTCOME
         return CaseRun(case, engine, name, judgement, reason=str(error), seconds=seconds)
-    return _judged(case, engine, verdict, time.perf_counter() - began)
-
-
-def _judged(case: Case, engine: str, verdict: Verdict, seconds: float) -> CaseRun:
-    """Judge a verdict by the outcomes of the case, and by its true values where they are known."""
-    comparisons = () if case.truth is None else compare(verdict, case.truth)
-    mistakes = list(_wrong_outcomes(case, engine, verdict))
+    seconds, mistakes = time.perf_counter() - began, _wrong_outcomes(case, engine, verdict)
+    numbers = () if case.truth is None else compare(verdict, case.truth)
     judgement = CaseJudgement.WRONG_OUTCOME if mistakes else CaseJudgement.RIGHT
-    if wrong := [c.name for c in comparisons if c.wrong]:
+    if wrong := [number.name for number in numbers if number.wrong]:
         judgement = CaseJudgement.WRONG_NUMBER
         mistakes.append(f"wrong: {', '.join(wrong)}")
     outcome, reason = verdict.outcome.value, "; ".join(mistakes)
-    return CaseRun(case, engine, outcome, judgement, verdict.checks, comparisons, reason, seconds)
+    return CaseRun(case, engine, outcome, judgement, verdict.checks, numbers, reason, seconds)
 
 
 def _wrong_outcomes(case: Case, engine: str, verdict: Verdict) -> list[str]:

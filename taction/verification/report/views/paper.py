@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from itertools import chain
-
 from taction.system.charts import Outcome
-from taction.verification.evidence.paper.findings import ClaimOutcome
-from taction.verification.evidence.paper.reproduce import Judged, Reproduction
+from taction.verification.evidence.paper.findings import ClaimOutcome, Finding
+from taction.verification.evidence.paper.reproduce import Reproduction
 from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Table
 from taction.verification.report.texts import outcome_cell
 from taction.verification.report.views.origin import origin_section
 
-TITLE = "The paper, claim by claim"
 SOURCE = (
     "Y. C. Pati, P. S. Krishnaprasad and M. C. Peckerar, Neural network solutions to problems in"
     " early taction"
@@ -23,29 +20,32 @@ OUTCOMES: dict[ClaimOutcome, Outcome] = {
     ClaimOutcome.FAILS: "fail",
     ClaimOutcome.NOT_RUN: "error",
 }
+COLUMNS = {
+    "claim": lambda each: each.claim.claim,
+    "verdict": lambda each: _verdict(each),
+    "place": lambda each: each.claim.place,
+    "what was run": lambda each: each.run,
+    "printed": lambda each: each.claim.printed,
+    "ours": lambda each: each.ours,
+}
 
 
 def view(result: Reproduction) -> Page:
     """Return the page of the reproduction."""
     chapters = []
-    columns = {
-        "claim": lambda each: each.claim.claim,
-        "verdict": _verdict,
-        "place": lambda each: each.claim.place,
-        "what was run": lambda each: each.finding.run,
-        "printed": lambda each: each.claim.printed,
-        "ours": lambda each: each.finding.ours,
-    }
     for chapter in result.sections:
-        table = Table.of(chapter.title, chapter.judged, columns)
+        table = Table.of(chapter.title, chapter.findings, COLUMNS)
         chapters.append(Section(chapter.title, (table,), media=BOTH))
-        if chapter.pictures:
-            charts = tuple(chain.from_iterable(chapter.pictures))
-            chapters.append(Section(f"{chapter.title}: pictures", charts))
-    names = ", ".join(claim.id for claim in result.left_out)
-    left_out = Notes("", (names,)) if names else None
+        if chapter.charts:
+            chapters.append(Section(f"{chapter.title}: pictures", chapter.charts))
+    unexpected = tuple(
+        f"{each.claim.id}: {each.outcome.value}; expected: {each.claim.expected.value}. {each.ours}"
+        for each in result.findings
+        if not each.as_expected
+    )
+    left_out = Notes("", (", ".join(result.omitted),)) if result.omitted else None
     return Page(
-        title=TITLE,
+        title="The paper, claim by claim",
         command="taction reproduce",
         outcome=result.outcome,
         summary=f"{summary(result)} {result.seconds:.0f} s.",
@@ -53,7 +53,7 @@ def view(result: Reproduction) -> Page:
         sections=(
             *chapters,
             Section("Left out of a quick run", (left_out,), media=BOTH),
-            Section("Unexpected", (_unexpected(result),), media=BOTH),
+            Section("Unexpected", (Notes("", unexpected, "fail"),), media=BOTH),
             origin_section(None),
         ),
     )
@@ -61,23 +61,13 @@ def view(result: Reproduction) -> Page:
 
 def summary(result: Reproduction) -> str:
     """Return the number of claims with each verdict."""
-    outcomes = [each.finding.outcome for each in result.judged]
+    outcomes = [each.outcome for each in result.findings]
     counts = ", ".join(f"{o.value} {outcomes.count(o)}" for o in ClaimOutcome if o in outcomes)
     return f"{len(outcomes)} claims: {counts}."
 
 
-def _verdict(each: Judged) -> Cell:
-    text = each.finding.outcome.value
+def _verdict(each: Finding) -> Cell:
+    text = each.outcome.value
     if not each.as_expected:
         text += f" (expected: {each.claim.expected.value})"
-    return outcome_cell(text, OUTCOMES[each.finding.outcome])
-
-
-def _unexpected(result: Reproduction) -> Notes:
-    lines = (
-        f"{each.claim.id}: {each.finding.outcome.value}; expected: {each.claim.expected.value}."
-        f" {each.finding.ours}"
-        for each in result.judged
-        if not each.as_expected
-    )
-    return Notes("", tuple(lines), "fail")
+    return outcome_cell(text, OUTCOMES[each.outcome])

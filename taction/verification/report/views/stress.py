@@ -49,7 +49,7 @@ def headline(report: StressReport) -> str:
     counts = ", ".join(f"{count} {kind}" for kind, count in report.count().items())
     cases = len({run.case.name for run in report.runs})
     numbers, seconds = report.numbers, sum(run.seconds for run in report.runs)
-    versions = ", ".join(f"{name} {version}" for name, version in report.versions)
+    versions = ", ".join(f"{name} {version}" for name, version in report.versions.items())
     compared = f"{report.outside} of {numbers} numbers outside their stated error"
     if not numbers:
         compared = "no numbers compared: a checkout has their true values"

@@ -208,7 +208,7 @@ def for_each_file(
             return results
         calls = ((k, (path, *arguments[k])) for k, path in enumerate(files))
         with local(processes) as workers:
-            progress(f"{len(files)} files in {processes} processes")
+            progress(f"{len(files)} runs in {processes} processes")
             for done, (number, result) in enumerate(collected(workers, function, calls), 1):
                 results[number] = result
                 left = pace.ended(len(files) - done)

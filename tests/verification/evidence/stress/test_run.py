@@ -130,16 +130,16 @@ def test_runs_are_in_the_order_of_the_catalogue() -> None:
     ]
     assert (report.exit_status, report.count()) == (0, {"right": 3})
     assert said[0] == "cases: 2"
-    assert len(said) == 4
-    assert said[-1].startswith("3 of 3: ")
-    assert dict(report.versions).keys() == {"taction", "numpy", "scipy", "ngspice"}
+    assert len(said) == 5
+    assert said[-1].startswith("3 of 3 done: ")
+    assert report.versions.keys() == {"taction", "numpy", "scipy", "ngspice"}
 
 
 def test_ctrl_c_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stopped(*_: object) -> list[object]:
+    def stopped(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(running, "collected", stopped)
+    monkeypatch.setattr(running, "verify", stopped)
     with pytest.raises(Interrupted) as end:
         stress(only=("two-channels",), jobs=1)
     report = end.value.result
@@ -150,7 +150,7 @@ def test_ctrl_c_keeps_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
 def report_of(*judgements: CaseJudgement) -> StressReport:
     case = one("two-channels")
     runs = tuple(CaseRun(case, "statespace", Outcome.PASS.value, j) for j in judgements)
-    return StressReport(runs, ())
+    return StressReport(runs, {})
 
 
 @pytest.mark.parametrize(
@@ -169,4 +169,4 @@ def test_exit_status(judgements: tuple[CaseJudgement, ...], status: int) -> None
 def test_without_true_values_outcomes_are_judged_and_the_headline_says_so() -> None:
     run = run_case(replace(one("two-channels"), truth=None), "statespace")
     assert (run.judgement, run.comparisons) == (CaseJudgement.RIGHT, ())
-    assert "a checkout has their true values" in headline(StressReport((run,), ()))
+    assert "a checkout has their true values" in headline(StressReport((run,), {}))

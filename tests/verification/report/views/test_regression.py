@@ -299,13 +299,13 @@ REPORT = StressReport(
             OTHER, "ngspice", "pass", CaseJudgement.WRONG_NUMBER, (), (OUTSIDE,), "wrong: x", 1.25
         ),
     ),
-    (("numpy", "2.0"),),
+    {"numpy": "2.0"},
 )
 
 
 def row_of(run: CaseRun) -> dict[str, str]:
     """Return the texts of the row of a run by the titles."""
-    (section, *_) = stress_view(StressReport((run,), ())).sections
+    (section, *_) = stress_view(StressReport((run,), {})).sections
     (table,) = section.made(TERMINAL)
     assert isinstance(table, Table)
     return {title: each.text for title, each in zip(table.columns, table.rows[0], strict=True)}

@@ -1,0 +1,335 @@
+"""The boards of the paper: the breadboard, its tuning (CONSOLE), and the other hardware."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from taction.netlist_gen.analysis import OperatingPoint, Transient
+from taction.netlist_gen.board.circuit import Circuit, Role
+from taction.netlist_gen.board.synthesis import synthesise
+from taction.netlist_gen.deck.deck import Deck, write_deck
+from taction.netlist_gen.scene.axes import with_values
+from taction.netlist_gen.scene.inverse_problem import make_problem
+from taction.netlist_gen.scene.keys import Value
+from taction.netlist_gen.scene.scene import Scene
+from taction.system.array_types import Floats
+from taction.system.charts import Axis, Chart, Curve, Limit
+from taction.system.errors import EngineError
+from taction.system.waveforms import Waveforms
+from taction.verification.engines.ngspice.executable import find_simulator
+from taction.verification.engines.ngspice.process import simulate
+from taction.verification.evidence.paper.findings import (
+    Chapter,
+    Finding,
+    chart,
+    finding,
+    paper_scene,
+    seconds,
+    weigh,
+)
+from taction.verification.evidence.paper.tactile import difference
+from taction.verification.readings.measurements import Measurements
+from taction.verification.reference.ideal_answer import ideal_network
+from taction.verification.reference.solve import solve
+from taction.verification.stability.margin import find_margin
+from taction.verification.stability.poles import poles
+from taction.verification.studies.onset.onset import onset
+from taction.verification.verdict.checks import Outcome
+from taction.verification.verdict.recording import record_transient
+from taction.verification.verdict.verify import Effort, Verdict, verify
+
+CENTRE = 3  # channel 4 of 7
+NEXT_E12 = 8.2e-12  # F, the E12 value below 10 pF
+ONSET_RANGE = "C=8.8pF:10pF:5"
+RECORD, STEP = 1.5e-3, 0.2e-6  # s
+WINDOW_STARTS = (0.3e-3, 0.7e-3, 1.1e-3)  # s, of the three windows that show the ringing
+WINDOW = 0.4e-3  # s
+STABLE_CAPACITANCE = 20e-12  # F, above every onset of oscillation that is searched
+ABOUT = 0.1  # relative difference that a printed "about" allows
+POINTS, SPAN = 40_000, 12.0  # of the step of a stage; its length in slowest time constants
+FACTORS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)  # of the scene's own gain
+GAINS = 49  # tried by the search
+OVERSHOOT = 0.05  # its limit
+MATRIX_FILE = "matrix.inc"
+THICKER = 1.2  # depth of the layer that the other matrix chip is made for
+CLOSE = 1e-3  # of the largest output
+
+quickly = Effort(details=False)
+
+
+def breadboard(quick: bool) -> Chapter:
+    """Judge section 4.2.1 by ngspice on the scene that was fitted to its numbers."""
+    scene = paper_scene("paper-breadboard")
+    verdict = verify(scene)
+    record = Transient(RECORD, STEP)
+    deck = write_deck(verdict.circuit.turned("C", NEXT_E12), record, saved=[f"v_{CENTRE + 1}"])
+    unstable = simulate(deck, find_simulator(), timeout=120.0)
+    findings = (
+        *_constraint(verdict.circuit),
+        *_rise(verdict),
+        _oscillation(scene, unstable),
+        _faster(scene),
+        _negligible(scene),
+    )
+    return Chapter(findings, _figure_10(verdict, unstable))
+
+
+def _constraint(circuit: Circuit) -> tuple[Finding, Finding]:
+    amplifier, stage = (stage_rise_time(circuit, loaded=loaded) for loaded in (False, True))
+    about_1us = abs(amplifier - 1e-6) <= ABOUT * 1e-6
+    slower, ratio = weigh(stage > amplifier, fitted=True), stage / amplifier
+    return (
+        finding("constraint-rise", weigh(about_1us, fitted=True), rise_time=amplifier),
+        finding("constraint-loaded", slower, rise_time=stage, ratio=ratio),
+    )
+
+
+def stage_rise_time(circuit: Circuit, *, loaded: bool) -> float:
+    """Return the 10-90 % rise time, s, of the constraint stage with the largest resistive load.
+
+    With r the output resistance over s, Y the admittance of the summing node and D = (1 + s A0/wt)
+    (1 + s t2) of the op-amp, the output over the current is (r D - A0) / ((1 + r) Y D + (D + A0)/s)
+    by Kirchhoff's laws. Only a `loaded` stage has the capacitance of the node; NaN if it grows.
+    """
+    load, sinks = np.sum(1.0 / circuit.forward_ohms, axis=1), circuit.forward.sinks
+    for part in circuit.resistors_of(Role.STRAIN_RESISTOR):
+        load[sinks.index(part.b)] += 1.0 / part.ohms
+    row = int(np.argmax(load))
+    (model,) = circuit.models.values()
+    strays = [part.farads for part in circuit.capacitors if part.a == sinks[row]]
+    farads = math.fsum((*strays, model.input_capacitance, model.differential_capacitance))
+    siemens = float(load[row]) + 1.0 / model.input_resistance
+    wt, gain, A0 = math.tau * model.gbw, circuit.value("gain"), model.dc_gain
+    r = model.output_resistance / gain
+    Y = Polynomial([siemens, wt * farads] if loaded else [siemens])  # time times wt, as in D
+    D = Polynomial([1.0, A0]) * Polynomial([1.0, model.gbw / model.second_pole])
+    above, below = r * D - A0, (1.0 + r) * Y * D + (D + A0) / gain
+    roots = np.asarray(below.trim().roots(), dtype=np.complex128)
+    if not np.all(roots.real < 0.0):
+        return math.nan
+    time = np.linspace(0.0, SPAN / float(np.min(np.abs(roots.real))), POINTS)
+    parts = above(roots) / (roots * below.deriv()(roots)) * below(0.0) / above(0.0)
+    step = 1.0 + (np.exp(time[:, None] * roots) @ parts).real
+    firsts = [int(np.argmax(step > level)) for level in (0.1, 0.9)]
+    early, late = (
+        float(np.interp(level, step[k - 1 : k + 1], time[k - 1 : k + 1]))
+        for level, k in zip((0.1, 0.9), firsts, strict=True)
+    )
+    return (late - early) / wt
+
+
+def _rise(verdict: Verdict) -> tuple[Finding, Finding]:
+    centre = verdict.measurements.channels[CENTRE]
+    rise_time, settling = seconds(centre.rise_time), seconds(verdict.measurements.settling_time)
+    about = weigh(abs(rise_time - 10e-6) <= ABOUT * 10e-6, fitted=True)
+    damped = verify(paper_scene("tuned-breadboard"), effort=quickly)
+    settling_damped = seconds(damped.measurements.settling_time)
+    shown = {"overshoot": centre.overshoot, "simulator": verdict.waveforms.engine}
+    times = {"settling_time": settling, "settling_time_damped": settling_damped}
+    return (
+        finding("figure-10", about, rise_time=rise_time, **shown),
+        finding("convergence-10us", weigh(settling <= 20e-6, True), **times),
+    )
+
+
+def _oscillation(scene: Scene, unstable: Waveforms) -> Finding:
+    crossings = onset(scene, over=ONSET_RANGE).findings
+    highest = max((each.crossing.value for each in crossings), default=math.nan)
+    confirmed = all(each.confirmation.confirmed for each in crossings)
+    u, time = unstable[f"v_{CENTRE + 1}"], unstable.time
+    heights = [float(np.ptp(u[(time > t) & (time < t + WINDOW)])) for t in WINDOW_STARTS]
+    grows = heights[-1] > 1.3 * heights[0]
+    return finding(
+        "oscillation",
+        weigh(NEXT_E12 < highest < 10e-12 and confirmed and grows, fitted=True),
+        onset=highest,
+        first_height=heights[0],
+        last_height=heights[-1],
+        heights=heights,
+        confirmed="confirmed" if confirmed else "not confirmed",
+        simulator=unstable.engine,
+    )
+
+
+def _faster(scene: Scene) -> Finding:
+    """Double every op-amp's poles, alone and with half the capacitance at the summing nodes."""
+
+    def edge(fast: float, light: float) -> float:
+        """Return the largest C below which the board oscillates, F."""
+        opamp = scene.design.opamp
+        changes = {
+            "design.opamp.gbw": fast * (opamp.gbw or 0.0),
+            "design.opamp.second_pole": fast * (opamp.second_pole or 0.0),
+            "design.stray_capacitance": light * scene.design.stray_capacitance,
+            "design.opamp.input_capacitance": light * (opamp.input_capacitance or 0.0),
+            "design.capacitance": STABLE_CAPACITANCE,
+        }
+        board = with_values(scene, changes)
+        return STABLE_CAPACITANCE / find_margin(synthesise(board, make_problem(board))).factor
+
+    own, fast, both = edge(1.0, 1.0), edge(2.0, 1.0), edge(2.0, 0.5)
+    outcome = weigh(fast < 0.75 * own, both < 0.6 * own)
+    return finding("faster-opamps", outcome, edge=own, edge_fast_opamps=fast, edge_both=both)
+
+
+def _negligible(scene: Scene) -> Finding:
+    """Compare the board with the ideal network, which has no constraint-plane dynamics."""
+    off = {}
+    for name, farads in {"at_10pF": 10e-12, "at_1nF": 1e-9, "at_100nF": 100e-9}.items():
+        slow = with_values(scene, {"design.capacitance": farads, "analysis.engine": "statespace"})
+        verdict = verify(slow, effort=quickly)
+        settling = seconds(verdict.measurements.settling_time)
+        off[name] = abs(settling / verdict.ideal.settling_time - 1.0)
+    outcome = weigh(off["at_100nF"] < 0.02 and off["at_10pF"] > 1.0)
+    return finding("slow-signal-plane", outcome, **off)
+
+
+def _figure_10(verdict: Verdict, unstable: Waveforms) -> tuple[Chart, ...]:
+    target = verdict.measurements.channels[CENTRE].target
+    stable = verdict.waveforms.time, verdict.u[:, CENTRE]
+    oscillating = unstable.time, unstable[f"v_{CENTRE + 1}"]
+    text = "Figure 10 by ngspice at 10 pF, the ringing that follows, and the same board at 8.2 pF."
+
+    def output(title: str, time: Floats, u: Floats, end: float, *levels: float) -> Chart:
+        shown = time <= end
+        lines = (Limit(share * target, "y", f"{share:.0%} of the target") for share in levels)
+        curve = Curve(time[shown], u[shown], width=0.6)
+        return chart(title, text, Axis("time", "s"), Axis("centre output", "V"), curve, *lines)
+
+    return (
+        output("C = 10 pF: the rise", *stable, 60e-6, 0.1, 0.9),
+        output("C = 10 pF: the ringing", *stable, 1e-3, 1.0),
+        output("C = 8.2 pF", *oscillating, 1e-3, 1.0),
+    )
+
+
+def console(quick: bool) -> Chapter:
+    """Judge what the gain does, and in a full run tune it and verify the result by ngspice."""
+    scene = paper_scene("paper-breadboard")
+    own, shown = float(scene.design.gain), [FACTORS.index(factor) for factor in (0.25, 0.5, 1.0)]
+    gains = [factor * own for factor in FACTORS]
+    settling, overshoot = zip(*(_by_gain(scene, gain) for gain in gains), strict=True)
+    controls = finding(
+        "gain-controls",
+        weigh(max(settling) > 2.0 * min(settling) and max(overshoot) > 2.0 * min(overshoot)),
+        least_settling_time=min(settling),
+        least_overshoot=min(overshoot),
+        settling=[settling[k] for k in shown],
+        overshoot=[overshoot[k] for k in shown],
+    )
+    text = "The gain alone trades settling time against overshoot (R and C as they are)."
+    charts = (
+        chart(axis.title, text, Axis("gain", "ohm"), axis, Curve(gains, each, mark="circle"))
+        for axis, each in (
+            (Axis("settling time to ±1 %", "s", "log"), settling),
+            (Axis("overshoot", "step"), overshoot),
+        )
+    )
+    return Chapter((controls,) if quick else (controls, _tuned(scene)), tuple(charts))
+
+
+def _by_gain(scene: Scene, gain: float, **others: float) -> tuple[float, float]:
+    changes: dict[str, Value] = {"design.gain": gain, "analysis.engine": "statespace"}
+    changes |= {f"design.{key}": value for key, value in others.items()}
+    return _times(record_transient(with_values(scene, changes)).measurements)
+
+
+def _times(measurements: Measurements) -> tuple[float, float]:
+    """Return the settling time, s, infinite without one, and the largest overshoot, a fraction."""
+    overshoot = max(channel.overshoot for channel in measurements.channels)
+    return seconds(measurements.settling_time), overshoot
+
+
+def _tuned(scene: Scene) -> Finding:
+    """Search the gain for the least settling time, with the solution of the scene."""
+    # The limits of the rise time are what the paper measured on its own board, not a wish.
+    checks = scene.checks.model_copy(update={"rise_time": None})
+    scene = scene.model_copy(update={"checks": checks})
+    lam, own = ideal_network(make_problem(scene), scene).lam, float(scene.design.gain)
+    gains = [factor * own for factor in np.geomspace(FACTORS[0], FACTORS[-1], GAINS).tolist()]
+    found = {gain: _by_gain(scene, gain, **{"lambda": lam}) for gain in gains}
+    before = _by_gain(scene, own, **{"lambda": lam})
+    kept = [gain for gain in gains if found[gain][1] <= OVERSHOOT]
+    best = min(kept or gains, key=lambda gain: found[gain][0])
+    verdict = verify(
+        with_values(scene, {"design.gain": best, "design.lambda": lam}), effort=quickly
+    )
+    settling, overshoot = _times(verdict.measurements)
+    agree = abs(settling - found[best][0]) <= 0.05 * settling
+    better = settling < before[0] and overshoot <= OVERSHOOT
+    outcomes = {check.name: check.outcome for check in verdict.checks}
+    return finding(
+        "console",
+        weigh(agree and better and outcomes["steady_state"] is Outcome.PASS),
+        settling_time=settling,
+        overshoot=overshoot,
+        gain=best,
+        limit=OVERSHOOT,
+        tried=len(found),
+        before_settling=before[0],
+        before_overshoot=before[1],
+        rise_time=seconds(verdict.measurements.channels[CENTRE].rise_time),
+        simulator=verdict.waveforms.engine,
+    )
+
+
+def hardware(quick: bool) -> Chapter:
+    """Judge the second breadboard, the steady state, and the two-chip partition by ngspice."""
+    verdict = verify(paper_scene("paper-exponential"))
+    final, ideal, measured = verdict.u[-1], verdict.ideal, verdict.measurements
+    least = float(final.min())
+    off = float(np.max(np.abs(final - ideal.target))) / measured.amplitude
+    works = finding(
+        "second-breadboard",
+        weigh(verdict.outcome is Outcome.PASS and least > 0.0),
+        settling_time=seconds(measured.settling_time),
+        least_output=least,
+        simulator=verdict.waveforms.engine,
+    )
+    at_minimum = weigh(off <= CLOSE and ideal.solution.trusted)
+    minimum = finding("minimum", at_minimum, difference=off, gap=ideal.solution.certificate)
+    return Chapter((works, minimum, _two_chips()))
+
+
+def _two_chips() -> Finding:
+    thin = paper_scene("eleven-channel")
+    thick = with_values(thin, {"problem.depth": THICKER})
+    problem = make_problem(thick)
+    thin_board, thick_board = synthesise(thin, make_problem(thin)), synthesise(thick, problem)
+    board = replace(thin_board, currents=thick_board.currents)
+    record = simulate(_with_matrix_of(board, thick_board), find_simulator(), timeout=60.0)
+    u = np.array([out.sign * float(record[out.node][-1]) for out in board.outputs])
+    target = solve(ideal_network(problem, thick).problem).u * thick.design.unit_voltage
+    off, stable = (
+        difference(u, target),
+        all(poles(b).known_stable for b in (thin_board, thick_board)),
+    )
+    return finding(
+        "two-chips",
+        weigh(off <= CLOSE and stable),
+        difference=off,
+        depth=THICKER,
+        stable="yes" if stable else "no",
+        simulator=record.engine,
+    )
+
+
+def _with_matrix_of(board: Circuit, other: Circuit) -> Deck:
+    """Return the deck of `board` with the matrix file of `other`, its pads in the board's order.
+
+    Raises EngineError where the other matrix needs a pad that the amplifier chip does not have.
+    """
+    solver = find_simulator().solver_option
+    deck = write_deck(board, OperatingPoint(), solver=solver, matrix_file=MATRIX_FILE)
+    matrix = write_deck(other, OperatingPoint(), matrix_file=MATRIX_FILE).files[MATRIX_FILE]
+    pads, other_pads = (
+        next(line for line in text.splitlines() if line.startswith(".subckt"))
+        for text in (deck.files[MATRIX_FILE], matrix)
+    )
+    if missing := set(other_pads.split()) - set(pads.split()):
+        raise EngineError(f"the amplifier chip has no pads {', '.join(sorted(missing))}")
+    return replace(deck, files={MATRIX_FILE: matrix.replace(other_pads, pads)})
