@@ -155,6 +155,9 @@ class Axis:
         return f"{self.title} (% of the step)".lstrip() if self.unit == "step" else self.title
 
 
+TIME = Axis("time", "s")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
     """Points (P,) in the units of the axes, joined by a line, with marks, or both; NaN is a gap."""
@@ -285,13 +288,25 @@ class Chart:
     summary: str = ""  # for readers who cannot see it, and as its caption
     views: tuple[View, ...] = ()
     legend: Literal["beside", "below", "inside", ""] = "inside"
-    height: int = 380  # on a page, pixels
-    zoom: bool = True  # buttons of a page zoom and move along the horizontal axis
+    height: int = 0  # on a page, pixels; 0: as its kind of chart needs
 
     @property
     def heading(self) -> str:
         """Title and message in one line."""
         return f"{self.title}: {self.message}" if self.message else self.title
+
+    @property
+    def pixels(self) -> int:
+        """Height on a page; rows with names need more of it the more there are."""
+        return self.height or (100 + 30 * len(self.y.names) if self.y.names else HEIGHT)
+
+    @property
+    def zoom(self) -> bool:
+        """Whether buttons of a page zoom and move along the horizontal axis."""
+        return self.x.unit == "s" and not self.y.names
+
+
+HEIGHT = 360  # pixels
 
 
 def thinned(time: Floats, values: Floats, budget: int) -> tuple[Floats, Floats]:
@@ -318,6 +333,55 @@ def thinned(time: Floats, values: Floats, budget: int) -> tuple[Floats, Floats]:
     places = [first + parts.argmin(axis=1), first + parts.argmax(axis=1)]
     kept = np.unique(np.concatenate([[0], *places, [len(time) - 1]]))
     return time[kept], values[kept]
+
+
+DECADES = 1e-4  # of the largest value on a logarithmic scale of colours: smaller ones are alike
+
+
+def levels(mark: Grid | Axis, values: Floats) -> tuple[Floats, tuple[tuple[float, float], ...]]:
+    """Return values as places from 0 to 1 on a scale of colours, and its labels: place and value.
+
+    Parameters
+    ----------
+    mark : Grid or Axis
+        Has the scale and its limits.
+    values : ndarray
+        NaN has no place; without a finite value there are no labels.
+
+    Examples
+    --------
+    >>> places, labels = levels(Grid([], [], [], scale="signed"), np.array([-1.0, 4.0]))
+    >>> places.tolist(), labels[0], labels[-1]
+    ([0.25, 1.0], (0.0, -4.0), (1.0, 4.0))
+    """
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return values, ()
+    low, high = mark.limits or (float(known.min()), float(known.max()))
+    if mark.scale == "signed":
+        reach = max(abs(low), abs(high)) or 1.0
+        shares = [share * abs(share) for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+
+        def place(each: Any) -> Floats:
+            return np.asarray(0.5 + 0.5 * np.sign(each) * np.sqrt(np.abs(each) / reach))
+
+        shown = [share * reach for share in shares]
+    elif mark.scale == "share" or (mark.scale == "log" and 0.0 < 10.0 * low <= high):
+        low = max(low, high * DECADES)
+        ratio = math.log(high / low) or 1.0
+
+        def place(each: Any) -> Floats:
+            return np.asarray(np.log(np.maximum(each, 1e-300) / low) / ratio)
+
+        shown = [low, 1.0, high] if mark.scale == "share" else np.geomspace(low, high, 5).tolist()
+    else:
+
+        def place(each: Any) -> Floats:
+            return np.asarray((np.asarray(each) - low) / ((high - low) or 1.0))
+
+        shown = np.linspace(low, high, 5).tolist()
+    labels = tuple((float(place(each)), each) for each in shown)
+    return np.clip(place(values), 0.0, 1.0), labels
 
 
 def segments(

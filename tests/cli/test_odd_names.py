@@ -134,9 +134,9 @@ def test_names_are_shown_and_never_obeyed(
 def test_a_name_with_a_command_in_every_medium() -> None:
     from taction.verification.report.blocks import BOTH, Facts, Notes, Page, Section, Table, cell
     from taction.verification.report.junit import (
-        JUnitSuite,
         JUnitTest,
         annotation_lines,
+        junit_suite,
         junit_text,
     )
     from taction.verification.report.renderers.markdown import markdown
@@ -151,7 +151,7 @@ def test_a_name_with_a_command_in_every_medium() -> None:
     )
     media = (*BOTH, "notebook")
     page = Page(ODD, ODD, "", ODD, (ODD,), (Section(ODD, blocks, ODD, media),), (ODD,))
-    suite = JUnitSuite(ODD, ODD, [JUnitTest(ODD, "failure", ODD, ODD)], {"simulator": ODD})
+    suite = junit_suite(ODD, [JUnitTest(ODD, "failure", ODD, ODD)], simulator=ODD)
     document = {"file": ODD, "outcome": ODD, "error": {"message": ODD}}
     text = page_text(page) + markdown(page) + card(page) + junit_text("demo", [suite])
     text += page_html(page).partition("<style>")[0] + page_html(page).rpartition("</header>")[2]

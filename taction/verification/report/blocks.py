@@ -60,7 +60,7 @@ class Table:
         cls,
         title: str,
         records: Iterable[Any],
-        columns: Mapping[str, Callable[[Any], Shown]],
+        columns: Mapping[str, Callable[[Any], Any]],
         note: str = "",
         most: Mapping[str, int] | None = None,
         more: str = "",
@@ -174,7 +174,7 @@ class Bars:
     @property
     def table(self) -> Table:
         """The values as a table, without the reasons, which are long."""
-        columns: dict[str, Callable[[Bar], Shown]] = {
+        columns: dict[str, Callable[[Bar], Any]] = {
             "": lambda bar: bar.name,
             "outcome": lambda bar: Cell(bar.outcome, None, bar.outcome),
             "value": lambda bar: bar.value,

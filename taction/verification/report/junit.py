@@ -6,10 +6,10 @@ failed check is a failure, an undecided one an error, and what was not run is sk
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
 from taction.system.foreign_text import escaped, visible, visible_lines
@@ -20,9 +20,6 @@ from taction.verification.studies.regression.run import RegressionReport, SceneR
 from taction.verification.studies.verify_files import NOT_RUN, VerifiedFiles
 from taction.verification.verdict.cause import band_text, cause, causes, following
 from taction.verification.verdict.checks import Check
-from taction.verification.verdict.compare import Difference
-
-COUNTS = (("failures", "failure"), ("errors", "error"), ("skipped", "skipped"))
 
 End = Literal["", "failure", "error", "skipped"]
 ENDS: dict[str, End] = {"pass": "", "fail": "failure", "inconclusive": "error", NOT_RUN: "skipped"}
@@ -34,94 +31,66 @@ WITHOUT_VERDICT: dict[Status, End] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class JUnitTest:
-    """One test: its end (empty for a success), a message, a longer text, its time in s."""
+class JUnitTest(NamedTuple):
+    """One test: its end (empty for a success), a message, and a longer text."""
 
     name: str
     end: End = ""
     message: str = ""
     text: str = ""
-    seconds: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class JUnitSuite:
-    """The tests of one file; `properties` are shown with it."""
-
-    name: str
-    file: str
-    cases: Sequence[JUnitTest]
-    properties: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def seconds(self) -> float:
-        """The time of all tests, s."""
-        return sum(case.seconds for case in self.cases)
 
 
 def files_junit(files: VerifiedFiles) -> str:
     """Return the verdicts of several files as JUnit XML."""
-    return junit_text("taction verify", [_verdict_suite(each) for each in files.documents])
+    return junit_text("taction verify", map(_verdict_suite, files.documents))
 
 
 def regression_junit(report: RegressionReport) -> str:
     """Return a regression run as JUnit XML; a group of compared quantities is a test, too."""
-    return junit_text("taction regress", [_scene_suite(each, report) for each in report.results])
+    return junit_text("taction regress", (_scene_suite(each, report) for each in report.results))
 
 
-def junit_text(name: str, suites: Sequence[JUnitSuite]) -> str:
-    """Return `suites` under a `name` as JUnit XML.
+def junit_text(name: str, suites: Iterable[ET.Element]) -> str:
+    """Return suites under a `name` as JUnit XML.
 
     Examples
     --------
-    >>> text = junit_text("demo", [JUnitSuite("board", "board.toml", [JUnitTest("stable")])])
+    >>> text = junit_text("demo", [junit_suite("board.toml", [JUnitTest("stable")])])
     >>> '<testcase name="stable" classname="taction.board"' in text
     True
     """
     root = ET.Element("testsuites", name=name)
-    found = [_suite(root, suite) for suite in suites]
+    root.extend(suites)
     for count in ("tests", "failures", "errors"):
-        root.set(count, str(sum(int(suite.get(count, "0")) for suite in found)))
-    root.set("time", _seconds(sum(suite.seconds for suite in suites)))
+        root.set(count, str(sum(int(suite.get(count, "0")) for suite in root)))
+    root.set("time", f"{sum(float(suite.get('time', '0')) for suite in root):.3f}")
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _suite(root: ET.Element, suite: JUnitSuite) -> ET.Element:
-    element = ET.SubElement(root, "testsuite", name=visible(suite.name))
-    element.set("tests", str(len(suite.cases)))
-    for count, end in COUNTS:
-        element.set(count, str(sum(case.end == end for case in suite.cases)))
-    element.set("time", _seconds(suite.seconds))
-    element.set("file", visible(suite.file))
-    properties = ET.SubElement(element, "properties")
-    for name, value in suite.properties.items():
-        ET.SubElement(properties, "property", name=name, value=visible_lines(value))
-    for case in suite.cases:
-        test = ET.SubElement(element, "testcase", name=visible(case.name))
-        test.set("classname", visible(f"taction.{suite.name}"))
-        test.set("time", _seconds(case.seconds))
+def junit_suite(
+    file: str, tests: Iterable[JUnitTest], seconds: float = 0.0, **properties: str
+) -> ET.Element:
+    """Return the tests of a file; the first of them has the time of the run, s, which made all."""
+    name, cases = visible(Path(file).stem), [*tests]
+    suite = ET.Element("testsuite", name=name, tests=str(len(cases)), file=visible(file))
+    for count, end in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
+        suite.set(count, str(sum(case.end == end for case in cases)))
+    suite.set("time", f"{seconds:.3f}")
+    known = ET.SubElement(suite, "properties")
+    for key, value in properties.items():
+        words = key.replace("_", " ")
+        ET.SubElement(known, "property", name=words, value=visible_lines(value))
+    for number, case in enumerate(cases):
+        test = ET.SubElement(
+            suite, "testcase", name=visible(case.name), classname=f"taction.{name}"
+        )
+        test.set("time", f"{0.0 if number else seconds:.3f}")
         if case.end:
-            ended = ET.SubElement(
-                test, case.end, message=visible_lines(case.message), type=case.end
-            )
+            message = visible_lines(case.message)
+            ended = ET.SubElement(test, case.end, message=message, type=case.end)
             ended.text = visible_lines(case.text)
-    return element
-
-
-def _seconds(seconds: float) -> str:
-    return f"{seconds:.3f}"
-
-
-def _scene(
-    file: str, folder: str, tests: Iterator[JUnitTest], seconds: float, properties: dict[str, str]
-) -> JUnitSuite:
-    """Return the suite of a scene; its first test has the time of the run, which has all tests."""
-    first, *others = tests
-    cases = (replace(first, seconds=seconds), *others)
-    name, path = visible(Path(file).stem), visible(str(Path(folder) / file))
-    return JUnitSuite(name, path, cases, properties)
+    return suite
 
 
 def _check_tests(checks: Sequence[Check]) -> Iterator[JUnitTest]:
@@ -141,30 +110,27 @@ def _check_tests(checks: Sequence[Check]) -> Iterator[JUnitTest]:
         yield JUnitTest(f"check {check.name}", end, message, text)
 
 
-def _verdict_suite(document: Mapping[str, Any]) -> JUnitSuite:
+def _verdict_suite(document: Document) -> ET.Element:
     properties = {key: document[key] for key in ("outcome", "simulator") if key in document}
-    seconds = document.get("timing", {}).get("total", 0.0)
-    return _scene(document["file"], "", _verdict_tests(document), seconds, properties)
-
-
-def _verdict_tests(document: Mapping[str, Any]) -> Iterator[JUnitTest]:
     if "checks" in document:
-        yield from _check_tests(checks_of(document))
+        tests = [*_check_tests(checks_of(document))]
     else:
         outcome = document["outcome"]
         text = document.get("error", {}).get("message", "interrupted")
-        yield JUnitTest("verify", ENDS.get(outcome, "error"), f"{outcome}: {text}", text)
+        tests = [JUnitTest("verify", ENDS.get(outcome, "error"), f"{outcome}: {text}", text)]
+    seconds = document.get("timing", {}).get("total", 0.0)
+    return junit_suite(document["file"], tests, seconds, **properties)
 
 
-def _scene_suite(result: SceneResult, report: RegressionReport) -> JUnitSuite:
+def _scene_suite(result: SceneResult, report: RegressionReport) -> ET.Element:
     properties = {"status": result.status.value, "revision": report.commit.revision}
     if result.entry is not None:
         properties["simulator"] = result.entry.solved_by
     if result.baseline is not None:
-        properties["baseline revision"] = result.baseline.revision
-        properties["baseline simulator"] = result.baseline.solved_by
+        properties["baseline_revision"] = result.baseline.revision
+        properties["baseline_simulator"] = result.baseline.solved_by
     tests = _scene_tests(result, report)
-    return _scene(result.file, report.folder, tests, result.seconds, properties)
+    return junit_suite(_path(result, report), tests, result.seconds, **properties)
 
 
 def _scene_tests(result: SceneResult, report: RegressionReport) -> Iterator[JUnitTest]:
@@ -179,20 +145,14 @@ def _scene_tests(result: SceneResult, report: RegressionReport) -> Iterator[JUni
         yield JUnitTest("baseline", "skipped", "new: not in the baseline")
         return
     lines = [*remarks(result), *_origin(report)]
+    end = "skipped" if report.updated or not result.fails else "failure"
     for group in dict.fromkeys(d.group for d in result.differences):
-        changes = [d for d in result.changes if d.group == group]
-        yield _group_test(group, changes, lines, accepted=report.updated or not result.fails)
-
-
-def _group_test(
-    group: str, changes: list[Difference], lines: list[str], *, accepted: bool
-) -> JUnitTest:
-    name = f"baseline {group}"
-    if not changes:
-        return JUnitTest(name)
-    texts = [change_line(each) for each in changes]
-    text = "\n".join([*texts, *lines])
-    return JUnitTest(name, "skipped" if accepted else "failure", changes_line(changes), text)
+        name, changes = f"baseline {group}", [d for d in result.changes if d.group == group]
+        if not changes:
+            yield JUnitTest(name)
+        else:
+            text = "\n".join([*map(change_line, changes), *lines])
+            yield JUnitTest(name, end, changes_line(changes), text)
 
 
 _MESSAGE = {"%": "%25", "\r": "%0D", "\n": "%0A"}

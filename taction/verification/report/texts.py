@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import enum
 import math
 import re
+from collections.abc import Callable
 from decimal import Decimal
+from typing import Any
 
 from taction.spice_models.presets import opamp_name as opamp_name
 from taction.system.charts import Outcome
+from taction.system.documents import parts_of
 from taction.system.quantities import NONE as NONE
 from taction.system.quantities import UNITS, show
 from taction.system.quantities import banded as banded
@@ -16,7 +20,7 @@ from taction.system.quantities import percent as percent
 from taction.system.quantities import quantity as quantity
 from taction.system.quantities import readable as readable
 from taction.system.quantities import spaced as spaced
-from taction.verification.report.blocks import Cell
+from taction.verification.report.blocks import Cell, Shown
 
 NUMBER = r"(?<![\w.])([(≥≤±<]?[-+−]?\d[\d.]*(?:e[-+]?\d+)?)"
 UNIT = re.compile(NUMBER + r" (?=(?:%|/s|[a-zA-Zµ]{1,5}(?:/(?:us|rtHz|s))?)[),;:.]?(?:\s|$))")
@@ -109,6 +113,56 @@ def number_cell(value: float | None, unit: str, digits: int = 4) -> Cell:
     """Return a cell that shows a value as `figure` and sorts by it."""
     known = value is not None and math.isfinite(value)
     return Cell(figure(value, unit, digits), value if known else None)
+
+
+def fields(text: str) -> dict[str, Callable[[Any], Shown]]:
+    """Return columns of a table that show fields: ``"title = field unit digits; field; ..."``.
+
+    A field may be a field of a field: ``origin.name``. Without a title it has its own name, without
+    a unit that of its annotation, which its document has, too; ``@name`` is the field with its
+    unit. A text and a whole number are shown as they are.
+
+    Examples
+    --------
+    >>> columns = fields("part; size = value V 2")
+    >>> from types import SimpleNamespace
+    >>> part = SimpleNamespace(part="C1", value=0.0123)
+    >>> [column(part) for column in columns.values()]
+    ['C1', Cell(text='12 mV', number=0.0123, outcome='')]
+    """
+    found: dict[str, Callable[[Any], Shown]] = {}
+    for each in text.split("; "):
+        title, _, field = each.rpartition(" = ")
+        path, *words = field.split()
+        digits = int(words.pop()) if words and words[-1].isdigit() else 4
+        unit = words[0] if words else None
+        found[title or spaced(path)] = _field(path, unit, digits)
+    return found
+
+
+def _field(path: str, unit: str | None, digits: int) -> Callable[[Any], Shown]:
+    *owners, name = path.split(".")
+
+    def shown(record: Any) -> Shown:
+        for owner in owners:
+            record = getattr(record, owner)
+        value = getattr(record, name)
+        if isinstance(value, enum.Enum):
+            return str(value.value)
+        if not isinstance(value, float):
+            return value  # type: ignore[no-any-return]
+        known = _unit(record, name) if unit is None else unit
+        if known.startswith("@"):
+            known = getattr(record, known[1:])
+        return number_cell(value, known, digits)
+
+    return shown
+
+
+def _unit(record: Any, name: str) -> str:
+    """Return the unit of a field of a result, from its annotation."""
+    kind: Any = type(record)
+    return next((part.unit for part in parts_of(kind) if part.attribute == name), "")
 
 
 def outcome_cell(text: str, outcome: Outcome | None = None) -> Cell:

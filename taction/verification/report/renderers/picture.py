@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+
 from taction.netlist_gen.kicad.sheet import GRID
-from taction.system.charts import OUTCOMES, Chart
+from taction.system.charts import Axis, Chart, Columns, Limit, Mark, Text
 from taction.verification.report.blocks import PICTURE, Bars, Block, Drawing, Notes, Page
 from taction.verification.report.renderers.figures import figure_file, wrapped
 from taction.verification.report.renderers.picture_chart import draw_chart
@@ -24,8 +26,7 @@ LEGEND = 1.5  # width of a legend beside a chart, inches
 MOST = 12  # blocks of a picture
 LETTER, SHORT = 0.085, 12  # width of a letter, inches; letters that have room beside any chart
 SMALL = 12.0  # letters of a small text per inch
-MOST_LINES = 12  # below the checks
-ROW = 0.27  # height of a row of the checks, inches
+MOST_SHARE = 1.2  # of a limit: where a bar ends
 
 
 def draw_page(page: Page, path: str | Path | None = None) -> Figure:
@@ -71,7 +72,9 @@ def _height(block: Block, width: float) -> float:
     if isinstance(block, Drawing):
         left, top, right, bottom = block.strokes.frame
         return width * (bottom - top) / (right - left)
-    return max(PANEL[1], (block.height if isinstance(block, Chart) else 0) / PIXELS)
+    if isinstance(block, Bars):
+        return _bars_chart(block).pixels / PIXELS
+    return max(PANEL[1], (block.pixels if isinstance(block, Chart) else 0) / PIXELS)
 
 
 def _beside(block: Block) -> float:
@@ -115,49 +118,25 @@ def _drawing(axes: Axes, drawing: Drawing) -> None:
         axes.text(*label.at, label.text, ha=side, va=level, fontsize=points * label.size)
 
 
-def _draw_bars(axes: Axes, bars: Bars) -> None:
-    """Write a table of values with their limits, and below it why one does not pass."""
-    from matplotlib.transforms import Bbox
-
-    axes.axis("off")
-    rows = [(b.name, b.outcome, b.value.partition(" (")[0], b.limit) for b in bars.rows]
-    if not rows:
-        return
-    figure: Any = axes.figure
-    height = ROW * figure.dpi / axes.bbox.height
-    bottom = 1.0 - height * (len(rows) + 1)
-    table = axes.table(
-        rows, colLabels=("check", "outcome", "value", "limit"), colWidths=_widths(rows),
-        cellLoc="left", colLoc="left", edges="B",
-        bbox=Bbox.from_bounds(0.0, bottom, 1.0, 1.0 - bottom),
-    )  # fmt: skip
-    table.auto_set_font_size(False)
-    table.set_fontsize(8.5)
-    for place, bar in enumerate(bars.rows, 1):
-        if bar.outcome:
-            cell = table[place, 1].get_text()
-            cell.set(color=OUTCOMES[bar.outcome].colour, weight="bold")
-    letters = int(62 * axes.bbox.width / figure.dpi / 4.3)
-    reasons = [
-        line
-        for bar in sorted(bars.rows, key=lambda bar: bar.outcome == "pass")
-        if bar.reason and bar.outcome != "pass"
-        for line in textwrap.wrap(f"{bar.name}: {bar.reason}", letters)
-    ]
-    if len(reasons) > MOST_LINES:
-        reasons = [*reasons[: MOST_LINES - 1], "…"]
-    axes.text(0.0, bottom - 0.03, "\n".join(reasons), va="top", fontsize=8)
-
-
-def _widths(rows: Sequence[Sequence[str]]) -> list[float]:
-    """Return the widths of the columns, by their longest texts."""
-    longest = [max(9, *(len(row[place]) for row in rows)) + 1.0 for place in range(4)]
-    return [each / sum(longest) for each in longest]
+def _bars_chart(bars: Bars) -> Chart:
+    """Return values beside their limits as bars, each with its outcome and its numbers."""
+    count, rows = len(bars.rows), bars.rows
+    shares = np.array([min(max(bar.share or 0.0, 0.0), MOST_SHARE) for bar in rows])
+    looks = tuple(bar.fill for bar in rows)
+    words = ((bar.outcome, bar.value.partition(" (")[0], bar.limit) for bar in rows)
+    texts = (
+        Text(", ".join(filter(None, each)), 1.02 * MOST_SHARE, place, ("right", "middle"), "ink")
+        for place, each in enumerate(words)
+    )
+    marks: tuple[Mark, ...] = (Columns(np.arange(count), shares, "y", looks=looks), Limit(1.0))
+    names = Axis(scale="names", names=tuple(bar.name for bar in rows), reverse=True)
+    used = Axis("part of the limit", limits=(0.0, 2.0 * MOST_SHARE), ticks=(0.0, 0.5, 1.0))
+    return Chart(bars.title, used, names, (*marks, *texts))
 
 
 BLOCKS: dict[type, Callable[[Any, Any], None]] = {
     Chart: draw_chart,
     Drawing: _drawing,
-    Bars: _draw_bars,
+    Bars: lambda axes, bars: draw_chart(axes, _bars_chart(bars)),
     Notes: _notes,
 }

@@ -23,12 +23,15 @@ from taction.system.charts import (
     Grid,
     Limit,
     Text,
+    levels,
 )
 from taction.verification.report.renderers.figures import wrapped
+from taction.verification.report.texts import figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Labels = tuple[tuple[float, float], ...]  # place on a scale of colours, and value
 LETTERS = 13.0  # of a title per inch of the chart's width
 MARKS = {
     "circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "triangle-down": "v",
@@ -62,7 +65,8 @@ def draw_chart(axes: Axes, chart: Chart) -> None:
     for name in ("x", "y"):
         _label(axes, chart, name)
     _legend(axes, chart)
-    axes.set_title(wrapped(chart.heading, LETTERS * _inches(axes)), fontsize="medium")
+    if chart.heading:
+        axes.set_title(wrapped(chart.heading, LETTERS * _inches(axes)), fontsize="medium")
 
 
 def colour(name: str) -> str:
@@ -98,46 +102,37 @@ def _values(values: ArrayLike, axis: Axis) -> Floats:
 
 
 def _label(axes: Axes, chart: Chart, name: str) -> None:
-    """Write the title, the unit and the ticks of an axis."""
+    """Write the title and the ticks of an axis; the unit stands at each number."""
     from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, NullFormatter
 
     axis: Axis = getattr(chart, name)
     ruler: Any = getattr(axes, f"{name}axis")
-    low, high = sorted(getattr(axes, f"get_{name}lim")())
-    unit = axis.sign
-    shown = ""
+    getattr(axes, f"set_{name}label")(axis.caption)
     if axis.scale == "names":
         getattr(axes, f"set_{name}ticks")(range(len(axis.names)), axis.names)
-        getattr(axes, f"set_{name}lim")(-0.5, len(axis.names) - 0.5)
+        ends = (-0.5, len(axis.names) - 0.5)
+        getattr(axes, f"set_{name}lim")(*(ends[::-1] if axis.reverse else ends))
         if name == "x" and _crowded(axes, axis):
             axes.tick_params("x", labelrotation=30)
-    elif axis.scale == "log":
-        if unit and unit != "%":
-            ruler.set_major_formatter(EngFormatter(unit))
-        else:
-            ruler.set_major_formatter(_power)
-            shown = unit
+        return
+    unit, log = axis.sign.strip("%"), axis.scale == "log"
+    ruler.set_major_formatter(EngFormatter(unit) if unit else _power if log else _plain)
+    if log:
+        low, high = sorted(getattr(axes, f"get_{name}lim")())
         short = high < (300.0 if name == "y" else 60.0) * low
         ruler.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
         ruler.set_minor_formatter(NullFormatter())
-    elif unit and unit != "%":
+    elif axis.whole:
+        ruler.set_major_locator(MaxNLocator(integer=True))
+    elif unit or name == "x":
         ruler.set_major_locator(MaxNLocator(FEW))
-        ruler.set_major_formatter(EngFormatter(unit))
-    else:
-        if name == "x":
-            ruler.set_major_locator(MaxNLocator(FEW))
-        ruler.set_major_formatter(lambda value, _: f"{value:.6g}".replace("-", "−"))
-        shown = unit
     if axis.ticks:
         ruler.set_ticks([axis.factor * tick for tick in axis.ticks])
         ruler.set_minor_locator(MaxNLocator(1))
-        ruler.set_minor_formatter(NullFormatter())
-    elif axis.whole:
-        ruler.set_major_locator(MaxNLocator(integer=True))
-    title = axis.caption
-    if shown and shown != "%":
-        title = f"{title} ({shown})".lstrip()
-    getattr(axes, f"set_{name}label")(title)
+
+
+def _plain(value: float, _: object = None) -> str:
+    return f"{value:.6g}".replace("-", "−")
 
 
 def _inches(axes: Axes) -> float:
@@ -181,6 +176,8 @@ def _curve(axes: Axes, mark: Curve, chart: Chart) -> None:
     else:
         low, high = _values(mark.spread, chart.x)
         axes.errorbar(x, y, xerr=np.abs([x - low, high - x]), elinewidth=0.8, capsize=2, **style)
+    if any(mark.written):
+        axes.margins(y=0.15)
     for text, *place in zip(mark.written, x, y, strict=False):
         if text and np.isfinite(place).all():
             axes.annotate(
@@ -191,18 +188,23 @@ def _curve(axes: Axes, mark: Curve, chart: Chart) -> None:
 
 def _shaded(axes: Axes, mark: Curve, x: Floats, y: Floats) -> None:
     """Draw marks in colours of a scale, with its bar below the chart."""
-    from matplotlib.colors import LogNorm, Normalize
-    from matplotlib.ticker import EngFormatter, NullFormatter
+    axis = mark.shade or Axis()
+    places, labels = levels(axis, np.asarray(mark.shades, dtype=np.float64))
+    more: dict[str, Any] = {"cmap": "viridis", "vmin": 0.0, "vmax": 1.0, "zorder": 2.5}
+    dots = axes.scatter(x, y, c=places, s=mark.size**2 / 2.0, **more)
+    below = {"location": "bottom", "aspect": 50, "pad": 0.02}
+    _colour_bar(axes, dots, labels, axis.unit, axis.title, below)
 
-    shades, axis = np.asarray(mark.shades, dtype=np.float64), mark.shade or Axis()
-    ends = axis.limits or (float(shades.min()), float(shades.max()))
-    norm = (LogNorm if axis.scale == "log" else Normalize)(*ends)
-    dots = axes.scatter(x, y, c=shades, s=mark.size**2 / 2.0, norm=norm, cmap="viridis", zorder=2.5)
-    figure: Any = axes.figure
-    bar = figure.colorbar(dots, ax=axes, location="bottom", aspect=50, pad=0.02)
-    bar.ax.xaxis.set_major_formatter(EngFormatter(axis.sign))
-    bar.ax.xaxis.set_minor_formatter(NullFormatter())
-    bar.set_label(axis.title)
+
+def _colour_bar(
+    axes: Axes, drawn: Any, labels: Labels, unit: str, title: str, more: dict[str, Any]
+) -> None:
+    picture: Any = axes.figure
+    bar = picture.colorbar(drawn, ax=axes, **more)
+    texts = {figure(value, unit, 3): place for place, value in labels}
+    bar.set_ticks([*texts.values()], labels=[*texts])
+    bar.ax.minorticks_off()
+    bar.set_label(title)
 
 
 def _limit(axes: Axes, mark: Limit, chart: Chart) -> None:
@@ -224,33 +226,29 @@ def _band(axes: Axes, mark: Band, chart: Chart) -> None:
 
 
 def _columns(axes: Axes, mark: Columns, chart: Chart) -> None:
-    along = "y" if mark.across == "x" else "x"
-    places = _values(mark.places, getattr(chart, mark.across))
-    axis: Axis = getattr(chart, along)
-    sizes = _values(mark.sizes, axis)
-    bases = np.zeros(len(sizes)) if mark.bases is None else _values(mark.bases, axis)
-    own = getattr(chart, mark.across)
-    widths = np.full(len(sizes), 0.8) if mark.widths is None else _values(mark.widths, own)
+    upright, other = mark.across == "x", "y" if mark.across == "x" else "x"
+    own, along = getattr(chart, mark.across), getattr(chart, other)
+    places, sizes = _values(mark.places, own), _values(mark.sizes, along)
+    bases = _values(np.zeros(len(sizes)) if mark.bases is None else mark.bases, along)
+    widths = 0.8 if mark.widths is None else _values(mark.widths, own)
     looks = mark.looks * len(sizes) if len(mark.looks) == 1 else mark.looks
-    more: dict[str, Any] = {
-        "color": [colour(look) for look in looks], "hatch": [hatch(look) for look in looks],
-        "edgecolor": "white", "linewidth": 0.4, "label": mark.name or None,
-    }  # fmt: skip
-    if mark.across == "x":
-        axes.bar(places, sizes, widths, bases, **more)
-    else:
-        axes.barh(places, sizes, widths, bases, **more)
+    draw: Any = axes.bar if upright else axes.barh
+    draw(
+        places, sizes, widths, bases,
+        color=[colour(look) for look in looks], hatch=[hatch(look) for look in looks],
+        edgecolor="white", linewidth=0.4, label=mark.name or None,
+    )  # fmt: skip
+    if not upright:
         axes.grid(visible=False, axis="y")
     ends = np.maximum(bases, bases + sizes)
     for text, place, end in zip(mark.written, places, ends, strict=False):
-        at = (place, end) if mark.across == "x" else (end, place)
-        upright = mark.across == "x"
         axes.annotate(
-            text, at, (0, 2) if upright else (3, 0), textcoords="offset points", fontsize="small",
-            va="bottom" if upright else "center", ha="center" if upright else "left",
+            text, (place, end) if upright else (end, place), (0, 2) if upright else (3, 0),
+            textcoords="offset points", fontsize="small", va="bottom" if upright else "center",
+            ha="center" if upright else "left",
         )  # fmt: skip
     if mark.written:
-        axes.margins(x=0.2 if along == "x" else None, y=0.2 if along == "y" else None)
+        axes.margins(x=None if upright else 0.2, y=0.2 if upright else None)
 
 
 def _edges(mark: Grid | Cells, chart: Chart) -> tuple[Floats, Floats]:
@@ -262,62 +260,28 @@ def _edges(mark: Grid | Cells, chart: Chart) -> tuple[Floats, Floats]:
 
 
 def _grid(axes: Axes, mark: Grid, chart: Chart) -> None:
-    from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, SymLogNorm
+    from matplotlib.colors import LinearSegmentedColormap
 
-    shown = np.ma.masked_invalid(_values(mark.values, Axis(unit=mark.unit)))
     axes.set_facecolor("0.85")
     axes.grid(visible=False)
     across, down = _edges(mark, chart)
     axes.set(xlim=across[[0, -1]], ylim=down[[0, -1]])
-    if not shown.count():
+    places, labels = levels(mark, np.asarray(mark.values, dtype=np.float64))
+    if not labels:
         axes.text(0.5, 0.5, "nowhere", transform=axes.transAxes, ha="center")
         return
-    factor = Axis(unit=mark.unit).factor
-    low, high = mark.limits or (float(shown.min()) / factor, float(shown.max()) / factor)
-    low, high = factor * low, factor * high
-    colours = LinearSegmentedColormap.from_list("shares", DIVERGING)
-    if mark.scale == "signed":
-        reach = max(abs(low), abs(high)) or 1.0
-        norm: Any = SymLogNorm(0.1 * reach, vmin=-reach, vmax=reach)
-        cmap: Any = colours if mark.warm == "positive" else colours.reversed()
-    elif mark.scale == "share":
-        norm, cmap = LogNorm(low, high), colours
-    elif mark.scale == "log" and low > 0.0:
-        norm, cmap = LogNorm(low, max(high, 1.01 * low)), "viridis"
-    else:
-        norm, cmap = Normalize(low, max(high, low + 1e-12)), "viridis"
-    mesh = axes.pcolormesh(across, down, shown, norm=norm, cmap=cmap)
+    colours: Any = LinearSegmentedColormap.from_list("shares", DIVERGING)
+    if mark.scale in ("linear", "log"):
+        colours = "viridis"
+    elif mark.scale == "signed" and mark.warm == "negative":
+        colours = colours.reversed()
+    shown = np.ma.masked_invalid(places)
+    mesh = axes.pcolormesh(across, down, shown, vmin=0.0, vmax=1.0, cmap=colours)
     if mark.bar:
-        _colour_bar(axes, mark, mesh, (low, high))
-    if mark.written:
-        for y, row in zip(_values(mark.y, chart.y), mark.written, strict=True):
-            for x, text in zip(_values(mark.x, chart.x), row, strict=True):
-                axes.text(x, y, text, ha="center", va="center", fontsize="small")
-
-
-def _colour_bar(axes: Axes, mark: Grid, mesh: Any, ends: tuple[float, float]) -> None:
-    from matplotlib.ticker import EngFormatter, LogLocator, NullFormatter, StrMethodFormatter
-
-    unit = Axis(unit=mark.unit).sign
-    figure: Any = axes.figure
-    more = {"extend": "both"} if mark.scale == "share" else {}
-    bar = figure.colorbar(mesh, ax=axes, pad=0.015, **more)
-    write: Any = EngFormatter(unit) if unit not in ("", "%") else StrMethodFormatter("{x:g}")
-    if mark.scale == "log" and ends[0] > 0.0:
-        short = ends[1] < 300.0 * ends[0]
-        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,)))
-        bar.ax.yaxis.set_minor_formatter(NullFormatter())
-    elif mark.scale == "signed":
-        reach = max(map(abs, ends)) or 1.0
-        decade = float(10.0 ** np.floor(np.log10(reach)))
-        ticks = [-decade, 0.0, decade]
-        bar.set_ticks(ticks, labels=[write(tick) for tick in ticks])
-        bar.ax.minorticks_off()
-    elif mark.scale == "share":
-        bar.ax.axhline(1.0, color="k", lw=1.5)
-    if mark.scale != "signed":
-        bar.ax.yaxis.set_major_formatter(write)
-    bar.set_label(mark.title or ("% of the step" if unit == "%" else ""))
+        _colour_bar(axes, mesh, labels, mark.unit, mark.title, {"pad": 0.015})
+    for y, row in zip(_values(mark.y, chart.y), mark.written, strict=False):
+        for x, text in zip(_values(mark.x, chart.x), row, strict=True):
+            axes.text(x, y, text, ha="center", va="center", fontsize="small")
 
 
 def _cells(axes: Axes, mark: Cells, chart: Chart) -> None:

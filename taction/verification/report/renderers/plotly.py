@@ -27,6 +27,7 @@ from taction.system.charts import (
     Limit,
     Text,
     View,
+    levels,
 )
 from taction.verification.report.texts import figure
 
@@ -42,7 +43,6 @@ COLORSCALES = {
     "shades": [[0, "--negative"], [0.5, "--true"], [1, "--positive"]],
     "positive": [[0, "--positive"], [0.5, "--neutral"], [1, "--negative"]],
 }
-DECADES = 1e-4  # of the largest value: smaller ones have the lightest colour
 FLAT, CLEAR = 0.01, 1.5  # of a curve: relative change, and height of the chart
 NEAR, ROOM = 0.2, 1.5  # of points on a logarithmic axis: decades, and the factor around them
 
@@ -77,11 +77,6 @@ def plotly_spec(chart: Chart) -> dict[str, Any]:
     if any(isinstance(mark, Grid) for mark in chart.marks):
         layout["plot_bgcolor"] = "--card"
     return {"data": data, "layout": layout}
-
-
-def _is_named(drawn: dict[str, Any]) -> bool:
-    """Whether the legend has what is drawn; Plotly itself lists what says nothing."""
-    return bool(drawn.get("showlegend", True))
 
 
 def view_layout(chart: Chart, view: View) -> dict[str, Any]:
@@ -250,12 +245,11 @@ def _curve(mark: Curve, chart: Chart) -> Iterator[dict[str, Any]]:
     if mark.hover:
         trace["customdata"] = [words(text) for text in mark.hover]
     if mark.shades is not None and mark.shade is not None:
-        levels, ticks, ends = _levels(mark.shade, np.asarray(mark.shades, dtype=np.float64))
-        bar = _colour_bar(ticks, mark.shade.unit, mark.shade.title)
-        scale = COLORSCALES["shades"]
-        trace["marker"] |= {"color": numbers(levels), "colorscale": scale, "colorbar": bar}
-        if ends is not None:
-            trace["marker"] |= {"cmin": ends[0], "cmax": ends[1]}
+        places, labels = levels(mark.shade, np.asarray(mark.shades, dtype=np.float64))
+        trace["marker"] |= {
+            "color": numbers(places), "colorscale": COLORSCALES["shades"], "cmin": 0, "cmax": 1,
+            "colorbar": _colour_bar(labels, mark.shade.unit, mark.shade.title),
+        }  # fmt: skip
     mode = [] if not mark.line else ["lines"]
     if mark.mark:
         mode.append("markers")
@@ -329,22 +323,18 @@ def _pattern(look: str) -> str:
 
 def _grid(mark: Grid, chart: Chart) -> Iterator[dict[str, Any]]:
     values = np.asarray(mark.values, dtype=np.float64)
-    levels, ticks, ends = _levels(mark, values)
-    unit = "" if mark.scale == "share" else mark.unit
-    scale = mark.warm if mark.scale == "signed" else mark.scale
-    texts = mark.texts or [[figure(each, unit) for each in row] for row in values.tolist()]
+    places, labels = levels(mark, values)
+    scale = {"signed": mark.warm, "share": "positive"}.get(mark.scale, mark.scale)
+    texts = mark.texts or [[figure(each, mark.unit) for each in row] for row in values.tolist()]
     trace: dict[str, Any] = {
         "type": "heatmap", "x": _values(mark.x, chart.x), "y": _values(mark.y, chart.y),
-        "z": [numbers(row) for row in levels],
+        "z": [numbers(row) for row in places], "zmin": 0, "zmax": 1,
         "customdata": [[words(text) for text in row] for row in texts],
-        "colorscale": COLORSCALES["positive" if scale == "share" else scale],
-        "showscale": mark.bar,
-        "colorbar": _colour_bar(ticks, unit, mark.title),
+        "colorscale": COLORSCALES[scale], "showscale": mark.bar, "showlegend": False,
+        "colorbar": _colour_bar(labels, mark.unit, mark.title),
         "hovertemplate": f"{words(chart.x.title)} %{{x}}, {words(chart.y.title)} %{{y}}:"
                          " %{customdata}<extra></extra>",
     }  # fmt: skip
-    if ends is not None:
-        trace |= {"zmin": ends[0], "zmax": ends[1]}
     if mark.written:
         trace |= {"text": [[words(text) for text in row] for row in mark.written],
                   "texttemplate": "%{text}", "textfont": {"size": 11}}  # fmt: skip
@@ -353,41 +343,12 @@ def _grid(mark: Grid, chart: Chart) -> Iterator[dict[str, Any]]:
     yield trace
 
 
-Ticks = list[tuple[float, float]]
-
-
-def _colour_bar(ticks: Ticks, unit: str, title: str) -> dict[str, Any]:
-    labels = [figure(value, unit, 3) for _, value in ticks]
-    shown = [
-        text if text != last else "" for text, last in zip(labels, ["", *labels], strict=False)
-    ]
+def _colour_bar(labels: Sequence[tuple[float, float]], unit: str, title: str) -> dict[str, Any]:
+    texts = {figure(value, unit, 3): place for place, value in labels}
     return {
-        "thickness": 12, "outlinewidth": 0, "tickvals": [place for place, _ in ticks],
-        "ticktext": shown, "title": {"text": words(title)},
+        "thickness": 12, "outlinewidth": 0, "tickvals": [*texts.values()],
+        "ticktext": [*texts], "title": {"text": words(title)},
     }  # fmt: skip
-
-
-def _levels(mark: Grid | Axis, values: Floats) -> tuple[Floats, Ticks, tuple[float, float] | None]:
-    """Return the values on a scale for colours, places with values for its bar, and its ends."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return values, [], None
-    if mark.scale == "signed":
-        reach = max(map(abs, mark.limits or (float(known.min()), float(known.max())))) or 1.0
-        ticks = [(share, share * abs(share) * reach) for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
-        return np.sign(values) * np.sqrt(np.abs(values) / reach), ticks, (-1.0, 1.0)
-    low, high = mark.limits or (float(known.min()), float(known.max()))
-    if mark.scale == "share":
-        ends = math.log10(low), math.log10(high)
-        reach = max(map(abs, ends))
-        shown = np.clip(np.log10(np.maximum(values, 1e-300)), -reach, reach)
-        return shown, [(math.log10(v), v) for v in (low, 1.0, high)], (-reach, reach)
-    if mark.scale == "linear" or low <= 0.0 or high < 10.0 * low:
-        return values, [(v, v) for v in np.linspace(low, high, 5).tolist()], (low, high)
-    low = max(low, high * DECADES)
-    shown = np.log10(np.maximum(values, low))
-    ticks = [(float(np.log10(v)), v) for v in np.geomspace(low, high, 5).tolist()]
-    return shown, ticks, (math.log10(low), math.log10(high))
 
 
 def _cells(mark: Cells, chart: Chart) -> Iterator[dict[str, Any]]:

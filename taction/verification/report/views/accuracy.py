@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 
 import numpy as np
 
 from taction.system.charts import SERIES, Axis, Chart, Curve, Limit, Line, Mark
-from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    Block,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Shown,
-    Table,
-)
-from taction.verification.report.texts import number_cell, quantity
+from taction.verification.report.blocks import BOTH, DRAWN, Block, Cell, Notes, Page, Section, Table
+from taction.verification.report.texts import fields, quantity
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.work_precision.methods import Method
 from taction.verification.studies.work_precision.study import (
@@ -33,10 +23,19 @@ PROBLEMS = {"board": "the whole board", "ideal": "the network with ideal op-amps
 MARKS = ("circle", "square", "diamond", "triangle-down", "triangle-up", "star", "cross", "hexagon")
 LINES: tuple[Line, ...] = ("solid", "dash", "dot", "dashdot")
 LOWEST = 1e-15  # place of an error of exactly 0
+ERROR = Axis("largest error over time (of the step)", scale="log")
+WORK = (
+    "Each mark is one setting of a method: further left is faster, further down is more accurate. A"
+    " bar ends at the fastest and the slowest run. The dashed line is the error of the reference; a"
+    " cross at the upper edge is a run that timed out."
+)
+STEPS = "The order of convergence is fitted to the filled marks; the dotted lines show the fits."
 
 
 def view(study: WorkPrecisionStudy) -> Page:
     """Return the page of a work-precision study."""
+    took = quantity(study.seconds, "s", 3)
+    machine = ", ".join(f"{k} {v}" for k, v in study.machine.items() if v is not None)
     sections = []
     for name in study.problems:
         title = f"Error against run time: {PROBLEMS[name]}"
@@ -44,8 +43,6 @@ def view(study: WorkPrecisionStudy) -> Page:
             Section(title, partial(_charts, study, name), media=DRAWN),
             Section(f"Runs: {PROBLEMS[name]}", tuple(_runs(study, name)), media=BOTH),
         ]
-    took = f"the study took {quantity(study.seconds, 's', 3)}"
-    machine = [f"{k} {v}" for k, v in study.machine.items() if v is not None]
     return Page(
         title=study.scene.name,
         command="taction self accuracy",
@@ -56,9 +53,9 @@ def view(study: WorkPrecisionStudy) -> Page:
             Section("Order of convergence", (_orders(study),), media=BOTH),
             Section("Cheapest settings", (_cheapest(study),), media=BOTH),
             Section("Left out", (Notes("", study.omissions),), media=BOTH),
-            origin_section(study.scene, (("the study took", quantity(study.seconds, "s", 3)),)),
+            origin_section(study.scene, (("the study took", took),)),
         ),
-        foot=("; ".join(filter(None, (", ".join(machine), took))),),
+        foot=("; ".join(filter(None, (machine, f"the study took {took}"))),),
     )
 
 
@@ -75,77 +72,65 @@ def _summary(study: WorkPrecisionStudy) -> str:
 def _methods(study: WorkPrecisionStudy, problem: str) -> dict[Method, tuple[str, str, Line]]:
     """Return the methods of a problem with their colour, mark and line."""
     methods = dict.fromkeys(p.method for p in study.points if p.method.problem == problem)
-    return {
-        method: (
-            SERIES[k % len(SERIES)],
-            MARKS[k % len(MARKS)],
-            LINES[k // len(SERIES) % len(LINES)],
-        )
-        for k, method in enumerate(methods)
-    }
+    looks = (
+        (SERIES[k % len(SERIES)], MARKS[k % len(MARKS)], LINES[k // len(SERIES) % len(LINES)])
+        for k in range(len(methods))
+    )
+    return dict(zip(methods, looks, strict=True))
 
 
 def _known(study: WorkPrecisionStudy, method: Method) -> list[SettingResult]:
     """Return the runs of a method with a time and an error."""
-    points = study.of(method)
-    return [p for p in points if p.error is not None and p.seconds is not None]
+    return [p for p in study.of(method) if p.error is not None and p.seconds is not None]
 
 
 def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
-    methods = _methods(study, problem)
-    count = sum(len(_known(study, method)) for method in methods)
-    if count < 2:
-        text = f"{count or 'No'} run has a known error: there is nothing to compare."
+    known = [p for method in _methods(study, problem) for p in _known(study, method)]
+    if len(known) < 2:
+        text = f"{len(known) or 'No'} run has a known error: there is nothing to compare."
         yield Notes("", (f"{text} A larger --budget gives more runs.",))
         return
-    yield _work(study, problem)
-    yield _steps(study, problem)
+    best = min(known, key=lambda p: (p.error or 0.0, p.seconds or 0.0))
+    said = f"the most accurate is {best.method.name}, {_error_text(best)}"
+    time, name = Axis("wall time, median", "s", "log"), PROBLEMS[problem]
+    marks = tuple(_work(study, problem))
+    yield Chart(f"Runs by time and error, {name}", time, ERROR, marks, said, WORK)
+    unit, step = 1.0, Axis("mean step", "s", "log")
+    if problem == "board":
+        unit = study.extent.period
+        step = Axis("mean step (periods of the fastest ringing)", "", "log")
+    orders = {m.order.value: m for m in study.ladders if m.method.problem == problem}
+    largest = max((order for order in orders if order is not None), default=None)
+    said = ""
+    if largest is not None:
+        said = f"{orders[largest].method.name} has the largest order, {largest:.3g}"
+    title = f"Error against the mean step, {name}"
+    yield Chart(title, step, ERROR, tuple(_steps(study, problem, unit)), said, STEPS)
 
 
-ERROR = Axis("largest error over time (of the step)", scale="log")
-
-
-def _work(study: WorkPrecisionStudy, problem: str) -> Chart:
-    """Return the errors over the run times; a bar goes from the fastest to the slowest run."""
-    methods, late = _methods(study, problem), list[Curve]()
-    marks: list[Mark] = []
+def _work(study: WorkPrecisionStudy, problem: str) -> Iterator[Mark]:
+    """Yield the errors over the run times; a bar goes from the fastest to the slowest run."""
     if floor := study.problems[problem].floor:
-        marks.append(Limit(floor, "y", "error of the reference", "muted"))
-    top = max((float(_errors(_known(study, m)).max(initial=1.0)) for m in methods), default=1.0)
-    for method, (colour, mark, line) in methods.items():
+        yield Limit(floor, "y", "error of the reference", "muted")
+    top = 1.0
+    for method, (colour, mark, line) in _methods(study, problem).items():
         points = _known(study, method)
         times = np.array([(p.seconds, p.fastest, p.slowest) for p in points], dtype=np.float64)
         middle, *ends = times.reshape(-1, 3).T
-        texts = tuple(f"{method.name} {p.name}: {_error_text(p)}" for p in points)
-        marks.append(
-            Curve(
-                middle, _errors(points), method.name, colour, line, mark,
-                width=1.2, hover=texts, spread=np.array(ends),
-            )
+        texts = tuple(f"{method.name} {p.name}: error {_error_text(p)}" for p in points)
+        errors = _errors(points)
+        top = max(top, float(errors.max(initial=top)))
+        yield Curve(
+            middle, errors, method.name, colour, line, mark,
+            width=1.2, hover=texts, spread=np.array(ends),
         )  # fmt: skip
-        for point in study.of(method):
-            if point.status == "timeout" and point.seconds is not None:
-                # At the upper edge, since the error of this run has no bound.
-                text = f"timed out at {point.name}"
-                late.append(
-                    Curve(
-                        np.array([point.seconds]), np.array([top]), text, colour, "", "x",
-                        size=9.0, label="", hover=(text,), written=() if late else ("timed out",),
-                    )
-                )  # fmt: skip
-    return Chart(
-        f"Runs by time and error, {PROBLEMS[problem]}",
-        Axis("wall time, median", "s", "log"),
-        ERROR,
-        (*marks, *late),
-        message=_best(study, problem),
-        summary=(
-            "Each mark is one setting of a method: further left is faster, further down is more"
-            " accurate. A bar ends at the fastest and the slowest run. The dashed line is the error"
-            " of the reference; a cross at the upper edge is a run that timed out."
-        ),
-        height=460,
-    )
+    for point in study.points:  # at the upper edge, since the error of this run has no bound
+        known = point.method.problem == problem and point.status == "timeout"
+        if known and point.seconds is not None:
+            look, place = _methods(study, problem)[point.method][0], np.array([point.seconds])
+            text = f"timed out at {point.name}"
+            yield Curve(place, np.array([top]), text, look, "", "x", size=9.0, label="",
+                        hover=(text,))  # fmt: skip
 
 
 def _errors(points: list[SettingResult]) -> np.ndarray:
@@ -153,86 +138,35 @@ def _errors(points: list[SettingResult]) -> np.ndarray:
 
 
 def _error_text(point: SettingResult) -> str:
-    return f"error {point.error:.2e} in {quantity(point.seconds, 's', 3)}"
+    return f"{point.error:.1e} in {quantity(point.seconds, 's', 3)}"
 
 
-def _best(study: WorkPrecisionStudy, problem: str) -> str:
-    """Return the most accurate run in words."""
-    runs = [p for method in _methods(study, problem) for p in _known(study, method)]
-    if len(runs) < 2:
-        return "only one run was measured: no trend" if runs else "no run was measured"
-    best = min(runs, key=lambda p: (p.error or 0.0, p.seconds or 0.0))
-    text = f"the most accurate is {best.method.name}, {best.error:.1e}"
-    return f"{text} in {quantity(best.seconds, 's', 3)}"
-
-
-def _steps(study: WorkPrecisionStudy, problem: str) -> Chart:
-    """Return the errors over the mean steps; the order is fitted to the filled marks."""
-    periods = problem == "board"
-    unit = study.extent.period if periods else 1.0
-    marks: list[Mark] = []
-    orders: dict[float, str] = {}
+def _steps(study: WorkPrecisionStudy, problem: str, unit: float) -> Iterator[Mark]:
+    """Yield the errors over the mean steps in a unit, s; the order is fitted to filled marks."""
     for method, (colour, shape, _) in _methods(study, problem).items():
         points, order = study.of(method), study.order(method)
-        for fitted in (True, False):
-            shown = [
-                p
-                for place, p in enumerate(points)
-                if (place in order.points) is fitted
-                and p.error is not None
-                and p.mean_step is not None
-            ]
+        known = [k for k, p in enumerate(points) if None not in (p.error, p.mean_step)]
+        for fitted, mark in ((True, shape), (False, f"{shape}-open")):
+            shown = [points[k] for k in known if (k in order.points) is fitted]
             steps = np.array([p.mean_step for p in shown], dtype=np.float64) / unit
-            mark = shape if fitted else _open(shape)
             texts = tuple(f"{method.name} {p.name}: {p.error:.2e}" for p in shown)
-            marks.append(
-                Curve(
-                    steps, _errors(shown), method.name, colour, "", mark, size=5.0,
-                    label="", hover=texts,
-                )
+            yield Curve(
+                steps, _errors(shown), method.name, colour, "", mark, size=5.0, label="",
+                hover=texts,
             )  # fmt: skip
         if order.value is not None and order.constant is not None:
             ends = np.array([points[order.points[k]].mean_step for k in (0, -1)], dtype=np.float64)
-            name = f"{method.name}: order {order.value:.2f}"
-            name += f" (theory {method.order:g})" if method.order is not None else " (varies)"
+            theory = "varies" if method.order is None else f"theory {method.order:g}"
+            name = f"{method.name}: order {order.value:.2f} ({theory})"
             fit = order.constant * ends**order.value
-            marks.append(Curve(ends / unit, fit, name, colour, "dot", width=1.4))
-            orders[order.value] = method.name
-    return Chart(
-        f"Error against the mean step, {PROBLEMS[problem]}",
-        Axis("mean step (periods of the fastest ringing)", "", "log")
-        if periods
-        else Axis("mean step", "s", "log"),
-        ERROR,
-        tuple(marks),
-        message=f"{orders[max(orders)]} has the largest order, {max(orders):.3g}" if orders else "",
-        summary=(
-            "The order of convergence is fitted to the filled marks; the dotted lines show the"
-            " fits."
-        ),
-        height=460,
-    )
-
-
-def _open(mark: str) -> str:
-    """Return the mark without its filling."""
-    return {"star": "star-open", "hexagon": "hexagon-open"}.get(mark, f"{mark}-open")
+            yield Curve(ends / unit, fit, name, colour, "dot", width=1.4)
 
 
 def _runs(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
     points = [point for method in _methods(study, problem) for point in study.of(method)]
-    columns: dict[str, Callable[[SettingResult], Shown]] = {
-        "method": lambda each: each.method.name,
-        "setting": lambda each: Cell(
-            f"{each.setting:g}" if each.method.setting else "–", each.setting
-        ),
-        "status": lambda each: each.status,
-        "time": lambda each: number_cell(each.seconds, "s", 3),
-        "fastest": lambda each: number_cell(each.fastest, "s", 3),
-        "slowest": lambda each: number_cell(each.slowest, "s", 3),
-        "runs": lambda each: each.repeats,
-        "steps": lambda each: each.steps,
-        "factorisations": lambda each: each.factorisations,
+    columns = {
+        **fields("method = method.name; setting = known_setting; status; time = seconds 3"),
+        **fields("fastest 3; slowest 3; runs = repeats; steps; factorisations"),
         "largest error": lambda each: Cell(_power(each.error), each.error),
     }
     title = f"Wall times and errors of {PROBLEMS[problem]}"
@@ -256,28 +190,30 @@ def _scale_text(study: WorkPrecisionStudy, problem: str) -> str:
 
 
 def _cheapest(study: WorkPrecisionStudy) -> Table:
-    of_all = {error: _choice(study.cheapest(error)) for error in ERRORS}
-    of_ngspice = {error: _choice(study.cheapest(error, ["ngspice"])) for error in ERRORS}
-    columns: dict[str, Callable[[float], Shown]] = {
-        "largest error": lambda error: Cell(f"{error:.0e}", error),
-        "cheapest": lambda error: of_all[error][0],
-        "time": lambda error: of_all[error][1],
-        "ngspice": lambda error: of_ngspice[error][0],
-        "time of ngspice": lambda error: of_ngspice[error][1],
+    columns = {
+        "largest error": lambda each: Cell(f"{each.error:.0e}", each.error),
+        "cheapest": lambda each: _choice(each.any and each.any.point),
+        "time": lambda each: each.any and SECONDS(each.any.point),
+        "ngspice": lambda each: _choice(each.ngspice and each.ngspice.point),
+        "time of ngspice": lambda each: each.ngspice and SECONDS(each.ngspice.point),
     }
     note = "Largest error over time on the board, as measured."
-    return Table.of("Cheapest setting that reaches an error", ERRORS, columns, note)
+    return Table.of(
+        "Cheapest setting that reaches an error", study.cheapest_settings, columns, note
+    )
 
 
-def _choice(point: SettingResult | None) -> tuple[Cell, Cell]:
+(SECONDS,) = fields("seconds 3").values()
+
+
+def _choice(point: SettingResult | None) -> str:
     if point is None:
-        return Cell("no run reached it"), Cell("–")
-    setting = f", {point.name}" if point.method.setting else ""
-    return Cell(f"{point.method.name}{setting}"), number_cell(point.seconds, "s", 3)
+        return "no run reached it"
+    return f"{point.method.name}{f', {point.name}' if point.method.setting else ''}"
 
 
 def _orders(study: WorkPrecisionStudy) -> Table:
-    columns: dict[str, Callable[[Ladder], Shown]] = {
+    columns = {
         "method": lambda each: each.method.name,
         "fitted": _fitted,
         "theory": lambda each: each.method.theory,

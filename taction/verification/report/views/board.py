@@ -30,13 +30,14 @@ from taction.verification.report.blocks import (
     Table,
 )
 from taction.verification.report.texts import counted, opamp_name, quantity
-from taction.verification.report.views.parts import nearest_value, part_columns
+from taction.verification.report.views.parts import part_columns
 from taction.verification.verdict.board_power import board_power
 from taction.verification.verdict.verify import Verdict
 
 WRITTEN = 12  # rows or columns up to which the entries are written into the chart
 LARGEST = 160  # rows or columns of the chart of the matrix
 REFERENCES = 12  # names of parts in a line
+CHANNEL, SENSOR = Axis("channel", whole=True), Axis("sensor", whole=True, reverse=True)
 LONGEST = 400_000  # characters of a deck on a page
 
 
@@ -78,20 +79,16 @@ def problem_view(scene: StatedProblem) -> Page:
     """Return the picture of a problem: the matrix with its signs, the strain, and the truth."""
     problem = make_problem(scene)
     rows, columns = problem.matrix.shape
-    matrix = Chart(
-        "matrix T",
-        Axis("channel", whole=True),
-        Axis("sensor", whole=True, reverse=True),
-        (_entries(problem.matrix),),
-        "an empty square has no resistor",
-        legend="",
-    )
-    stems = [_stems("strain eps: the input", "sensor", problem.strain, BLUE)]
+    empty, entries = "an empty square has no resistor", _entries(problem.matrix)
+    charts = [
+        Chart("matrix T", CHANNEL, SENSOR, (entries,), empty),
+        _stems("strain eps: the input", "sensor", problem.strain, BLUE),
+    ]
     if problem.stress is not None:
         title = "true stress u: what the board shall recover"
-        stems.append(_stems(title, "channel", problem.stress, GREY))
+        charts.append(_stems(title, "channel", problem.stress, GREY))
     size = f"eps = T u, {rows} sensors, {columns} channels"
-    section = Section("", (matrix, *stems), media=(PICTURE,))
+    section = Section("", tuple(charts), media=(PICTURE,))
     return Page(scene.name, "", summary=size, sections=(section,))
 
 
@@ -100,7 +97,7 @@ def _stems(title: str, along: str, values: Floats, colour: str) -> Chart:
     ends = [((n, 0.0), (n, value)) for n, value in zip(x.tolist(), values.tolist(), strict=True)]
     heads = Curve(x, values, "", colour, "", "circle", size=4.0)
     marks = heads, Curve(*segments(ends), "", colour, width=1.2), Limit(0.0, "y", line="solid")
-    return Chart(title, Axis(along, whole=True), Axis(), marks, legend="")
+    return Chart(title, Axis(along, whole=True), Axis(), marks)
 
 
 def matrix_chart(circuit: Circuit) -> Chart:
@@ -113,24 +110,19 @@ def matrix_chart(circuit: Circuit) -> Chart:
         step = -(-max(M, N) // LARGEST)
         T, ohms = _coarse(T, ohms, step)
         note = f" Each square is the largest entry of a part of the {M} by {N} matrix."
-    rows = len(T)
     texts = tuple(
         tuple(f"T = {t:.4g}, {quantity(value, 'ohm')}" for t, value in zip(*pair, strict=True))
         for pair in zip(T.tolist(), ohms.tolist(), strict=True)
     )
-    return Chart(
-        "Matrix",
-        Axis("channel", whole=True),
-        Axis("sensor", whole=True, reverse=True),
-        (_entries(T, step, texts),),
-        f"{counted(count, 'entry', 'entries')}, {minus} negative",
+    said = f"{counted(count, 'entry', 'entries')}, {minus} negative"
+    summary = (
         f"The matrix T of {counted(M, 'sensor')} and {counted(N, 'channel')} as the resistors"
         f" realise it: {count} entries, of which {minus} are negative (orange, with a minus); an"
-        f" empty square has no resistor. The colour follows the square root of the size.{note}",
-        legend="",
-        height=int(min(max(28 * rows + 110, 240), 620)),
-        zoom=False,
+        f" empty square has no resistor. The colour follows the square root of the size.{note}"
     )
+    height = int(min(max(28 * len(T) + 110, 240), 620))
+    entries = _entries(T, step, texts)
+    return Chart("Matrix", CHANNEL, SENSOR, (entries,), said, summary, height=height)
 
 
 def _entries(T: Floats, step: int = 1, texts: tuple[tuple[str, ...], ...] = ()) -> Grid:
@@ -166,10 +158,7 @@ def omission_blocks(circuit: Circuit) -> tuple[Block, ...]:
 def parts_blocks(circuit: Circuit, scene: Scene) -> tuple[Block, ...]:
     """Return the bill of materials with the packages and the power."""
     parts, power = bill_of_materials(circuit, scene), board_power(LinearBoard(circuit))
-    columns = part_columns(REFERENCES)
-    references = columns.pop("references")
-    columns["nearest preferred value"] = lambda line: nearest_value(line, "standard value")
-    columns["references"] = references
+    columns = part_columns(REFERENCES, "nearest preferred value", "standard value")
     facts = (
         ("op-amps", f"{len(parts.packages)} packages {parts.opamp}"),
         ("op-amps without use", str(parts.spare)),

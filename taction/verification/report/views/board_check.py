@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-from taction.system.charts import SERIES, Axis, Chart, Curve, Limit, spread_colours
+from taction.system.charts import SERIES, TIME, Axis, Chart, Curve, Limit, Mark, spread_colours
 from taction.verification.engines.statespace.linearised.time_scales import Ringing
 from taction.verification.report.blocks import (
     BOTH,
@@ -23,6 +23,7 @@ from taction.verification.report.blocks import (
 from taction.verification.report.texts import (
     KNOWN,
     banded,
+    fields,
     figure,
     is_small,
     number_cell,
@@ -49,6 +50,9 @@ BESIDE = 3  # values on either side of a crossing that come first
 FAMILY = 5  # step responses in a picture, beside those around crossings
 LEADS = {"pass": "", "fail": "Fails: ", "inconclusive": "Not decided: "}
 RINGS = 0.3  # damping ratio below which the summary says first that the board rings
+FAMILY_WORDS = (
+    "The first output over time after the step, for some of the values; dashed: not stable."
+)
 PART_WORDS = (
     "Moves the pole by: the change of the rightmost pole, 1/s and Hz, for 1 % more of the value."
 )
@@ -70,7 +74,7 @@ def view(found: BoardCheck) -> Page:
         summary=_summary(found),
         lines=found.notes,
         sections=(
-            Section("Checks", lambda: _checks(found), media=BOTH),
+            Section("Checks", (Bars("", tuple(map(check_bar, found.checks)), MARGINS),), "", BOTH),
             Section("Outputs", lambda: _outputs(found), media=BOTH),
             Section("Poles", lambda: (_poles(found),), media=BOTH),
             Section("Pole map", lambda: (pole_map(found.poles),), media=DRAWN),
@@ -158,11 +162,6 @@ def _nearest_stable(found: BoardCheck) -> str:
     return f"Nearest stable value: {name} {values[0]} (now {values[1]}, factor {factor:.3g})."
 
 
-def _checks(found: BoardCheck) -> Iterator[Block]:
-    if found.checks:
-        yield Bars("", tuple(map(check_bar, found.checks)), MARGINS)
-
-
 def _outputs(found: BoardCheck) -> Iterator[Block]:
     columns = {
         "output": lambda each: each.name,
@@ -198,12 +197,14 @@ def _with(
     return Cell(figure(value, unit, digits) if small else with_error(value, error, unit), value)
 
 
+def _frequency(row: Any) -> Cell | str:
+    return number_cell(row.frequency, "Hz", 6) if row.frequency else "real pole"
+
+
 def _poles(found: BoardCheck) -> Table:
     columns = {
         "real part": lambda each: _with(each.real, each.bound, "1/s"),
-        "frequency": lambda each: (
-            number_cell(each.frequency, "Hz", 6) if each.frequency else "real pole"
-        ),
+        "frequency": _frequency,
         "damping ratio": lambda each: f"{each.damping:.4g}",
     }
     if any(each.hidden for each in found.pole_rows):
@@ -217,8 +218,7 @@ def _parts(found: BoardCheck) -> Iterator[Block]:
         return undecided if part.doubt else number_cell(value, part.unit, 6)
 
     columns: dict[str, Callable[[Any], Any]] = {
-        "part": lambda each: each.name,
-        "value": lambda each: number_cell(each.value, each.unit, 6),
+        **fields("part = name; value @unit 6"),
         "moves the pole by": lambda each: number_cell(0.01 * each.real, "1/s", 3),
     }
     if any(each.frequency for each in found.parts):  # else the rightmost pole is real
@@ -246,9 +246,7 @@ def _sweep(found: Sweep, band: float) -> Iterator[Block]:
         stable += f"; not decided at {len(near)} values, {' to '.join(ends)}"
     crossings = {
         "crossing": lambda edge: _with(edge.value, edge.bound, unit, 8),
-        "frequency": lambda edge: (
-            number_cell(edge.frequency, "Hz", 6) if edge.frequency else "real pole"
-        ),
+        "frequency": _frequency,
         "unstable poles": lambda edge: f"{edge.below} → {edge.above}",
     }
     yield Notes("", (f"Stable: {stable}.",))
@@ -279,25 +277,13 @@ def _family(found: Sweep) -> Chart | None:
     seen = [volts for _, b, _, volts in drawn if b.poles.stable] or [each[3] for each in drawn]
     low, high = min(float(u.min()) for u in seen), max(float(u.max()) for u in seen)
     room = 0.1 * ((high - low) or 1.0)
-    curves = [
-        Curve(
-            time,
-            volts,
-            figure(found.points[n].value, found.unit or "ratio", 3),
-            colour,
-            "solid" if board.poles.stable else "dash",
-        )
-        for (n, board, time, volts), colour in zip(drawn, spread_colours(len(drawn)), strict=True)
-    ]
-    return Chart(
-        f"Step responses over {found.name}",
-        Axis("time", "s"),
-        Axis(drawn[0][1].circuit.outputs[0].node, "V", limits=(low - room, high + room)),
-        tuple(curves),
-        "",
-        "The first output over time after the step, for some of the values; dashed: not stable.",
-        legend="beside",
-    )  # fmt: skip
+    curves = []
+    for (n, board, time, volts), colour in zip(drawn, spread_colours(len(drawn)), strict=True):
+        name = figure(found.points[n].value, found.unit or "ratio", 3)
+        curves.append(Curve(time, volts, name, colour, "solid" if board.poles.stable else "dash"))
+    output = Axis(drawn[0][1].circuit.outputs[0].node, "V", limits=(low - room, high + room))
+    title = f"Step responses over {found.name}"
+    return Chart(title, TIME, output, tuple(curves), "", FAMILY_WORDS, legend="beside")
 
 
 def _varied(found: BoardCheck) -> Iterator[Section]:
@@ -322,38 +308,34 @@ def _response(found: BoardCheck) -> Chart | None:
     if drawn is None:
         return None
     time, values = drawn
-    curves = tuple(
+    marks: list[Mark] = [
         Curve(time, values[:, k], out.node, SERIES[k % len(SERIES)])
         for k, out in enumerate(found.circuit.outputs)
-    )
-    rests = tuple(
-        Limit(row.rest, "y", colour="muted", line="dot")
-        for row in found.outputs
-        if row.rest is not None and found.poles.stable
-    )
-    summary = "Outputs over time after the step at t = 0; dotted: where they come to rest."
-    settled = [each for row in found.outputs if (each := row.figures["settling_time"]) is not None]
-    late = quantity(max(settled, default=0.0), "s")
-    late = f"{banded('settled', found.measurements.band)} at {late}"
-    title = f"Step response: {late}" if settled else "Step response"
+    ]
+    title, times = "Step response", [row.figures["settling_time"] for row in found.outputs]
     if not found.poles.stable:
-        title = "Step response: " + ("it grows" if found.poles.known_unstable else "not decided")
-    return Chart(title, Axis("time", "s"), Axis("output", "V"), (*curves, *rests), "", summary)
+        title += ": it grows" if found.poles.known_unstable else ": not decided"
+    else:
+        rests = (row.rest for row in found.outputs if row.rest is not None)
+        marks += (Limit(rest, "y", colour="muted", line="dot") for rest in rests)
+        if settled := [each for each in times if each is not None]:
+            band = banded("settled", found.measurements.band)
+            title += f": {band} at {quantity(max(settled), 's')}"
+    summary = "Outputs over time after the step at t = 0; dotted: where they come to rest."
+    return Chart(title, TIME, Axis("output", "V"), tuple(marks), "", summary)
 
 
 def _witness(found: BoardCheck) -> str:
     if found.agreement is not None:
         off = figure(found.agreement, "step")
-        return (
-            f"ngspice's own transient differs by at most {off} of the step from the state-space"
-            " engine"
-        )
-    small = [each for each in found.checks if each.name == "ac_agrees" and each.value is not None]
-    if not small:
+        text = f"ngspice's own transient differs by at most {off} of the step"
+        return f"{text} from the state-space engine"
+    known = [each.value for each in found.checks if each.name == "ac_agrees"]
+    if not known or known[0] is None:
         return "one witness: the state-space engine"
-    if small[0].value == 0.0:
+    if known[0] == 0.0:
         return "ngspice's small signal (.ac) agrees at every node within rounding"
     return (
-        f"ngspice's small signal (.ac) differs by at most {small[0].value:.1e} at any node, beyond"
+        f"ngspice's small signal (.ac) differs by at most {known[0]:.1e} at any node, beyond"
         " rounding"
     )

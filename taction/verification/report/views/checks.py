@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from taction.system.quantities import readable
 from taction.verification.report.blocks import Bar
 from taction.verification.report.texts import KNOWN, LEAST_SHARE, figure, spaced, with_error
 from taction.verification.studies.questions import QUESTIONS
-from taction.verification.verdict.cause import FIRST, band_text, cause, causes, listed, named
+from taction.verification.verdict.cause import band_text, causes, listed, named
 from taction.verification.verdict.checks import Check, Outcome
 from taction.verification.verdict.verify import Verdict
 
@@ -56,14 +55,6 @@ def check_bars(verdict: Verdict) -> tuple[Bar, ...]:
     limits = {name: getattr(verdict.scene.checks, name) for name in LIMITED}
     least = {name: each.min for name, each in limits.items() if each and each.min is not None}
     return tuple(check_bar(check, least.get(check.name)) for check in verdict.checks)
-
-
-def bars_of_a_picture(verdict: Verdict) -> tuple[Bar, ...]:
-    """Return `check_bars`, without the reasons of those that follow from another check."""
-    found = cause(verdict.checks)
-    follows = () if found is None or found.check not in FIRST else found.follows
-    bars = zip(verdict.checks, check_bars(verdict), strict=True)
-    return tuple(replace(bar, reason="") if c.name in follows else bar for c, bar in bars)
 
 
 def check_bar(check: Check, smallest: float | None = None) -> Bar:

@@ -309,7 +309,6 @@ def _map(name: str, own: Sequence[ChosenDesign], best: Sequence[ChosenDesign]) -
         summary=f"{name}: {passing} of {counted(len(own), 'design')} pass and can be bought.",
         legend="",
         height=230,
-        zoom=False,
     )
 
 

@@ -5,28 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import Any
 
 from taction.verification.report.blocks import (
     BOTH,
     PAGE,
     TERMINAL,
-    Bar,
     Bars,
     Block,
     Cell,
     Notes,
     Page,
     Section,
-    Shown,
     Table,
 )
-from taction.verification.report.texts import counted, number_cell, outcome_cell, spaced
+from taction.verification.report.texts import counted, fields, number_cell, outcome_cell, spaced
 from taction.verification.report.views.montecarlo import spread_bar
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.tolerance.corners import Corner, CornerStudy
 from taction.verification.studies.tolerance.samples import Quantity
 
 WORST = ("fail", "inconclusive", "pass")
+RANGES = "The bar is the part of the limit that the worst corner uses; typical: the nominal board."
 MOST = 200  # deviations in a table
 SHOWN = 4  # worst-case directions in a terminal
 
@@ -55,33 +55,25 @@ def view(study: CornerStudy) -> Page:
 
 def ranges(study: CornerStudy) -> Iterator[Block]:
     """Yield the least, typical and largest values of the corners, against the limits."""
-    found = (_range(each, study.corners) for each in study.quantities)
-    note = (
-        "The bar is the part of the limit that the worst corner uses; typical: the nominal board."
-    )
-    yield Bars("", tuple(row for row in found if row is not None), note)
-
-
-def _range(quantity: Quantity, corners: Sequence[Corner]) -> Bar | None:
-    found = [corner.result.value(quantity.name) for corner in corners]
-    values = [value for value in found if value is not None and math.isfinite(value)]
-    if not values:
-        return None
-    nominal = found[0] if found[0] in values else values[0]
-    count = len(found) - len(values)
-    shown = {"least": min(values), "typical": nominal, "largest": max(values)}
-    missing = f"{count} corners without a value" if count else ""
-    return spread_bar(quantity.title, quantity.unit, shown, quantity.limits, missing)
+    rows = []
+    for each in study.quantities:
+        found = [corner.result.value(each.name) for corner in study.corners]
+        if values := [value for value in found if value is not None and math.isfinite(value)]:
+            nominal = found[0] if found[0] in values else values[0]
+            shown = {"least": min(values), "typical": nominal, "largest": max(values)}
+            lost = len(found) - len(values)
+            missing = f"{lost} corners without a value" if lost else ""
+            rows.append(spread_bar(each.title, each.unit, shown, each.limits, missing))
+    yield Bars("", tuple(rows), RANGES)
 
 
 def tables(reported: Sequence[Quantity], corners: Sequence[Corner]) -> Iterator[Block]:
     """Yield the corners with their values, and why they do not pass."""
-    columns: dict[str, Callable[[Corner], Shown]] = {
+    columns: dict[str, Callable[[Corner], Any]] = {
         "corner": _name,
         "outcome": lambda corner: outcome_cell(corner.result.outcome),
     }
-    for each in reported:
-        columns[each.title] = partial(_quantity, each)
+    columns |= {each.title: partial(_quantity, each) for each in reported}
     yield Table.of("Corners", corners, columns)
     yield Notes("Why, and most moved by", tuple(filter(None, map(_remark, corners))))
 
@@ -114,8 +106,7 @@ def directions(study: CornerStudy, names: Sequence[str] = ()) -> Table:
             names[each.channel - 1] if names else f"u{each.channel}", each.channel
         ),
         "side of the reference": lambda each: "above" if each.sign > 0 else "below",
-        "first order": lambda each: number_cell(each.predicted, "step"),
-        "solved": lambda each: number_cell(each.solved, "step"),
+        **fields("first order = predicted step; solved step"),
         "most moved by": lambda each: " ".join(each.largest),
     }
     note, title = "Worst-case errors at rest, from the signs of the sensitivities.", "Largest error"
@@ -127,9 +118,8 @@ def _deviations(corners: Sequence[Corner]) -> Table:
     """Return the deviations, in tolerances, with a column for each corner."""
     moved = [corner for corner in corners if corner.deviations]
     names = list(dict.fromkeys(name for corner in moved for name in corner.deviations))
-    columns: dict[str, Callable[[str], Shown]] = {"part": str}
-    for corner in moved:
-        columns[_name(corner)] = partial(_deviation, corner)
+    columns: dict[str, Callable[[str], Any]] = {"part": str}
+    columns |= {_name(corner): partial(_deviation, corner) for corner in moved}
     note, most = "In tolerances of the part.", {PAGE: MOST}
     return Table.of("Deviations", names, columns, note, most, "{} more parts: --json.")
 

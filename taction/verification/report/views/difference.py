@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from taction.system.array_types import Floats
-from taction.system.charts import Axis, Chart, Curve, Line, Outcome, spread_colours, thinned
-from taction.verification.report.blocks import (
-    BOTH,
-    DRAWN,
-    Block,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Shown,
-    Table,
-)
+from taction.system.charts import TIME, Axis, Chart, Curve, Line, Outcome, spread_colours, thinned
+from taction.verification.report.blocks import BOTH, DRAWN, Block, Cell, Notes, Page, Section, Table
 from taction.verification.report.texts import (
     is_small,
     outcome_cell,
@@ -28,7 +18,7 @@ from taction.verification.report.texts import (
     value_text,
 )
 from taction.verification.report.views.waveforms import channel_names, end_names
-from taction.verification.studies.difference import KeyDifference, VerdictDifference
+from taction.verification.studies.difference import VerdictDifference
 from taction.verification.verdict.compare import Difference
 
 NAMED = 3  # keys in the first line
@@ -62,10 +52,9 @@ def _edited(difference: VerdictDifference) -> str:
     """Return the keys or parts that differ, with both values, and the outcomes if these differ."""
     keys = difference.keys or ()
     texts = [
-        f"{each.key} {_text(each.first, each.unit or '', 6)} → "
-        f"{_text(each.second, each.unit or '', 6)}"
-        for each in keys[:NAMED]
-        if not each.content
+        f"{k.key} {_text(k.first, k.unit, 6)} → {_text(k.second, k.unit, 6)}"
+        for k in keys[:NAMED]
+        if not k.content
     ]
     texts += [f"{len(keys) - NAMED} more"] if len(keys) > NAMED else []
     outcomes = (each for each in difference.readings if each.name == "outcome")
@@ -90,18 +79,16 @@ def _keys(difference: VerdictDifference) -> Block:
         return Notes("", ("keys: unknown; a document of an older taction has none",))
     if not difference.keys:
         return Notes("", ("keys: no difference",))
-    columns: dict[str, Callable[[KeyDifference], Shown]] = {
+    columns = {
         "key": lambda each: each.key,
-        "A": lambda each: _text(each.first, each.unit or "", 6),
-        "B": lambda each: (
-            _text(each.second, each.unit or "", 6) + " (another content)" * each.content
-        ),
+        "A": lambda each: _text(each.first, each.unit, 6),
+        "B": lambda each: _text(each.second, each.unit, 6) + " (another content)" * each.content,
     }
     return Table.of("Keys", difference.keys, columns)
 
 
 def _readings(difference: VerdictDifference) -> Table:
-    columns: dict[str, Callable[[Difference], Shown]] = {
+    columns = {
         "reading": lambda each: _name(each, difference.outputs),
         "A": lambda each: _text(each.first, each.unit, 6),
         "B": lambda each: _text(each.second, each.unit, 6),
@@ -142,8 +129,6 @@ def _waveforms(difference: VerdictDifference) -> Iterator[Block]:
     count = min(u.shape[1], v.shape[1])
     names = difference.outputs or [f"u_{n + 1}" for n in range(count)]
     colours = spread_colours(count)
-    both = np.concatenate([u[:, :count], v[:, :count]])
-    low, high = float(both.min()), float(both.max())
 
     def curves(x: Floats, values: Floats, line: Line, width: float) -> Iterator[Curve]:
         for n, look in enumerate(colours):
@@ -153,31 +138,22 @@ def _waveforms(difference: VerdictDifference) -> Iterator[Block]:
     def named(group: Iterable[int]) -> str:
         return ", ".join(names[n] for n in group) if difference.outputs else channel_names(group)
 
-    ends = end_names(u[-1, :count].tolist(), low, high, colours, named) if count <= LABELLED else ()
-    yield Chart(
-        "Outputs",
-        Axis("time", "s"),
-        Axis("output", "V"),
-        (*curves(time, u, "solid", 2.2), *curves(other, v, "dash", 1.2), *ends),
-        "solid A, dashed B",
-        f"Solid: A, {difference.first}. Dashed: B, {difference.second}.",
-        height=420,
-    )
+    both = np.concatenate([u[:, :count], v[:, :count]])
+    ends = u[-1, :count].tolist(), float(both.min()), float(both.max())
+    marks = [*curves(time, u, "solid", 2.2), *curves(other, v, "dash", 1.2)]
+    texts = tuple(end_names(*ends, colours, named)) if count <= LABELLED else ()
+    text = f"Solid: A, {difference.first}. Dashed: B, {difference.second}."
+    volts, said = Axis("output", "V"), "solid A, dashed B"
+    yield Chart("Outputs", TIME, volts, (*marks, *texts), said, text, height=420)
     inside = time[(time >= other[0]) & (time <= other[-1])]
-    if not len(inside):
-        return
-    places = np.searchsorted(time, inside)
-    apart = [np.interp(inside, other, v[:, n]) - u[places, n] for n in range(count)]
-    yield Chart(
-        "B minus A",
-        Axis("time", "s"),
-        Axis("difference", "V"),
-        tuple(curves(inside, np.column_stack(apart), "solid", 1.2)),
-        f"apart by at most {quantity(float(np.abs(apart).max()), 'V', 3)}",
-        "The outputs of B minus those of A.",
-        height=300,
-    )
+    if len(inside):
+        places = np.searchsorted(time, inside)
+        apart = [np.interp(inside, other, v[:, n]) - u[places, n] for n in range(count)]
+        moved = tuple(curves(inside, np.column_stack(apart), "solid", 1.2))
+        said = f"apart by at most {quantity(float(np.abs(apart).max()), 'V', 3)}"
+        text = "The outputs of B minus those of A."
+        yield Chart("B minus A", TIME, Axis("difference", "V"), moved, said, text)
 
 
-def _text(value: object, unit: str, digits: int) -> str:
-    return readable(value_text(value, unit, digits))
+def _text(value: object, unit: str | None, digits: int) -> str:
+    return readable(value_text(value, unit or "", digits))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +24,12 @@ from taction.verification.report.blocks import (
     Section,
     Table,
 )
-from taction.verification.report.texts import counted, figure, number_cell, percent, spaced, titled
+from taction.verification.report.texts import counted, fields, figure, percent, spaced, titled
 from taction.verification.report.views.origin import origin_section
 from taction.verification.studies.tolerance.samples import BoardSample
 from taction.verification.studies.tolerance.yield_report import (
     CHECK_OF,
     QuantitySpread,
-    Sensitivity,
     YieldReport,
 )
 
@@ -38,17 +38,22 @@ CULPRITS = 12  # parts of a chart
 SHOWN = 10  # sensitivities in a terminal
 FAR = 1.5  # times the range of the values: a limit farther away is an arrow
 SAME = 1e-9  # relative: values that are one value
-UNITS = {"ratio": ""}
 Limits = tuple[float | None, float | None]  # the least and the largest accepted value
+CULPRIT = (
+    "Share of a part in the variance of a quantity with a limit; the quantity whose check costs"
+    " most yield comes first. Solid with +: the quantity grows with the part; hatched with −: it"
+    " falls."
+)
 
 
 def view(result: YieldReport) -> Page:
     """Return the page of a yield."""
     rows = (("seed", str(result.seed)), ("samples", str(result.samples)))
+    text = result.sentence
     return Page(
         title=result.name,
         command="taction yield montecarlo",
-        summary=_summary(result),
+        summary=f"{text[:1].upper()}{text[1:]}. {_worst(result)}".rstrip(),
         sections=(
             Section("Checks that do not pass", tuple(failures(result)), media=EVERYWHERE),
             Section("What costs yield", lambda: (_culprits(result),), media=DRAWN),
@@ -61,12 +66,6 @@ def view(result: YieldReport) -> Page:
     )
 
 
-def _summary(result: YieldReport) -> str:
-    """Return the yield, and what costs most of it."""
-    text = result.sentence
-    return " ".join(filter(None, (f"{text[:1].upper()}{text[1:]}.", _worst(result))))
-
-
 def _worst(result: YieldReport) -> str:
     """Return which check costs most yield, and which part moves it most; empty without losses."""
     worst = next(iter(result.failures), "")
@@ -74,8 +73,8 @@ def _worst(result: YieldReport) -> str:
         return ""
     share = percent(result.failures[worst] / result.samples, 4)
     text = f"{share} of the boards do not pass the check of the {spaced(worst)}"
-    first = next((each for each in result.sensitivities if _check(each) == worst), None)
-    if first is None:
+    own = (each for each in result.sensitivities if _check(each.quantity) == worst)
+    if (first := next(own, None)) is None:
         return f"{text}."
     place = "" if first.channel is None else f" in channel {first.channel}"
     return (
@@ -84,9 +83,9 @@ def _worst(result: YieldReport) -> str:
     )
 
 
-def _check(cause: Sensitivity) -> str:
-    """Return the check that a cause belongs to."""
-    return CHECK_OF.get(cause.quantity, cause.quantity)
+def _check(quantity: str) -> str:
+    """Return the check that a quantity belongs to."""
+    return CHECK_OF.get(quantity, quantity)
 
 
 def failures(result: YieldReport) -> Iterator[Block]:
@@ -117,12 +116,6 @@ def _limits(result: YieldReport) -> Bars:
     return Bars("5th percentile, median and 95th percentile against the limits", rows, note)
 
 
-def _ends(limits: Limits) -> tuple[float, float]:
-    """Return the least and the largest accepted value, infinite without a limit."""
-    least, most = limits
-    return -math.inf if least is None else least, math.inf if most is None else most
-
-
 def spread_bar(
     name: str, unit: str, values: Mapping[str, float], limits: Limits, missing: str = ""
 ) -> Bar:
@@ -138,13 +131,15 @@ def spread_bar(
     ('fail', 'least 1 s, mid 2 s, most 4 s', 'at most 3 s', '133 % of the limit')
     """
     low, high = min(values.values()), max(values.values())
-    least, most = _ends(limits)
-    pairs = ((high, most, high / most if most > 0.0 else None),
-             (low, least, least / low if low > 0.0 else None))  # fmt: skip
-    shares = [share for _, limit, share in pairs if math.isfinite(limit) and share is not None]
-    words = zip(("at least", "at most"), limits, strict=True)
-    limited = [f"{word} {figure(limit, unit)}" for word, limit in words if limit is not None]
-    fails = low < least or high > most or bool(missing)
+    least, most = limits
+    shares, limited = [], []
+    if least is not None:
+        shares += [least / low] if low > 0.0 else []
+        limited.append(f"at least {figure(least, unit)}")
+    if most is not None:
+        shares += [high / most] if most > 0.0 else []
+        limited.append(f"at most {figure(most, unit)}")
+    fails = bool(_beyond(np.array([low, high]), limits).any()) or bool(missing)
     return Bar(
         name=spaced(name),
         outcome=("fail" if fails else "pass") if limited else "",
@@ -156,19 +151,17 @@ def spread_bar(
     )
 
 
+def _beyond(values: Floats, limits: Limits) -> np.ndarray:
+    least, most = limits
+    low, high = -math.inf if least is None else least, math.inf if most is None else most
+    return np.asarray((values < low) | (values > high))
+
+
 def spreads(result: YieldReport) -> Table:
     """Return the spread of each quantity."""
-
-    def number(name: str) -> Callable[[QuantitySpread], Cell]:
-        return lambda each: number_cell(getattr(each, name), each.unit)
-
     columns = {
-        "quantity": lambda each: each.title,
-        "at least": number("at_least"),
-        "at most": number("at_most"),
-        "5 %": number("low"),
-        "median": number("median"),
-        "95 %": number("high"),
+        **fields("quantity = title; at_least @unit; at_most @unit"),
+        **fields("5 % = low @unit; median @unit; 95 % = high @unit"),
         "no value": lambda each: _gaps(result, each)[0],
     }
     shown = result.quantities if result.samples else ()
@@ -198,91 +191,55 @@ def histograms(result: YieldReport) -> Iterator[Block]:
 
     def place(spread: QuantitySpread) -> tuple[bool, int]:
         unlimited = spread.at_least is None and spread.at_most is None
-        return unlimited, -result.failures.get(CHECK_OF.get(spread.name, spread.name), 0)
+        return unlimited, -result.failures.get(_check(spread.name), 0)
 
     for spread in sorted(result.quantities, key=place):
-        found = (_number(sample, spread) for sample in result.boards)
+        found, title = (_number(each, spread) for each in result.boards), titled(spread.title)
         values = np.array([value for value in found if value is not None], dtype=np.float64)
         count, text = _gaps(result, spread)
         if len(values) and np.ptp(values) > SAME * np.abs(values).max():
-            yield _histogram(spread, values, count, text)
+            yield _histogram(title, spread, values, text)
             continue
         if len(values):
             same = figure(float(values[0]), spread.unit)
             every = "every sample has" if not count else f"{len(values)} samples have"
             text = "; ".join(filter(None, (f"{every} {same}", text)))
-        if text:
-            yield Notes(titled(spread.title), (f"{titled(spread.title)}: {text}.",))
+        yield Notes(title, (f"{title}: {text}.",) if text else ())
 
 
-def _histogram(spread: QuantitySpread, values: Floats, missing: int, text: str) -> Chart:
-    """Return the histogram; a bar right of it has the samples without a value, `text` in words."""
-    limits = [limit for limit in (spread.at_least, spread.at_most) if limit is not None]
-    least, most = _ends((spread.at_least, spread.at_most))
-    beyond, edges = (values < least) | (values > most), _edges(values, limits)
+def _histogram(title: str, spread: QuantitySpread, values: Floats, text: str) -> Chart:
+    """Return the histogram of values; `text` says what has none."""
+    unit, limits = spread.unit, [x for x in (spread.at_least, spread.at_most) if x is not None]
+    beyond, edges = _beyond(values, (spread.at_least, spread.at_most)), _edges(values, limits)
     width = float(edges[1] - edges[0])
     low, high = float(edges[0]) - width, float(edges[-1]) + width
     reach = FAR * (high - low)
     near = [limit for limit in limits if low - reach <= limit <= high + reach]
-    view = View("samples", (min([low, *near]), max([high, *near])))
-    ends = (min([low, *limits]) - width, max([high, *limits]) + width)
-    views = (view, View("with the limits", ends)) if len(near) < len(limits) else (view,)
+    first, last = min([low, *limits]) - width, max([high, *limits]) + width
+    views = [View("samples", (min([low, *near]), max([high, *near])))]
+    if len(near) < len(limits):
+        views.append(View("with the limits", (first, last)))
     marks: list[Mark] = [Limit(limit, "x", "limit") for limit in limits]
     if spread.at_most is not None:
-        marks.append(Band(spread.at_most, max(ends[1], high + reach), "x", colour="fail"))
+        marks.append(Band(spread.at_most, max(last, high + reach), "x", colour="fail"))
     if spread.at_least is not None:
-        marks.append(Band(min(ends[0], low - reach), spread.at_least, "x", colour="fail"))
+        marks.append(Band(min(first, low - reach), spread.at_least, "x", colour="fail"))
     marks += _bars(values, beyond, edges)
     if any(limit > high + reach for limit in limits):
         marks.append(Text("limit →", None, None, ("left", "below")))
     if any(limit < low - reach for limit in limits):
         marks.append(Text("← limit", None, None, ("right", "below")))
-    if missing:
-        views, more = _missing(view, missing, text)
-        marks += more
     message = "no limit"
     if limits:
         share = percent(float(beyond.mean()))
-        texts = " and ".join(figure(limit, spread.unit) for limit in limits)
+        texts = " and ".join(figure(limit, unit) for limit in limits)
         message = f"{int(beyond.sum())} of {len(values)} samples ({share}) beyond {texts}"
-    if text:
-        message += f", {text}"
-    summary = (
-        f"{titled(spread.title)}: {len(values)} samples from"
-        f" {figure(float(values.min()), spread.unit)} to"
-        f" {figure(float(values.max()), spread.unit)}; {message}."
-    )
-    return Chart(
-        titled(spread.title),
-        Axis(spread.title, UNITS.get(spread.unit, spread.unit)),
-        Axis("samples", whole=True),
-        tuple(marks),
-        message,
-        summary,
-        views,
-        "inside" if limits else "",
-        280,
-    )
-
-
-def _missing(view: View, count: int, text: str) -> tuple[tuple[View], tuple[Mark, ...]]:
-    """Return the view and the marks with a bar of the samples without a value.
-
-    The bar stands right of all values; a view that goes farther would show it as one of them.
-    """
-    low, high = view.x or (0.0, 1.0)
-    width = 0.08 * (high - low)
-    bar = Columns(
-        np.array([high + width]),
-        np.array([float(count)]),
-        widths=np.array([width]),
-        looks=("fail" if text.endswith("failing") else "inconclusive",),
-        name="no value",
-        written=(f"{count} no value",),
-        hover=(text,),
-    )
-    wall = Limit(high, colour="muted", line="dot")
-    return (View(view.name, (low, high + 2.0 * width)),), (wall, bar)
+    message += f", {text}" * bool(text)
+    ends = " to ".join(figure(float(end), unit) for end in (values.min(), values.max()))
+    summary = f"{title}: {len(values)} samples from {ends}; {message}."
+    x, y = Axis(spread.title, unit), Axis("samples", whole=True)
+    legend: Any = "inside" if limits else ""
+    return Chart(title, x, y, tuple(marks), message, summary, tuple(views), legend)
 
 
 def _bars(values: Floats, beyond: np.ndarray, edges: Floats) -> Iterator[Columns]:
@@ -316,33 +273,20 @@ def _culprits(result: YieldReport) -> Block:
     shown = result.sensitivities[:CULPRITS]
     if not shown:
         return _no_causes(result)
-    shares = np.array([100.0 * each.correlation**2 for each in shown])
-    rising = [each.correlation > 0.0 for each in shown]
-    bars = Columns(
-        np.arange(float(len(shown))),
-        shares,
-        "y",
-        looks=tuple("pass" if up else "fail" for up in rising),
-        written=tuple(
-            f"{'+' if up else '−'} {share:.0f} %" for up, share in zip(rising, shares, strict=True)
-        ),
-    )
+    shares = [100.0 * each.correlation**2 for each in shown]
+    looks = tuple("pass" if each.correlation > 0.0 else "fail" for each in shown)
+    signs = ("+" if look == "pass" else "−" for look in looks)
+    written = tuple(f"{sign} {share:.0f} %" for sign, share in zip(signs, shares, strict=True))
+    bars = Columns(np.arange(float(len(shown))), shares, "y", looks=looks, written=written)
     names = tuple(f"{each.parameter}, {spaced(each.quantity)}" for each in shown)
+    message = f"{shown[0].parameter} is behind {shares[0]:.0f} % of the variance of the"
     return Chart(
         "Parts behind the lost yield",
-        Axis("share of the variance (%)", limits=(0.0, 1.25 * float(shares.max()))),
+        Axis("share of the variance (%)", limits=(0.0, 1.25 * max(shares))),
         Axis(scale="names", names=names, reverse=True),
         (bars,),
-        message=f"{shown[0].parameter} is behind {shares[0]:.0f} % of the variance of the"
-        f" {spaced(shown[0].quantity)}",
-        summary=(
-            "Share of a part in the variance of a quantity with a limit; the quantity whose check"
-            " costs most yield comes first. Solid with +: the quantity grows with the part; hatched"
-            " with −: it falls."
-        ),
-        legend="",
-        height=110 + 26 * len(shown),
-        zoom=False,
+        f"{message} {spaced(shown[0].quantity)}",
+        CULPRIT,
     )
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from taction.system.array_types import Floats
-from taction.system.charts import Axis, Band, Chart, Curve, Limit, Line, Mark, Outcome, Scale, Text
+from taction.system.charts import Axis, Band, Chart, Curve, Limit, Line, Mark, Outcome, Text
 from taction.system.quantities import counted, readable, show
 from taction.verification.report.blocks import (
     BOTH,
@@ -46,35 +46,40 @@ RATES = (
     "Unstable poles: the number right of the axis below and above the crossing. Rate: of growth,"
     " 1/s, fitted to a transient; in brackets the real part of the pole."
 )
+LOOKS = (
+    "Shaded: stable. Vertical lines: crossings of the imaginary axis. Circles decay, crosses grow."
+)
 
 
 def view(onset: Onset) -> Page:
     """Return the page of an onset."""
-    name, unit, samples = onset.axis.name, onset.axis.key.unit, onset.scan.samples
-    stable = _stable(onset)
-    examined = f"{quantity(samples[0].value, unit)} to {quantity(samples[-1].value, unit)}"
+    name, samples = onset.axis.name, onset.scan.samples
+    examined = " to ".join(_value(onset, samples[k].value) for k in (0, -1))
     default = " (default range)" if onset.axis.default else ""
     return Page(
         title=onset.scene.name,
         command="taction onset",
         outcome="inconclusive" if onset.disagreement else "",
-        summary=f"Stable for {name}: {stable}.",
+        summary=f"Stable for {name}: {_stable(onset)}.",
         lines=(f"{name} from {examined}{default}, poles at {len(samples)} values.",),
         sections=(
-            Section("Poles", lambda: _poles(onset), media=DRAWN),
+            Section("Poles", lambda: _charts(onset), media=DRAWN),
             Section("Crossings", tuple(_crossings(onset)), media=BOTH),
             origin_section(onset.scene),
         ),
     )
 
 
+def _value(onset: Onset, value: float) -> str:
+    return quantity(value, onset.axis.key.unit)
+
+
 def _stable(onset: Onset) -> str:
-    found = _ranges(onset.scan.stable_ranges, onset.axis.key.unit)
-    return found or "nowhere in the examined range"
+    return _ranges(onset, onset.scan.stable_ranges) or "nowhere in the examined range"
 
 
-def _ranges(ranges: Sequence[tuple[float, float]], unit: str) -> str:
-    return "; ".join(f"{quantity(low, unit)} to {quantity(high, unit)}" for low, high in ranges)
+def _ranges(onset: Onset, ranges: Sequence[tuple[float, float]]) -> str:
+    return "; ".join(" to ".join(_value(onset, end) for end in ends) for ends in ranges)
 
 
 def _crossings(onset: Onset) -> Iterator[Block]:
@@ -82,8 +87,9 @@ def _crossings(onset: Onset) -> Iterator[Block]:
     if not onset.findings:
         yield Notes("", ("No pole crosses the imaginary axis in this range.",))
 
-    def unstable(count: int) -> str:
-        return str(count) if complete or not count else "some"
+    def unstable(edge: Edge) -> str:
+        counts = (count if complete or not count else "some" for count in (edge.below, edge.above))
+        return " → ".join(map(str, counts))
 
     columns = {
         "crossing": lambda each: Cell(
@@ -94,9 +100,7 @@ def _crossings(onset: Onset) -> Iterator[Block]:
             if each.crossing.frequency
             else "real pole"
         ),
-        "unstable poles": lambda each: (
-            f"{unstable(each.crossing.below)} → {unstable(each.crossing.above)}"
-        ),
+        "unstable poles": lambda each: unstable(each.crossing),
         "side": lambda each: direction(each.crossing),
         "transients": lambda each: (
             "not run"
@@ -111,35 +115,32 @@ def _crossings(onset: Onset) -> Iterator[Block]:
         del columns["remark"]
     yield Table.of("Crossings", onset.findings, columns, RATES)
     yield Notes("", tuple(_remarks(onset)))
-    counts = tuple(
+    rows = (
         (
-            f"unstable poles at {quantity(count.value, unit)}",
-            f"{count.poles} by eigenvalues, "
-            + (count.reason if count.winding is None else f"{count.winding} by winding number"),
+            f"unstable poles at {_value(onset, count.value)}",
+            f"{count.poles} by eigenvalues, {other}",
         )
         for count in onset.counts
+        if (other := count.reason or f"{count.winding} by winding number")
     )
-    yield Facts("Two counts of the unstable poles", counts)
+    yield Facts("Two counts of the unstable poles", tuple(rows))
 
 
 def _remarks(onset: Onset) -> Iterator[str]:
     """Yield whether the two counts agree, what is not resolved, and what has no poles."""
-    unit = onset.axis.key.unit
     if not onset.scan.complete:
         yield INCOMPLETE
-    wrong = [c for c in onset.counts if c.winding is not None and c.winding != c.poles]
-    if wrong:
-        parts = (f"{c.winding} not {c.poles} at {quantity(c.value, unit)}" for c in wrong)
+    known = [count for count in onset.counts if count.winding is not None]
+    if wrong := [count for count in known if count.winding != count.poles]:
+        parts = (f"{c.winding} not {c.poles} at {_value(onset, c.value)}" for c in wrong)
         yield f"Winding numbers contradict the poles: {', '.join(parts)}."
     elif onset.counts:
-        counted = sum(c.winding is not None for c in onset.counts)
-        yield f"Winding numbers agree with the poles in {counted} of {len(onset.counts)} ranges."
-    if unresolved := _ranges(onset.scan.unresolved, unit):
+        yield f"Winding numbers agree with the poles in {len(known)} of {len(onset.counts)} ranges."
+    if unresolved := _ranges(onset, onset.scan.unresolved):
         yield f"Not resolved, a pole is on the axis to within rounding: {unresolved}."
-    failures = [sample for sample in onset.scan.samples if sample.failure]
-    if failures:
+    if failures := [sample for sample in onset.scan.samples if sample.failure]:
         yield f"No poles at {len(failures)} of the values."
-        yield from (f"{quantity(s.value, unit)}: {s.failure}" for s in failures[:FAILURES])
+        yield from (f"{_value(onset, s.value)}: {s.failure}" for s in failures[:FAILURES])
 
 
 def direction(crossing: Edge) -> str:
@@ -154,18 +155,8 @@ def _rate(side: Side | None) -> Cell | None:
     return Cell(f"{measured} ({side.predicted.real:+.4g})", side.growth_rate)
 
 
-Modes = tuple[Floats, Floats, Floats]  # value on the axis, real and imaginary part of the pole
-
-
-def _poles(onset: Onset) -> Sequence[Block]:
-    modes = _ringing(onset)
-    if not len(modes[0]):
-        return (Notes("", ("No pole of any value rings.",)),)
-    return _damping(onset, modes), _frequency(onset, modes), _map(onset, modes)
-
-
-def _ringing(onset: Onset) -> Modes:
-    """Return value, real and imaginary part of every ringing pole with a positive frequency."""
+def _charts(onset: Onset) -> Iterator[Block]:
+    """Yield damping and frequency of every ringing pole over the value, and the pole map."""
     rows = [
         (sample.value, p.real, p.imag)
         for sample in onset.scan.samples
@@ -173,22 +164,52 @@ def _ringing(onset: Onset) -> Modes:
         for p in sample.poles[: sample.known or None].tolist()
         if p.imag > 0.0 and -p.real < MAX_DAMPING * abs(p)
     ]
-    value, real, imag = np.array(rows or np.zeros((0, 3))).T
-    return value, real, imag
+    if not rows:
+        yield Notes("", ("No pole of any value rings.",))
+        return
+    value, real, imag = np.array(rows).T
+    name, samples = onset.axis.name, onset.scan.samples
+    scale: Any = "log" if onset.scan.logarithmic else "linear"
+    x = Axis(name, onset.axis.key.unit, scale, (samples[0].value, samples[-1].value))
+    ground, texts = tuple(_on_values(onset)), tuple(_value(onset, each) for each in value.tolist())
+    ringing = [each.crossing for each in onset.findings if each.crossing.frequency]
 
-
-def _values(onset: Onset) -> Axis:
-    """Return the axis of the examined values."""
-    samples = onset.scan.samples
-    scale: Scale = "log" if onset.scan.logarithmic else "linear"
-    return Axis(onset.axis.name, onset.axis.key.unit, scale, (samples[0].value, samples[-1].value))
-
-
-def _dots(x: Floats, y: Floats, onset: Onset, modes: Modes) -> tuple[Curve, Curve]:
-    """Return the modes that decay and those that grow, each with its value for the pointer."""
-    value, real, _ = modes
-    texts = [quantity(each, onset.axis.key.unit) for each in value.tolist()]
-    return mode_marks(x, y, real, texts, 4.0)
+    damping = -real / np.hypot(real, imag)
+    reach = min(max(3.0 * float(np.median(np.abs(damping))), 1e-3), MAX_DAMPING)
+    yield Chart(
+        "Damping over the value",
+        x,
+        Axis("damping ratio (below 0: grows)", limits=(-reach, reach)),
+        (*ground, Limit(0.0, "y", line="solid"), *mode_marks(value, damping, real, texts, 4.0)),
+        f"stable for {name}: {_stable(onset)}",
+        f"The damping ratio of every ringing mode over {name}. {LOOKS}",
+    )
+    hertz = imag / math.tau
+    wide = float(hertz.max()) > 5.0 * float(hertz.min())
+    at, rings = np.array([(c.value, c.frequency) for c in ringing] or np.zeros((0, 2))).T
+    ends = [*dict.fromkeys(quantity(each, "Hz") for each in sorted(rings.tolist()))]
+    said = " to ".join(ends[:: max(len(ends) - 1, 1)])
+    crossing = Curve(at, rings, "crossing", "ink", "", "circle-open", size=8.0, label="")
+    yield Chart(
+        "Frequency over the value",
+        x,
+        Axis("ringing frequency", "Hz", "log" if wide else "linear"),
+        (*ground, *mode_marks(value, hertz, real, texts, 4.0), crossing),
+        f"{said} at the crossings" if ends else "no mode crosses",
+        f"The frequency of every ringing mode over {name}. {LOOKS}",
+    )
+    near = _window(onset)
+    most = HEADROOM * float(np.hypot(real, imag).max(initial=near[2]))
+    leftmost = HEADROOM * float(real.min(initial=near[0]))
+    level = np.array([each.crossing.frequency for each in onset.findings])
+    marks = (
+        Curve(real, hertz, "pole", "muted", "", "circle", size=5.0, label="", hover=texts,
+              shades=value, shade=x),
+        Curve(np.zeros(len(level)), level, "crossing", "fail", "", "circle-open", size=9.0),
+    )  # fmt: skip
+    message = f"{counted(len(level), 'crossing')} of the axis" if len(level) else "no crossing"
+    windows = ("near the crossings", near), ("all ringing poles", (leftmost, near[1], most))
+    yield upper_half_plane(marks, windows, message, f"The colour is {name}.")
 
 
 def _on_values(onset: Onset) -> Iterator[Mark]:
@@ -199,87 +220,15 @@ def _on_values(onset: Onset) -> Iterator[Mark]:
         name = ""
     known: set[str] = set()
     for each in onset.findings:
-        state = each.confirmation.confirmed
+        state, value = each.confirmation.confirmed, each.crossing.value
         word, outcome = STATES[state]
         if each.confirmation.reason == NOT_ASKED:
             word = "transients not run"
         name = "" if word in known else f"crossing, {word}"
         known.add(word)
-        yield Limit(each.crossing.value, "x", name, outcome, LINES[state], 1.2)
-
-
-def _labels(onset: Onset) -> Iterator[Text]:
-    for crossing in (each.crossing for each in onset.findings):
-        if crossing.changes_stability:
-            text = quantity(crossing.value, onset.axis.key.unit)
-            yield Text(text, crossing.value, None, ("right", "below"))
-
-
-def _damping(onset: Onset, modes: Modes) -> Chart:
-    value, real, imag = modes
-    damping = -real / np.hypot(real, imag)
-    middle = float(np.percentile(np.abs(damping), 50)) if len(damping) else 0.0
-    reach = min(max(3.0 * middle, 1e-3), MAX_DAMPING)
-    marks = (*_on_values(onset), Limit(0.0, "y", "", "ink", "solid"))
-    return Chart(
-        "Damping over the value",
-        _values(onset),
-        Axis("damping ratio (below 0: grows)", limits=(-reach, reach)),
-        (*marks, *_dots(value, damping, onset, modes), *_labels(onset)),
-        summary=f"The damping ratio of every ringing mode over {onset.axis.name}. {LOOKS}",
-        legend="inside",
-        message=f"stable for {onset.axis.name}: {_stable(onset)}",
-        height=340,
-    )
-
-
-LOOKS = (
-    "Shaded: stable. Vertical lines: crossings of the imaginary axis. Circles decay, crosses grow."
-)
-
-
-def _frequency(onset: Onset, modes: Modes) -> Chart:
-    value, _, imag = modes
-    hertz = imag / math.tau
-    wide = len(hertz) and float(hertz.max()) > 5.0 * float(hertz.min())
-    ringing = [each.crossing for each in onset.findings if each.crossing.frequency]
-    x, y = np.array([(c.value, c.frequency) for c in ringing] or np.zeros((0, 2))).T
-    rings = Curve(x, y, "crossing", "ink", "", "circle-open", size=8.0, label="")
-    ends = (
-        tuple(dict.fromkeys(quantity(float(each), "Hz") for each in (y.min(), y.max())))
-        if len(y)
-        else ()
-    )
-    return Chart(
-        "Frequency over the value",
-        _values(onset),
-        Axis("ringing frequency", "Hz", "log" if wide else "linear"),
-        (*_on_values(onset), *_dots(value, hertz, onset, modes), rings, *_labels(onset)),
-        summary=f"The frequency of every ringing mode over {onset.axis.name}. {LOOKS}",
-        legend="inside",
-        message=f"{' to '.join(ends)} at the crossings" if ends else "no mode crosses",
-        height=340,
-    )
-
-
-def _map(onset: Onset, modes: Modes) -> Chart:
-    value, real, imag = modes
-    near = _window(onset)
-    most = HEADROOM * float(np.hypot(real, imag).max(initial=near[2]))
-    leftmost = HEADROOM * float(real.min(initial=near[0]))
-    hertz = np.array([each.crossing.frequency for each in onset.findings])
-    texts = tuple(quantity(float(each), onset.axis.key.unit) for each in value)
-    marks = (
-        Curve(
-            real, imag / math.tau, "pole", "muted", "", "circle", size=5.0, label="", hover=texts,
-            shades=value, shade=_values(onset),
-        ),
-        Curve(np.zeros(len(hertz)), hertz, "crossing", "fail", "", "circle-open", size=9.0),
-    )  # fmt: skip
-    number = len(onset.findings)
-    message = f"{counted(number, 'crossing')} of the axis" if number else "no crossing"
-    windows = ("near the crossings", near), ("all ringing poles", (leftmost, near[1], most))
-    return upper_half_plane(marks, windows, message, f"The colour is {onset.axis.name}.")
+        yield Limit(value, "x", name, outcome, LINES[state], 1.2)
+        if each.crossing.changes_stability:
+            yield Text(_value(onset, value), value, None, ("right", "below"))
 
 
 def _window(onset: Onset) -> tuple[float, float, float]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -13,16 +15,7 @@ from taction.system.charts import BLUE, Axis, Chart, Curve, Limit, Mark, Text
 from taction.system.foreign_text import visible
 from taction.system.quantities import show
 from taction.verification.characterise.characterise import Bode, OpAmpFigures, open_loop
-from taction.verification.report.blocks import (
-    DRAWN,
-    EVERYWHERE,
-    Cell,
-    Notes,
-    Page,
-    Section,
-    Table,
-    cell,
-)
+from taction.verification.report.blocks import DRAWN, EVERYWHERE, Cell, Notes, Page, Section, Table
 from taction.verification.report.texts import quantity
 from taction.verification.studies.vendor_model import ImportedModel
 
@@ -37,8 +30,8 @@ TITLES = {
     "slew_rate": ("slew rate", "V/s"),
     "saturation": ("supply less largest output voltage", "V"),
     "output_current": ("largest output current", "A"),
-    "least_supply": ("supply, at least \N{PLUS-MINUS SIGN}", "V"),
-    "most_supply": ("supply, at most \N{PLUS-MINUS SIGN}", "V"),
+    "least_supply": ("supply, at least ±", "V"),
+    "most_supply": ("supply, at most ±", "V"),
     "offset_voltage": ("offset voltage", "V"),
     "bias_current": ("input bias current", "A"),
     "offset_current": ("input offset current", "A"),
@@ -54,14 +47,23 @@ TITLES = {
     "channels_per_package": ("op-amps in a package", ""),
 }
 """Title and unit of every figure of the data file."""
-ABSENT = (0.0, math.inf, -math.inf)  # values of a figure that a part does not have
+ABSENT = (0.0, math.inf, -math.inf, None)  # values of a figure that a part does not have
 Origins = Mapping[str, Origin]  # by the name of the figure
 WORDS = ("derived", "assumed")  # in the place of a document
-AT_LEAST = (
-    "common_mode_rejection",
-    "supply_rejection",
-    "dc_gain",
-)  # figures with a guaranteed minimum
+AT_LEAST = ("common_mode_rejection", "supply_rejection", "dc_gain")  # guaranteed minima
+LISTED = {
+    "GBW": ("gbw", "Hz"), "slew rate": ("slew_rate", "V/s"), "offset": ("offset_voltage", "V"),
+    "bias": ("bias_current", "A"), "noise": ("voltage_noise", "V/rtHz"),
+}  # fmt: skip
+"""Figures of the list of op-amps, beside the range of the supply; `view` has all."""
+IMPORTED = (
+    ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
+    ("output_resistance", "ohm"), ("slew_rate", "V/s"), ("swing", "V"), ("supply_current", "A"),
+    ("offset_voltage", "V"), ("bias_current", "A"), ("offset_current", "A"),
+    ("common_mode_rejection", "dB"), ("differential_resistance", "ohm"),
+    ("common_resistance", "ohm"), ("differential_capacitance", "F"), ("common_capacitance", "F"),
+)  # fmt: skip
+"""Figures of an imported op-amp, and their units."""
 
 
 def view(result: OpAmpFigures) -> Page:
@@ -73,12 +75,10 @@ def view(result: OpAmpFigures) -> Page:
     sources = [f"source: {opamp.source}"]
     sources += [f"[{number}] {title}" for number, title in enumerate(documents, 1)]
     if documents:
-        sources.append(
-            "assumed: in no public text of a sheet that was found; derived: see the note"
-        )
+        text = "assumed: in no public text of a sheet that was found; derived: see the note"
+        sources.append(text)
     if opamp.external_part:
         sources.append(f"every op-amp needs a {opamp.external_part}")
-
     return Page(
         title=opamp.name,
         command="taction parts show",
@@ -96,7 +96,7 @@ def stated_figures(opamp: OpAmp) -> dict[str, float]:
         "phase_margin": phase_margin(opamp) if math.isfinite(opamp.gbw) else math.inf,
     }
     values = {name: own.get(name, getattr(opamp, name, math.inf)) for name in TITLES}
-    return {name: value for name, value in values.items() if value not in (*ABSENT, None)}
+    return {name: value for name, value in values.items() if value not in ABSENT}
 
 
 def _documents(opamp: OpAmp, origins: Origins) -> dict[str, None]:
@@ -107,65 +107,48 @@ def _documents(opamp: OpAmp, origins: Origins) -> dict[str, None]:
 
 
 def _rows(opamp: OpAmp, origins: Origins, documents: list[str]) -> Iterator[tuple[Cell, ...]]:
-    limits, unknown = dict(opamp.guaranteed), Origin("", "", "")
-
-    def reference(document: str) -> str:
-        return f"[{documents.index(document) + 1}]" if document in documents else document
-
+    limits, nothing = dict(opamp.guaranteed), Cell("")
+    numbers = {title: f"[{number}]" for number, title in enumerate(documents, 1)}
     for name, value in stated_figures(opamp).items():
         title, unit = TITLES[name]
-        origin = origins.get(name, unknown)
+        origin = origins.get(name, Origin("", "", ""))
         limit = _cell(limits.get(name), unit)
         if limit.text:
-            bound = (
-                "\N{GREATER-THAN OR EQUAL TO}" if name in AT_LEAST else "\N{LESS-THAN OR EQUAL TO}"
-            )
-            limit = Cell(f"{bound} {limit.text}", limit.number)
-        named = dict.fromkeys(filter(None, map(reference, (origin.document, origin.limit))))
-        yield (Cell(title), _cell(value, unit), limit, Cell(" ".join(named)), Cell(origin.note))
+            limit = Cell(f"{'≥' if name in AT_LEAST else '≤'} {limit.text}", limit.number)
+        named = filter(None, dict.fromkeys((origin.document, origin.limit)))
+        source = Cell(" ".join(numbers.get(each, each) for each in named))
+        yield Cell(title), _cell(value, unit), limit, source, Cell(origin.note)
         if name == "saturation":
             supply = min(15.0, opamp.most_supply)
-            note = Cell(f"at \N{PLUS-MINUS SIGN}{supply:g} V")
-            yield (Cell("output swing"), _cell(opamp.swing(supply), "V"), Cell(""), Cell(""), note)
+            swing, note = _cell(opamp.swing(supply), "V"), Cell(f"at ±{supply:g} V")
+            yield Cell("output swing"), swing, nothing, nothing, note
 
 
 def _cell(value: float | None, unit: str) -> Cell:
     if value is None:
         return Cell("")
-    if unit in ("degrees", "dB"):
-        return Cell(f"{value:.4g} {unit}", value)
-    return Cell(quantity(value, unit), value)
+    known = unit in ("degrees", "dB")
+    return Cell(f"{value:.4g} {unit}" if known else quantity(value, unit), value)
 
 
 def _bode(found: Bode) -> tuple[Chart, Chart]:
-    frequency, response = found.frequency, found.response
-    gain: tuple[Mark, ...] = (Curve(frequency, 20.0 * np.log10(np.abs(response)), "", BLUE),)
-    phase: tuple[Mark, ...] = (
-        Curve(frequency, np.degrees(np.unwrap(np.angle(response))), "", BLUE),
-    )
-    text = ""
+    frequency, response = Axis("frequency", "Hz", "log"), found.response
+    decibels, phase = 20.0 * np.log10(np.abs(response)), np.degrees(np.unwrap(np.angle(response)))
+    gain: tuple[Mark, ...] = (Curve(found.frequency, decibels, "", BLUE),)
+    angle: tuple[Mark, ...] = (Curve(found.frequency, phase, "", BLUE),)
+    said = turned = ""
     if abs(response[-1]) < 1.0:
         crossing, margin = found.crossing()
-        text = f"unity gain at {quantity(crossing, 'Hz', 3)}"
-        gain += _crossing(crossing, 0.0, text)
-        phase += _crossing(crossing, margin - 180.0, f"phase margin {margin:.3g} degrees")
+        said, turned = f"unity gain at {quantity(crossing, 'Hz', 3)}", f"{margin:.3g} degrees"
+        gain += _crossing(crossing, 0.0, said)
+        angle += _crossing(crossing, margin - 180.0, f"phase margin {turned}")
+    title, text = "Bode diagram of the open loop", "Gain of the open loop over the frequency."
+    ticks = tuple(range(-180, 1, 45))
+    degrees = Axis("phase (degrees)", limits=(-190.0, 10.0), ticks=ticks)
+    below = "Phase of the open loop over the frequency."
     return (
-        Chart(
-            "Bode diagram of the open loop",
-            Axis("frequency", "Hz", "log"),
-            Axis("gain (dB)"),
-            gain,
-            message=text,
-            summary="Gain of the open loop over the frequency.",
-        ),
-        Chart(
-            "Phase of the open loop",
-            Axis("frequency", "Hz", "log"),
-            Axis("phase (degrees)", limits=(-190.0, 10.0), ticks=tuple(range(-180, 1, 45))),
-            phase,
-            summary="Phase of the open loop over the frequency.",
-            legend="",
-        ),
+        Chart(title, frequency, Axis("gain (dB)"), gain, said, text),
+        Chart("Phase of the open loop", frequency, degrees, angle, "", below),
     )
 
 
@@ -180,37 +163,30 @@ def _crossing(frequency: float, level: float, text: str) -> tuple[Mark, ...]:
 
 def list_view(models: Mapping[str, OpAmp]) -> Page:
     """Return the page of all presets, with the figures that most boards depend on."""
-    rows = []
-    for name, model in models.items():
-        values = [(getattr(model, figure), unit) for figure, unit, _ in LISTED]
-        known = [show(x, unit, 3) if x and math.isfinite(x) else "-" for x, unit in values]
-        ends = f"\N{PLUS-MINUS SIGN}{model.least_supply:g} to {model.most_supply:g} V"
-        rows.append((name, *known, ends if math.isfinite(model.most_supply) else "-"))
-    titles = ("", *(title for _, _, title in LISTED), "supply")
-    table = Table("", titles, tuple(tuple(map(cell, row)) for row in rows))
-    more = "all figures with their sources: taction parts show NAME"
+
+    def shown(entry: tuple[str, OpAmp], figure: str, unit: str) -> str:
+        value = getattr(entry[1], figure)
+        return show(value, unit, 3) if value and math.isfinite(value) else "-"
+
+    def supply(model: OpAmp) -> str:
+        ends = f"±{model.least_supply:g} to {model.most_supply:g} V"
+        return ends if math.isfinite(model.most_supply) else "-"
+
+    columns: dict[str, Callable[[Any], Any]] = {"": lambda each: each[0]}
+    for title, (figure, unit) in LISTED.items():
+        columns[title] = partial(shown, figure=figure, unit=unit)
+    columns["supply"] = lambda each: supply(each[1])
     return Page(
         title="op-amps",
         command="taction parts",
-        sections=(Section("Op-amps", (table,), media=EVERYWHERE),),
-        foot=(more,),
+        sections=(Section("Op-amps", (Table.of("", models.items(), columns),), "", EVERYWHERE),),
+        foot=("all figures with their sources: taction parts show NAME",),
     )
-
-
-LISTED = (
-    ("gbw", "Hz", "GBW"),
-    ("slew_rate", "V/s", "slew rate"),
-    ("offset_voltage", "V", "offset"),
-    ("bias_current", "A", "bias"),
-    ("voltage_noise", "V/rtHz", "noise"),
-)
-"""Figures of the list of op-amps, beside the range of the supply; `view` has all."""
 
 
 def imported_view(result: ImportedModel) -> Page:
     """Return the page of an imported model: what was measured, and how a scene uses it."""
-    model = result.model
-    lines = []
+    model, lines = result.model, []
     for key, unit in IMPORTED:
         value = model["figures"][key]
         text = "none found" if value is None else show(value, unit)
@@ -218,25 +194,13 @@ def imported_view(result: ImportedModel) -> Page:
     lines += [f"warning: {doubt}" for doubt in model["doubts"]]
     linear = model["linear"]
     if linear is not None:
-        lines.append(
-            f"linear at rest: {len(linear['parts'])} parts, within {100.0 * linear['error']:.2g} %"
-            f" of ngspice's small signal up to {show(linear['band'][1], 'Hz', 3)}"
-        )
+        text = f"linear at rest: {len(linear['parts'])} parts, within {100 * linear['error']:.2g} %"
+        lines.append(f"{text} of ngspice's small signal up to {show(linear['band'][1], 'Hz', 3)}")
     else:
         lines.append(f"{model['missing']}: boards with it stay inconclusive")
     lines.append(f'in a scene beside it: opamp = {{ file = "{visible(result.file)}" }}')
     return Page(
-        title=f"{model['name']}, simulated at \N{PLUS-MINUS SIGN}{show(model['supply'], 'V')}",
+        title=f"{model['name']}, simulated at ±{show(model['supply'], 'V')}",
         command="taction parts import",
         sections=(Section("Figures", (Notes("", tuple(lines)),), media=EVERYWHERE),),
     )
-
-
-IMPORTED = (
-    ("dc_gain", ""), ("unity_gain_bandwidth", "Hz"), ("phase_margin", "degrees"),
-    ("output_resistance", "ohm"), ("slew_rate", "V/s"), ("swing", "V"), ("supply_current", "A"),
-    ("offset_voltage", "V"), ("bias_current", "A"), ("offset_current", "A"),
-    ("common_mode_rejection", "dB"), ("differential_resistance", "ohm"),
-    ("common_resistance", "ohm"), ("differential_capacitance", "F"), ("common_capacitance", "F"),
-)  # fmt: skip
-"""Figures of an imported op-amp, and their units."""

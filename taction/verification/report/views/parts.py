@@ -9,8 +9,8 @@ from typing import Any
 
 from taction.netlist_gen.board.bill_of_materials import UNITS, BillOfMaterials, PartLine
 from taction.netlist_gen.kicad.parts import printed_value
-from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Shown, Table
-from taction.verification.report.texts import counted, number_cell, percent, quantity
+from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Table
+from taction.verification.report.texts import counted, fields, percent, quantity
 from taction.verification.verdict.board_power import BoardPower, PartsList
 
 SHOWN = 3  # references in a line of the table
@@ -25,10 +25,7 @@ COLUMNS = (
 def view(result: PartsList) -> Page:
     """Return the page of the parts of a board."""
     parts, power = result.parts, result.power
-    columns = {
-        **part_columns(SHOWN),
-        "not a standard value; nearest": lambda line: nearest_value(line, ""),
-    }
+    columns = part_columns(SHOWN, "not a standard value; nearest")
     return Page(
         title=result.scene.name,
         command="taction export bom",
@@ -68,33 +65,30 @@ def packages_text(parts: BillOfMaterials) -> str:
     return f"{counted(len(names), 'package')} {parts.opamp}, {shown}{spare}"
 
 
-def part_columns(shown: int) -> dict[str, Callable[[PartLine], Shown]]:
-    """Return the columns of the parts of one value, of which `shown` have their names."""
+def part_columns(shown: int, nearest: str, standard: str = "") -> dict[str, Callable[[Any], Any]]:
+    """Return the columns of the parts of one value, of which `shown` have their names.
+
+    The column `nearest` has the nearest value that is sold, or `standard` for a value of a series.
+    """
 
     def names(line: PartLine) -> str:
         more = len(line.references) - shown
         return " ".join(line.references[:shown]) + (f" and {more} more" if more > 0 else "")
 
+    def sold(line: PartLine) -> str:
+        if (near := line.preferred) is None:
+            return standard
+        return f"{near.series}: {quantity(near.value, line.unit)} ({100 * near.deviation:+.2g} %)"
+
     return {
-        "part": lambda line: line.kind,
-        "value": lambda line: number_cell(line.value, line.unit),
+        **fields("part = kind; value @unit"),
         "count": lambda line: len(line.references),
-        "tolerance": _tolerance,
+        "tolerance": lambda line: (
+            None if line.tolerance is None else Cell(percent(line.tolerance), line.tolerance)
+        ),
+        nearest: sold,
         "references": names,
     }
-
-
-def _tolerance(line: PartLine) -> Cell | None:
-    share = line.tolerance
-    return None if share is None else Cell(percent(share), share)
-
-
-def nearest_value(line: PartLine, standard: str) -> str:
-    """Return the nearest value that is sold, or `standard` for a value of a series."""
-    near = line.preferred
-    if near is None:
-        return standard
-    return f"{near.series}: {quantity(near.value, line.unit)} ({100 * near.deviation:+.2g} %)"
 
 
 def parts_csv(parts: BillOfMaterials) -> str:
@@ -107,20 +101,19 @@ def parts_csv(parts: BillOfMaterials) -> str:
 
 
 def _records(parts: BillOfMaterials) -> Iterator[dict[str, Any]]:
-    for line in parts.lines:
-        record = _record(line.references, printed_value(line.value, DIGITS), line.kind)
-        record |= {"Unit": line.unit}
-        if line.tolerance is not None:
-            record["Tolerance"] = repr(line.tolerance)
-        if (near := line.preferred) is not None:
-            record |= {"Preferred": printed_value(near.value, DIGITS), "Series": near.series}
-            record["Deviation"] = f"{near.deviation:.3g}"
-        yield record
-    names = tuple(package.reference for package in parts.packages)
-    yield _record(names, parts.opamp.upper(), "op-amp")
+    packages = tuple(package.reference for package in parts.packages)
+    opamps = {"Value": parts.opamp.upper(), "Kind": "op-amp"}
+    rows = [(line.references, _record(line)) for line in parts.lines] + [(packages, opamps)]
+    for names, record in rows:
+        yield {"Reference": ",".join(names), "Quantity": len(names), **record}
 
 
-def _record(references: tuple[str, ...], value: str, kind: str) -> dict[str, Any]:
-    """Return what every row has."""
-    listed = ",".join(references)
-    return {"Reference": listed, "Value": value, "Quantity": len(references), "Kind": kind}
+def _record(line: PartLine) -> dict[str, Any]:
+    record: dict[str, Any] = {"Value": printed_value(line.value, DIGITS), "Kind": line.kind}
+    record["Unit"] = line.unit
+    if line.tolerance is not None:
+        record["Tolerance"] = repr(line.tolerance)
+    if (near := line.preferred) is not None:
+        record |= {"Preferred": printed_value(near.value, DIGITS), "Series": near.series}
+        record["Deviation"] = f"{near.deviation:.3g}"
+    return record

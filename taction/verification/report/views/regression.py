@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
-from taction.system.charts import Axis, Chart, Curve, Outcome
+from taction.system.charts import TIME, Axis, Chart, Curve, Outcome
 from taction.verification.report.blocks import (
     BOTH,
     PAGE,
@@ -23,7 +25,6 @@ from taction.verification.report.blocks import (
 from taction.verification.report.texts import outcome_cell, readable, value_text
 from taction.verification.report.views.checks import check_bar
 from taction.verification.report.views.origin import origin_section
-from taction.verification.studies.regression.baseline import Entry
 from taction.verification.studies.regression.run import RegressionReport, SceneResult, Status
 from taction.verification.verdict.cause import causes
 from taction.verification.verdict.compare import Difference
@@ -94,12 +95,9 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
     name = f"{result.file}: {result.status.value}" if medium == TERMINAL else ""
     if lines or name:
         yield Notes(name, tuple(map(readable, lines)))
-    columns = {
+    columns: dict[str, Callable[[Difference], Any]] = {
         "what": lambda each: each.label,
-        "value": lambda each: readable(stored_value(each.second, each.unit)),
-        "baseline": lambda each: readable(stored_value(each.first, each.unit)),
-        "difference": lambda each: readable(stored_value(each.difference, each.unit)),
-        "tolerance": lambda each: readable(stored_value(each.allowed, each.unit)),
+        **{title: partial(_stored, name=name) for title, name in VALUES.items()},
         "times": lambda each: _off(each.off),
         "note": lambda each: each.note,
     }
@@ -111,6 +109,15 @@ def _scene(result: SceneResult, medium: str) -> Iterator[Block]:
         yield from _waveforms(result)
     if result.checks and medium == PAGE:
         yield Bars("Checks", tuple(check_bar(check) for check in result.checks))
+
+
+VALUES = {
+    "value": "second", "baseline": "first", "difference": "difference", "tolerance": "allowed",
+}  # fmt: skip
+
+
+def _stored(change: Difference, name: str) -> str:
+    return readable(stored_value(getattr(change, name), change.unit))
 
 
 def _joined(rows: tuple[Row, ...]) -> tuple[Row, ...]:
@@ -128,28 +135,17 @@ def _joined(rows: tuple[Row, ...]) -> tuple[Row, ...]:
 def _waveforms(result: SceneResult) -> Iterator[Chart]:
     """Yield the output that changed most, now and in the baseline."""
     now, then = result.entry, result.baseline
-    moved = [each for each in result.changes if each.group == "waveforms"]
-    known = [each.name for each in moved if now and then and _has_both(each.name, now, then)]
-    if now is None or then is None or not known:
+    moved = [each.name for each in result.changes if each.group == "waveforms"]
+    if now is None or then is None:
         return
-    name = known[0]
-    yield Chart(
-        f"Output {name}",
-        Axis("time", "s"),
-        Axis("output", "V"),
-        (
+    for name in [each for each in moved if each in now.outputs and each in then.outputs][:1]:
+        marks = (
             Curve(then.time, then.outputs[name], "baseline", "muted", "dash", width=2.5),
             Curve(now.time, now.outputs[name], "now"),
-        ),
-        message="now and in the baseline",
-        summary=f"The output that changed most, {name}; dashed: the baseline.",
-        legend="inside",
-        height=300,
-    )
-
-
-def _has_both(name: str, now: Entry, then: Entry) -> bool:
-    return name in now.outputs and name in then.outputs
+        )
+        text = f"The output that changed most, {name}; dashed: the baseline."
+        title, said = f"Output {name}", "now and in the baseline"
+        yield Chart(title, TIME, Axis("output", "V"), marks, said, text)
 
 
 def _off(off: float) -> Cell:

@@ -9,7 +9,7 @@ from taction.system.charts import Outcome
 from taction.verification.evidence.stress.catalogue import Case
 from taction.verification.evidence.stress.run import CaseJudgement, CaseRun, StressReport
 from taction.verification.report.blocks import BOTH, Cell, Notes, Page, Section, Table
-from taction.verification.report.texts import figure, number_cell, outcome_cell
+from taction.verification.report.texts import fields, figure, outcome_cell
 
 OUTCOMES: dict[CaseJudgement, Outcome] = {
     CaseJudgement.RIGHT: "pass",
@@ -65,8 +65,7 @@ def _results(runs: Iterable[CaseRun]) -> Table:
     "outside" counts the numbers whose true error is larger than the stated one.
     """
     columns = {
-        "case": lambda run: run.case.name,
-        "engine": lambda run: run.engine,
+        **fields("case = case.name; engine"),
         "outcome": lambda run: outcome_cell(run.outcome, OUTCOMES[run.judgement]),
         "worst quantity": lambda run: run.worst and run.worst.name,
         "true error": lambda run: run.worst and _error(run.worst.error, run.worst.unit),
@@ -74,7 +73,7 @@ def _results(runs: Iterable[CaseRun]) -> Table:
         "outside": lambda run: (
             run.worst and Cell(f"{run.outside} of {len(run.comparisons)}", run.outside)
         ),
-        "time": lambda run: number_cell(run.seconds, "s", 2),
+        **fields("time = seconds s 2"),
     }
     return Table.of("Results", runs, columns)
 
@@ -85,10 +84,9 @@ def _error(error: float, unit: str) -> Cell:
 
 def _cases(family: str, cases: Iterable[Case]) -> Table:
     columns = {
-        "case": lambda case: case.name,
-        "hard because": lambda case: case.why,
+        **fields("case = name; hard because = why"),
         "right outcome": lambda case: ", ".join(_outcomes(case)),
-        "known from": lambda case: case.known,
+        **fields("known from = known"),
     }
     return Table.of(family, (case for case in cases if case.family == family), columns)
 

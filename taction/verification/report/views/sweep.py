@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,6 @@ from taction.verification.report.blocks import (
     Page,
     Section,
     Table,
-    cell,
 )
 from taction.verification.report.texts import (
     LEAST_SHARE,
@@ -129,20 +129,11 @@ def _axes(plan: Plan) -> Iterator[tuple[str, str]]:
         yield each.name, f"{counted(len(each), 'value')}, {ends}"
 
 
-def _data(result: SweepResult) -> tuple[dict[str, Any], Names]:
-    """Return the figures and the results over the grid."""
-    return grids(result), result_names(result)
-
-
 def _worth(data: Mapping[str, Any]) -> tuple[list[str], tuple[str, ...]]:
     """Return the quantities with a chart, and what is to be said of the others."""
     empty = [name for name in SHOWN if not np.isfinite(data[name]).any()]
-    little = [
-        name
-        for name in SHOWN
-        if name not in empty and FIGURES[name].unit == "step"
-        and np.nanmax(data[name]) < LEAST_SHARE
-    ]  # fmt: skip
+    shares = (name for name in SHOWN if name not in empty and FIGURES[name].unit == "step")
+    little = [name for name in shares if np.nanmax(data[name]) < LEAST_SHARE]
     said = (("No value at any point", empty), ("Under 1 ppm of the step where it has one", little))
     lines = tuple(f"{what}: {', '.join(map(spaced, names))}." for what, names in said if names)
     return [name for name in SHOWN if name not in (*empty, *little)], lines
@@ -154,17 +145,17 @@ def _charts(result: SweepResult) -> Iterator[Block]:
         text = f"{len(plan.groups)} axes: pictures have at most {MOST_AXES}; --export writes all."
         yield Notes("", (text,))
         return
-    data, names = _data(result)
+    data, names = grids(result), result_names(result)
+    lines: tuple[str, ...] = ()
     if len(plan.groups) == MOST_AXES:
-        lines: tuple[str, ...] = ()
-        charts = itertools.chain.from_iterable(_multiples(plan, data, names))
+        charts = _multiples(plan, data, names)
     else:
         shown, lines = _worth(data)
-        charts = itertools.chain(_one_or_two(plan, data, names, shown))
+        charts = _one_or_two(plan, data, names, shown)
     for first in itertools.islice(charts, 1):
         yield replace(first, summary=f"{first.summary} Engine: {ENGINES[plan.engine]}.".strip())
     yield from charts
-    yield from [Notes("", lines)] * bool(lines)
+    yield Notes("", lines)
 
 
 def _one_or_two(
@@ -182,7 +173,7 @@ def _one_or_two(
         yield plane.quantity(name, data[name])
 
 
-def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[tuple[Chart, Chart]]:
+def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[Chart]:
     """Yield what fails and the settling time over two axes, for values of the third."""
     third, looks = plan.groups[2][0], looks_of(names.ravel().tolist())
     places = chosen_places(len(third))
@@ -192,8 +183,8 @@ def _multiples(plan: Plan, data: dict[str, Any], names: Names) -> Iterator[tuple
     for k in places:
         where = f" at {third.name} = {place_text(third, third.values[k])}"
         plane = Plane(plan, data["growth_rate"][:, :, k], where)
-        values = data[SHOWN[0]][:, :, k]
-        yield plane.outcomes(names[:, :, k], looks), plane.quantity(SHOWN[0], values, limits)
+        yield plane.outcomes(names[:, :, k], looks)
+        yield plane.quantity(SHOWN[0], data[SHOWN[0]][:, :, k], limits)
 
 
 def chosen_places(count: int) -> list[int]:
@@ -242,25 +233,14 @@ def _points(result: SweepResult) -> Table:
 
 
 def _table(plan: Plan, title: str, listed: Sequence[dict[str, Any]], *, why: bool = False) -> Table:
-    figures = columns_of(plan.scene)
-    last = ("why",) * why
-    titles = (
-        *(a.name for a in plan.axes),
-        "outcome",
-        *(banded(name, band_of(plan)) for name in figures),
-        *last,
-    )
-    rows: Iterator[tuple[Any, ...]] = (
-        (
-            *(_value(record["values"][each.name], each) for each in plan.axes),
-            outcome_cell(record["outcome"]),
-            *(figure_cell(record, name) for name in figures),
-            *(_why(record) for _ in last),
-        )
-        for record in listed
-    )
-    cells = tuple(tuple(map(cell, row)) for row in rows)
-    return Table(title, titles, cells, heads=len(plan.axes))
+    columns: dict[str, Callable[[dict[str, Any]], Any]] = {
+        each.name: partial(_value, where=each) for each in plan.axes
+    }
+    columns["outcome"] = lambda record: outcome_cell(record["outcome"])
+    for name in columns_of(plan.scene):
+        columns[banded(name, band_of(plan))] = partial(figure_cell, name=name)
+    columns |= {"why": _why} if why else {}
+    return replace(Table.of(title, listed, columns), heads=len(plan.axes))
 
 
 def figure_cell(record: Mapping[str, Any], name: str) -> Cell:
@@ -274,7 +254,8 @@ def _why(record: dict[str, Any]) -> str:
     return readable(f"{spaced(name) if name.isidentifier() else name}{colon}{rest}")
 
 
-def _value(value: Any, where: axes.SweepAxis) -> Cell:
+def _value(record: Mapping[str, Any], where: axes.SweepAxis) -> Cell:
+    value = record["values"][where.name]
     if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
         return Cell(quantity(float(value), where.key.unit), float(value))
     return Cell(str(value))

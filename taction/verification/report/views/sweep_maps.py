@@ -33,6 +33,15 @@ ENGINES = OpenTable(
 )
 """Names of the engines for people."""
 Names = np.ndarray[Any, Any]
+OUTCOME = (
+    "The result of every point. Of several checks that fail the first one is shown, stability"
+    " before all others.{} A grey or empty cell has no value."
+)
+EDGE = (
+    " Thick line: stability boundary, interpolated between the points; `taction onset` finds every"
+    " crossing along an axis."
+)
+UNSTABLE = "unstable by its poles"
 
 
 def place_text(where: axes.SweepAxis, value: Any) -> str:
@@ -73,48 +82,37 @@ class Plane:
     def note(self) -> str:
         """Where the board is stable, for the caption."""
         if self.edge is not None:
-            return (
-                " Thick line: stability boundary, interpolated between the points; `taction onset`"
-                " finds every crossing along an axis."
-            )
+            return EDGE
         if (self.growth > 0.0).any() and (self.growth < 0.0).any():
             return " Stable at some points, unstable at others: no line is between listed values."
         where = "at every point" if np.isfinite(self.growth).all() else "where it is known"
         return f" Stability is the same {where}."
 
+    def chart(self, title: str, mark: Mark, message: str, summary: str) -> Chart:
+        """Return a chart of the plane with its boundary."""
+        marks = (mark,) if self.edge is None else (mark, self.edge)
+        message = f"{message}{self.where}"
+        return Chart(title, self.x, self.y, marks, message, summary, legend="below", height=420)
+
     def outcomes(self, names: Names, looks: dict[str, Look]) -> Chart:
         """Return what each point says."""
-        marks: list[Mark] = [Cells(self.across, self.down, names.T, looks)]
-        summary = (
-            "The result of every point. Of several checks that fail the first one is shown,"
-            f" stability before all others.{self.note} A grey or empty cell has no value."
-        )
-        marks += [self.edge] if self.edge is not None else []
         passing, total = int((names == "pass").sum()), int((names != "").sum())
-        verb = "passes" if passing == 1 else "pass"
-        message = f"{passing} of {total} points {verb}{self.where}"
-        return Chart("Outcome", self.x, self.y, tuple(marks), message, summary, (), "below", 440)
+        text = f"{passing} of {total} points {'passes' if passing == 1 else 'pass'}"
+        cells = Cells(self.across, self.down, names.T, looks)
+        return self.chart("Outcome", cells, text, OUTCOME.format(self.note))
 
     def quantity(
         self, name: str, values: Floats, limits: tuple[float, float] | None = None
     ) -> Chart:
         """Return the values (n, m) of a quantity as colours."""
-        unit, signed = FIGURES[name].unit, name == "growth_rate"
-        scale = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
-        heat = Grid(
-            self.across, self.down, values.T, unit, scale,  # type: ignore[arg-type]
-            limits=limits, warm="positive",
-        )  # fmt: skip
-        title = titled(name, self.band)
+        unit, title, signed = FIGURES[name].unit, titled(name, self.band), name == "growth_rate"
+        scale: Any = "signed" if signed else "log" if name in LOGARITHMIC else "linear"
+        heat = Grid(self.across, self.down, values.T, unit, scale, limits=limits, warm="positive")
         colours = " The strongest colour is the largest value."
         if signed:
             colours = " Blue decays, orange grows."
-        summary = (
-            f"{title} over {self.x.title} and {self.y.title}.{colours} Empty: no value.{self.note}"
-        )
-        marks = (heat,) if self.edge is None else (heat, self.edge)
-        message = f"{extent(values, unit)}{self.where}"
-        return Chart(title, self.x, self.y, marks, message, summary, (), "", 400)
+        text = f"{title} over {self.x.title} and {self.y.title}.{colours}"
+        return self.chart(title, heat, extent(values, unit), f"{text} Empty: no value.{self.note}")
 
 
 def band_of(plan: Plan) -> float | None:
@@ -128,48 +126,41 @@ def extent(values: Floats, unit: str) -> str:
     known = values[np.isfinite(values)]
     if not len(known):
         return "no point has a value"
-    low, high = (figure(float(end), unit, 3) for end in (known.min(), known.max()))
-    return low if low == high else f"{low} to {high}"
+    return " to ".join(dict.fromkeys(figure(float(v), unit, 3) for v in (known.min(), known.max())))
 
 
 def curve_of(
     plan: Plan, name: str, data: dict[str, Any], names: Names, looks: dict[str, Look]
 ) -> Chart:
     """Return a quantity over one axis; the mark is the result of the point."""
-    unit, values = FIGURES[name].unit, data[name]
+    unit, values, band = FIGURES[name].unit, data[name], band_of(plan)
     x, places = axis_of(plan.groups[0][0])
     marks: list[Mark] = list(_unstable(data["growth_rate"], places))
     if x.scale != "names":
         marks.append(Curve(places, values, "", "muted", width=0.8, behind=True))
     for kind, look in looks.items():
-        there = names == kind
+        there, shade = names == kind, look.colour
         if there.any():
             hover = tuple(figure(v, unit) for v in values[there].tolist())
-            marks.append(
-                Curve(places[there], values[there], kind, look.colour, "", look.mark,
-                      size=7.0, hover=hover)
-            )  # fmt: skip
+            own = places[there], values[there], kind, shade
+            marks.append(Curve(*own, line="", mark=look.mark, size=7.0, hover=hover))
     known = np.abs(values[np.isfinite(values)])
-    wide = len(known) and known.min() > 0.0 and known.max() > 10.0 * known.min()
-    log = wide and name != "growth_rate"
+    low, high = float(known.min(initial=np.inf)), float(known.max(initial=0.0))
+    log = name != "growth_rate" and 0.0 < 10.0 * low < high
     limits = None
     if log and unit == "step":  # below `LEAST_SHARE` lies rounding
-        limits = (max(float(known.min()), LEAST_SHARE) * 0.8, float(known.max()) * 1.25)
-    title = titled(name, band_of(plan))
-    y = Axis(banded(name, band_of(plan)), unit, "log" if log else "linear", limits)
+        limits = (max(low, LEAST_SHARE) * 0.8, high * 1.25)
+    y = Axis(banded(name, band), unit, "log" if log else "linear", limits)
+    title, said = titled(name, band), extent(values, unit)
     summary = f"{title} over {x.title}; the mark is the result of the point."
-    return Chart(
-        title, x, y, tuple(marks), extent(values, unit), summary, (), "beside", 340
-    )  # fmt: skip
+    return Chart(title, x, y, tuple(marks), said, summary, legend="beside")
 
 
 def _unstable(growth: Floats, places: Floats) -> Iterator[Band]:
     """Yield the parts of an axis whose points are unstable by their poles."""
-    grows = growth > 0.0
-    between = 0.5 * (places[1:] + places[:-1])
-    edges = [places[0], *between, places[-1]]
-    for _, run in itertools.groupby(enumerate(grows.tolist()), key=lambda pair: pair[1]):
+    edges = [places[0], *0.5 * (places[1:] + places[:-1]), places[-1]]
+    for grows, run in itertools.groupby(range(len(places)), key=(growth > 0.0).__getitem__):
         own = list(run)
-        if own[0][1]:
-            low, high = edges[own[0][0]], edges[own[-1][0] + 1]
-            yield Band(float(low), float(high), "x", "unstable by its poles", "fail", hatched=True)
+        if grows:
+            ends = float(edges[own[0]]), float(edges[own[-1] + 1])
+            yield Band(*ends, "x", UNSTABLE, "fail", hatched=True)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from taction.system.charts import Axis, Chart, Columns, Limit, View
+from taction.system.charts import Axis, Chart, Columns, Limit
 from taction.system.quantities import readable
 from taction.system.reading_definitions import EXCURSIONS, READINGS, TIMES
 from taction.verification.report.blocks import (
@@ -25,7 +26,6 @@ from taction.verification.report.blocks import (
     Notes,
     Page,
     Section,
-    Shown,
     Table,
 )
 from taction.verification.report.texts import (
@@ -46,7 +46,6 @@ from taction.verification.report.views.board import (
 )
 from taction.verification.report.views.checks import (
     MARGINS,
-    bars_of_a_picture,
     check_bars,
     decisive_text,
 )
@@ -61,7 +60,7 @@ from taction.verification.report.views.waveforms import (
 from taction.verification.studies.tolerance.varied_board import VerifiedSample
 from taction.verification.verdict.answer_error import worst_channel
 from taction.verification.verdict.checks import Outcome
-from taction.verification.verdict.error_budget import ErrorBudget, ErrorPart
+from taction.verification.verdict.error_budget import ErrorPart
 from taction.verification.verdict.headroom import Load
 from taction.verification.verdict.record import Channel, Record
 from taction.verification.verdict.verify import Verdict
@@ -69,6 +68,11 @@ from taction.verification.verdict.verify import Verdict
 LOADS = 16  # of op-amps that are shown
 ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of the step: a smaller part is rounding
 LEAST = 1e-9  # of the largest stress: a smaller part has no number
+REACH = "What the outputs of the op-amps reach, as parts of the limits of the data sheet."
+LIMITED = (
+    " The simulated op-amps have these limits. A bar beyond its limit is what the same op-amp"
+    " without limits would have to do."
+)
 
 
 def view(
@@ -101,7 +105,7 @@ def view(
             Section("Stability", lambda: stability_blocks(circuit, verdict.poles)),
             Section("Active sets", lambda: active_set_blocks(verdict), media=detailed),
             Section("Recovered stress", lambda: (stress_chart(verdict),), media=DRAWN),
-            Section("Checks", (Bars("", bars_of_a_picture(verdict)),), media=(PICTURE,)),
+            Section("Checks", lambda: (Bars("", check_bars(verdict)),), media=(PICTURE,)),
             Section("Error budget", lambda: _waterfall_of(verdict)),
             Section("Error budget", lambda: budget_blocks(verdict), media=detailed),
             Section("Headroom", lambda: headroom_blocks(verdict), media=BOTH),
@@ -171,7 +175,7 @@ def channel_table(channels: Sequence[Channel], band: float, noise: Sequence[floa
     def volts(name: str) -> Callable[[Channel], Cell]:
         return lambda each: number_cell(each.figures.get(name), "V")
 
-    columns: dict[str, Callable[[Channel], Shown]] = {
+    columns: dict[str, Callable[[Channel], Any]] = {
         "channel": lambda each: Cell(f"u{each.index}", each.index),
         "target": volts("reference"),
     }
@@ -210,12 +214,7 @@ def headroom_blocks(verdict: Verdict) -> tuple[Block, ...]:
         text = "No op-amp of this board has a limit of slew rate, swing or current in its model."
         return (Notes("", (text,)),)
     limited = not verdict.circuit.is_small_signal
-    note = "What the outputs of the op-amps reach, as parts of the limits of the data sheet."
-    if limited:
-        note += (
-            " The simulated op-amps have these limits. A bar beyond its limit is what the same"
-            " op-amp without limits would have to do."
-        )
+    note = REACH + LIMITED * limited
     more = len(loads) - LOADS
     note += f" {more} smaller loads are not shown." if more > 0 else ""
     return (load_bars(loads, note, limited=limited),)
@@ -227,21 +226,40 @@ def load_bars(loads: Iterable[Load], note: str = "", *, limited: bool = False) -
     `limited` says whether the simulated op-amps have the limits, so that a load above them decides
     nothing.
     """
-    ordered = sorted(loads, key=lambda load: -load.share)[:LOADS]
+
+    def value(load: Load) -> str:
+        at = "at rest" if math.isinf(load.at) else f"at {figure(load.at, 's', 3)}"
+        slews = f", slews for {figure(load.slewing, 's', 2)}" if load.slewing else ""
+        return f"{figure(load.peak, load.unit, 3)} {at}{slews}"
+
     rows = tuple(
         Bar(
             name=f"{load.quantity} of {load.part}",
             outcome="" if limited else "fail" if load.share > 1.0 else "pass",
             share=load.share,
             doubt=(load.error if math.isfinite(load.error) else 0.0) / load.limit,
-            value=f"{figure(load.peak, load.unit, 3)} "
-            + ("at rest" if math.isinf(load.at) else f"at {figure(load.at, 's', 3)}")
-            + (f", slews for {figure(load.slewing, 's', 2)}" if load.slewing else ""),
+            value=value(load),
             limit=f"at most {figure(load.limit, load.unit, 3)}",
         )
-        for load in ordered
+        for load in sorted(loads, key=lambda load: -load.share)[:LOADS]
     )
     return Bars("", rows, note)
+
+
+def _least(verdict: Verdict) -> float:
+    """Return the size below which a part of the budget is rounding, V."""
+    known = verdict.ideal.error if math.isfinite(verdict.ideal.error) else 0.0
+    return max(known, ROUNDING) * verdict.measurements.amplitude
+
+
+def _volts(value: float | None, verdict: Verdict) -> Cell:
+    """Return a part of the error, V; one too small to matter has no number, and sorts as none."""
+    if value is None or not math.isfinite(value):
+        return Cell("unknown")
+    if 0.0 < abs(value) <= _least(verdict):
+        return Cell("below rounding")
+    known = not value or abs(value) > LEAST * verdict.answer.unit
+    return Cell(quantity(value, "V", 3) if known else "under 1 ppb", value)
 
 
 def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
@@ -250,45 +268,23 @@ def budget_blocks(verdict: Verdict) -> tuple[Block, ...]:
     parts, total = list(budget), budget.total
     if not parts:
         return ()
-    worst, least = _worst(budget), _rounding(verdict)
+    columns: dict[str, Callable[[ErrorPart], Any]] = {
+        "error": lambda part: spaced(part.name),
+        "largest of any channel": lambda part: _volts(part.value, verdict),
+        "of the largest stress": lambda part: _share_of(part, unit, _least(verdict)),
+    }
+    note = f"% {of_unit(verdict.answer)}."
     if total is not None:
-        sums = tuple(budget.summed)
+        sums, worst = tuple(budget.summed), worst_channel(np.array(total.channels))
         parts.append(ErrorPart("sum of the parts", max(map(abs, sums)), "", channels=sums))
         parts.append(ErrorPart("whole", total.value, total.how, channels=total.channels))
-    columns: dict[str, Callable[[ErrorPart], Shown]] = {
-        "error": lambda part: spaced(part.name),
-        "largest of any channel": lambda part: _largest(part, unit, least),
-        "of the largest stress": lambda part: _share_of(part, unit, least),
-    }
-    if worst is not None:
         columns[f"channel {worst + 1}"] = lambda part: (
-            Cell(_volts(part.channels[worst], unit, least), part.channels[worst])
-            if part.channels
-            else None
+            _volts(part.channels[worst], verdict) if part.channels else None
         )
-    columns["how it was found"] = _how
-    note = f"% {of_unit(verdict.answer)}."
-    if worst is None:
+    else:
         note += " The parts do not add up: a solution between them is not known."
+    columns["how it was found"] = lambda part: readable(part.how)
     return (Table.of("Parts of the error", parts, columns, note),)
-
-
-def _worst(budget: ErrorBudget) -> int | None:
-    return None if budget.total is None else worst_channel(np.array(budget.total.channels))
-
-
-def _rounding(verdict: Verdict) -> float:
-    """Return the size below which a part of the budget is rounding, V."""
-    known = verdict.ideal.error if math.isfinite(verdict.ideal.error) else 0.0
-    return max(known, ROUNDING) * verdict.measurements.amplitude
-
-
-def _largest(part: ErrorPart, unit: float, least: float) -> Cell:
-    """Return the value of a part, V; below rounding it sorts as no number."""
-    value = part.value
-    if value is None or not math.isfinite(value):
-        return Cell("unknown")
-    return Cell(_volts(value, unit, least), value if abs(value) > least else None)
 
 
 def _share_of(part: ErrorPart, unit: float, least: float) -> Cell | None:
@@ -298,108 +294,66 @@ def _share_of(part: ErrorPart, unit: float, least: float) -> Cell | None:
     return Cell(figure(value / unit, "step", 3), value)
 
 
-def _how(part: ErrorPart) -> str:
-    return readable(part.how)
-
-
-def _volts(value: float, unit: float, least: float) -> str:
-    """Return a part of the error, V; parts too small to matter have no number."""
-    if 0.0 < abs(value) <= least:
-        return "below rounding"
-    return quantity(value, "V", 3) if not value or abs(value) > LEAST * unit else "under 1 ppb"
-
-
 def _waterfall_of(verdict: Verdict) -> tuple[Block, ...]:
     """Return the signed parts of the worst channel, each from the sum of those before."""
-    budget, unit, worst = verdict.budget, verdict.answer.unit, _worst(verdict.budget)
-    if budget.total is None or worst is None:
+    budget, total = verdict.budget, verdict.budget.total
+    if total is None:
         return ()
-    least = _rounding(verdict)
+    worst = worst_channel(np.array(total.channels))
     links = {part.name: part.channels[worst] for part in budget if part.channels}
-    whole = budget.total.channels[worst]
-    steps = np.array([*links.values()])
-    ends = np.concatenate([[0.0], np.cumsum(steps)])
+    steps, whole = [*links.values()], total.channels[worst]
     names = (*map(spaced, links), "whole")
-    texts = tuple(_volts(step, unit, least) for step in (*steps.tolist(), whole))
     bars = Columns(
         np.arange(len(names)),
         [*steps, whole],
         "y",
-        [*ends[:-1], 0.0],
+        [0.0, *np.cumsum(steps)[:-1], 0.0],
         looks=(*("fail" if step < 0.0 else "pass" for step in steps), "band"),
-        written=texts,
+        written=tuple(_volts(step, verdict).text for step in (*steps, whole)),
     )
     unknown = [spaced(p.name) for p in budget if p.value is None or not math.isfinite(p.value)]
+    size, largest = quantity(whole, "V", 3), max(links, key=lambda name: abs(links[name]))
     summary = (
         f"From one solution to the next: the parts of channel {worst + 1}, which has the largest"
-        f" whole error, {quantity(whole, 'V', 3)}, add up to it. Solid blue bars raise the output,"
+        f" whole error, {size}, add up to it. Solid blue bars raise the output,"
         " hatched orange bars lower it." + f" Not known: {', '.join(unknown)}." * bool(unknown)
     )
-    largest = max(links, key=lambda name: abs(links[name]))
     return (
         Chart(
             "Waterfall",
             Axis(f"error of channel {worst + 1}", "V"),
             Axis(scale="names", names=names, reverse=True),
             (bars, Limit(0.0, line="solid")),
-            f"{quantity(whole, 'V', 3)} in channel {worst + 1}, most of it {spaced(largest)}",
+            f"{size} in channel {worst + 1}, most of it {spaced(largest)}",
             summary,
-            _steps_views(ends.tolist(), whole),
-            legend="",
-            height=90 + 34 * len(names),
-            zoom=False,
         ),
     )
-
-
-def _steps_views(ends: Sequence[float], whole: float) -> tuple[View, ...]:
-    """Return the whole waterfall, and one from which the largest part is left out."""
-    sizes = np.abs(np.diff(ends))
-    if len(sizes) < 2:
-        return ()
-    everything = View("every part", _around([0.0, whole, *ends]))
-    large = int(np.argmax(sizes))
-    if large not in (0, len(sizes) - 1):
-        return (everything,)
-    rest = ends[1:] if large == 0 else ends[:-1]
-    return everything, View("without the largest part", _around(rest))
-
-
-def _around(values: Sequence[float]) -> tuple[float, float]:
-    low, high = min(values), max(values)
-    room = 0.15 * ((high - low) or abs(high) or 1.0)
-    return low - room, high + room
 
 
 def _effort(verdict: Verdict) -> Facts:
     """Return the requested and the reached error of the run, and its cost."""
     accuracy, waves, ideal = verdict.accuracy, verdict.waveforms, verdict.ideal
-    energy = verdict.energy
+    solution, energy = ideal.solution, verdict.energy
     reached = "unknown"
     if accuracy.achieved is not None:
         reached = f"{figure(accuracy.achieved, 'step')} of the step"
+    stop, band = quantity(verdict.transient.stop, "s"), verdict.measurements.band
+    certificate = f"{solution.certificate_kind} {solution.certificate:.2g}"
     rows = [
         ("requested error", f"{figure(accuracy.wanted, 'step')} of the step"),
         ("reached error", reached),
         ("how it is known", f"{accuracy.method} ({accuracy.how})"),
         ("simulation", f"{quantity(accuracy.seconds, 's', 3)}, tries: {accuracy.tries}"),
-        ("points", f"{waves.cost.points} up to {quantity(verdict.transient.stop, 's')}"),
+        ("points", f"{waves.cost.points} up to {stop}"),
         ("largest step", quantity(waves.spacing, "s", 3)),
+        ("reference", f"{certificate}, bound {solution.bound:.2g}"),
         (
-            "reference",
-            f"{ideal.solution.certificate_kind} {ideal.solution.certificate:.2g}, bound"
-            f" {ideal.solution.bound:.2g}",
-        ),
-        (
-            f"{banded('settling_time', verdict.measurements.band)} of the ideal network",
+            f"{banded('settling_time', band)} of the ideal network",
             quantity(ideal.settling_time, "s"),
         ),
     ]
     if energy is not None:
-        text = (
-            f"rises by {100 * energy.rise:.2g} % of its fall, at {quantity(energy.time, 's')}; that"
-            " of an ideal network never rises"
-        )
-        rows.append(("energy", text))
+        text = f"rises by {100 * energy.rise:.2g} % of its fall, at {quantity(energy.time, 's')}"
+        rows.append(("energy", f"{text}; that of an ideal network never rises"))
     stages = (f"{name} {seconds:.2f} s" for name, seconds in verdict.timing.items())
     return Facts("", (*rows, ("run time", ", ".join(stages))))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -13,11 +12,13 @@ from taction.netlist_gen.scene.inverse_problem import InverseProblem
 from taction.netlist_gen.scene.scene import Scene
 from taction.system.array_types import Floats
 from taction.system.charts import (
+    TIME,
     Axis,
     Band,
     Chart,
     Curve,
     Limit,
+    Limits,
     Mark,
     Text,
     View,
@@ -35,6 +36,7 @@ EARLY_POINTS = 0.3  # of them in the first rise
 EARLY = 10.0  # rise times, or periods of an oscillation, that a view of the first rise shows
 LABELLED = 12  # channels above which curves have no names beside them
 MARKED = 6  # channels with marks of the second engine, of those without names
+MARKS = 18  # of the second engine in a view
 SEPARATE = 0.055  # of the height: closer names become one
 OVER = 1.35  # times the supply and the targets: what is shown of a growing record
 SEEN = 20.0  # times the optimum: a larger end of the record is off the chart
@@ -45,8 +47,7 @@ def early_end(verdict: Verdict) -> float:
     rises = [c.rise_time.value for c in verdict.measurements.channels if c.rise_time is not None]
     if not rises and verdict.poles.frequency > 0.0:
         rises = [1.0 / verdict.poles.frequency]
-    end = float(verdict.waveforms.time[-1])
-    return min(EARLY * max(rises, default=math.inf), end)
+    return min(EARLY * max(rises, default=math.inf), float(verdict.waveforms.time[-1]))
 
 
 def channel_names(places: Iterable[int]) -> str:
@@ -63,36 +64,32 @@ def channel_names(places: Iterable[int]) -> str:
             runs[-1].append(n)
         else:
             runs.append([n])
-    parts = [
+    return ", ".join(
         f"u{run[0] + 1} to u{run[-1] + 1}" if len(run) > 2 else ", ".join(f"u{n + 1}" for n in run)
         for run in runs
-    ]
-    return ", ".join(parts)
+    )
 
 
 def outputs_chart(verdict: Verdict) -> Chart:
     """Return the outputs with their targets, and the second engine's as circles."""
     channels, time = verdict.measurements.channels, verdict.waveforms.time
-    count, end, early = len(channels), float(time[-1]), early_end(verdict)
+    count, end = len(channels), float(time[-1])
     targets, colours = [channel.target for channel in channels], spread_colours(count)
     low, high, cut = _window(verdict)
     marks: list[Mark] = list(_curves(verdict, time, verdict.u, 1.2))
     marks += (Limit(y, "y", "", look, "dot") for y, look in zip(targets, colours, strict=True))
-    second = _second(verdict)
-    if second is not None:
-        marks += _circles(verdict, *second)
-    settling = verdict.measurements.settling_time
-    if settling is not None:
-        marks.append(Limit(settling.value, "x", "", "muted"))
-    if count <= LABELLED:
-        marks += end_names(targets, low, high, colours)
+    marks += _circles(verdict)
     engines = verdict.waveforms.simulator.replace("statespace", "the state-space engine")
-    if second is not None:
+    if isinstance(marks[-1], Curve):
         engines += "; open circles: state-space engine"
         if count > LABELLED:
             engines += f", for {', '.join(f'u{n}' for n in _marked(count))}"
+    if (settling := verdict.measurements.settling_time) is not None:
+        marks.append(Limit(settling.value, "x", "", "muted"))
     looks = " Dashed curves: the second half of the channels." if count > 1 else ""
-    if count > LABELLED:
+    if count <= LABELLED:
+        marks += end_names(targets, low, high, colours)
+    else:
         looks = f" The colour goes from blue (u1) over violet to orange (u{count})."
     summary = (
         f"Outputs of {counted(count, 'channel')} from 0 to {quantity(end, 's')} by {engines}."
@@ -102,62 +99,43 @@ def outputs_chart(verdict: Verdict) -> Chart:
         largest = quantity(float(np.abs(verdict.u).max()), "V", 2)
         supply = quantity(verdict.circuit.supply, "V", 3)
         summary += f" The chart ends where the record grows to {largest}; the supply is ±{supply}."
-    views = [View("first rise", (0.0, early)), View("whole record", (0.0, end))]
+    views = [View("first rise", (0.0, early_end(verdict))), View("whole record", (0.0, end))]
     if verdict.poles.known_unstable:  # the first periods are flat beside the growth
         amplitude = verdict.measurements.amplitude or 1.0
         views.insert(0, View("growth", _up_to_supply(verdict, verdict.u / amplitude)[0]))
-    return Chart(
-        "Outputs",
-        Axis("time", "s"),
-        Axis("output", "V", limits=(low, high)),
-        tuple(marks),
-        _settled(verdict),
-        summary,
-        tuple(views),
-        height=420,
-    )
+    volts, said = Axis("output", "V", limits=(low, high)), _settled(verdict)
+    return Chart("Outputs", TIME, volts, tuple(marks), said, summary, tuple(views), height=420)
 
 
 def _curves(verdict: Verdict, time: Floats, columns: Floats, width: float) -> Iterator[Curve]:
     """Yield a curve for each channel; dashes tell symmetric channels apart."""
     count = columns.shape[1]
+    first = time <= early_end(verdict)
     for n, (column, look) in enumerate(zip(columns.T, spread_colours(count), strict=True), 1):
-        x, y = _shortened(verdict, time, column, count)
+        shares = ((first, EARLY_POINTS), (~first, 1.0 - EARLY_POINTS))
+        parts = [
+            thinned(time[part], column[part], int(share * POINTS / count)) for part, share in shares
+        ]
+        x, y = (np.concatenate(part) for part in zip(*parts, strict=True))
         dashed = n > (count + 1) // 2 and count <= LABELLED
         yield Curve(x, y, f"u{n}", look, "dash" if dashed else "solid", width=width, label="")
 
 
-def _shortened(verdict: Verdict, time: Floats, values: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return a curve with fewer points, of which the first rise has its share."""
-    first = time <= early_end(verdict)
-    budget = POINTS / count
-    if first.all():
-        return thinned(time, values, int(budget))
-    early = thinned(time[first], values[first], int(EARLY_POINTS * budget))
-    late = thinned(time[~first], values[~first], int((1.0 - EARLY_POINTS) * budget))
-    return np.concatenate([early[0], late[0]]), np.concatenate([early[1], late[1]])
-
-
-def _second(verdict: Verdict) -> tuple[Floats, Floats] | None:
-    """Return instants and outputs of the state-space engine beside a record of ngspice."""
+def _circles(verdict: Verdict) -> Iterator[Curve]:
+    """Yield the second engine's outputs beside a record of ngspice, evenly in both views."""
     agreement = verdict.agreement
     if agreement is None or agreement.reason:
-        return None
-    places = np.searchsorted(verdict.waveforms.time, agreement.instants)
-    return agreement.instants, verdict.u[places] - agreement.differences
-
-
-def _circles(verdict: Verdict, instants: Floats, other: Floats) -> Iterator[Curve]:
-    """Yield the second engine's outputs as circles, evenly in both views."""
-    early, end, each = early_end(verdict), float(instants[-1]), 18
-    wanted = np.concatenate([np.linspace(0.0, early, each), np.linspace(early, end, each)])
-    places = np.unique(np.minimum(np.searchsorted(instants, wanted), len(instants) - 1))
-    count = other.shape[1]
+        return
+    time, early, end = agreement.instants, early_end(verdict), float(agreement.instants[-1])
+    wanted = np.concatenate([np.linspace(0.0, early, MARKS), np.linspace(early, end, MARKS)])
+    places = np.unique(np.minimum(np.searchsorted(time, wanted), len(time) - 1))
+    own = verdict.u[np.searchsorted(verdict.waveforms.time, time[places])]
+    other, count = own - agreement.differences[places], own.shape[1]
     colours, marked = spread_colours(count), _marked(count)
     for n in marked:
         yield Curve(
-            instants[places], other[places, n - 1], "state-space engine", colours[n - 1], "",
-            "circle-open", size=4.5, label="legend" if n == marked[0] else "",
+            time[places], other[:, n - 1], "state-space engine", colours[n - 1], "", "circle-open",
+            size=4.5, label="legend" if n == marked[0] else "",
         )  # fmt: skip
 
 
@@ -169,8 +147,7 @@ def _marked(count: int) -> list[int]:
 
 def _settled(verdict: Verdict) -> str:
     """Return when the board settles, or that it does not."""
-    settling = verdict.measurements.settling_time
-    if settling is not None:
+    if verdict.measurements.settling_time is not None:
         return settled_text(verdict)
     states = {channel.state.value for channel in verdict.measurements.channels} - {"settled"}
     return f"not settled ({', '.join(sorted(states))})" if states else "not settled"
@@ -179,9 +156,8 @@ def _settled(verdict: Verdict) -> str:
 def settled_text(verdict: Verdict) -> str:
     """Return when a network settles, to which band: ``"settled to ±1 % at 2.42 ms"``."""
     found = verdict.measurements
-    time = found.settling_time
-    at = "–" if time is None else quantity(time.value, "s")
-    return f"{banded('settled', found.band)} at {at}"
+    at = None if found.settling_time is None else found.settling_time.value
+    return f"{banded('settled', found.band)} at {quantity(at, 's')}"
 
 
 def _window(verdict: Verdict) -> tuple[float, float, bool]:
@@ -206,8 +182,7 @@ def end_names(
     """Yield the names of the channels at their targets; neighbours share a label, by `name`."""
     groups: list[list[int]] = []
     for n in sorted(range(len(targets)), key=targets.__getitem__):
-        near = groups and targets[n] - targets[groups[-1][-1]] < SEPARATE * (high - low)
-        if near:
+        if groups and targets[n] - targets[groups[-1][-1]] < SEPARATE * (high - low):
             groups[-1].append(n)
         else:
             groups.append([n])
@@ -220,38 +195,30 @@ def end_names(
 def deviation_chart(verdict: Verdict) -> Chart:
     """Return the deviation from the targets as part of the step, with the settling band."""
     m, time = verdict.measurements, verdict.waveforms.time
-    end, band, amplitude = float(time[-1]), m.band, m.amplitude or 1.0
-    off = (verdict.u - np.array([c.target for c in m.channels])) / amplitude
+    end, band = float(time[-1]), m.band
+    off = (verdict.u - np.array([c.target for c in m.channels])) / (m.amplitude or 1.0)
     marks: list[Mark] = [Band(-band, band, "y"), *_curves(verdict, time, off, 0.8)]
-    inside, settled = "not every", "the board does not settle within the record"
-    views = [View("first rise", (0.0, early_end(verdict)), (-1.3, 1.3))]
     largest = float(np.nanmax(np.abs(off), initial=0.0)) * 1.05 or 1.0
-    views.append(View("everything", (0.0, end), (-largest, largest)))
     if m.settling_time is None:
-        views.insert(0, View("up to the supply", *_up_to_supply(verdict, off / 1.05)))
+        inside, settled = "not every", "the board does not settle within the record"
+        first = View("up to the supply", *_up_to_supply(verdict, off / 1.05))
     else:
-        settled = f"dashed: {settled_text(verdict)}"
-        inside = "every"
+        inside, settled = "every", f"dashed: {settled_text(verdict)}"
         marks.append(Limit(m.settling_time.value, "x"))
-        views.insert(0, View("around the band", (0.0, end), (-6.0 * band, 6.0 * band)))
+        first = View("around the band", (0.0, end), (-6.0 * band, 6.0 * band))
+    rise = View("first rise", (0.0, early_end(verdict)), (-1.3, 1.3))
+    views = first, rise, View("everything", (0.0, end), (-largest, largest))
+    width = f"±{100 * band:g} %"
+    said = f"{inside} channel stays within {width}"
     summary = (
-        f"Output minus target of every channel; shaded: the band of ±{100 * band:g} % of the step"
+        f"Output minus target of every channel; shaded: the band of {width} of the step"
         f" of {quantity(m.amplitude, 'V')}; {settled}."
     )
-    return Chart(
-        "Deviation from the targets",
-        Axis("time", "s"),
-        Axis("deviation", "step"),
-        tuple(marks),
-        f"{inside} channel stays within ±{100 * band:g} %",
-        summary,
-        tuple(views),
-        legend="",
-        height=360,
-    )
+    y = Axis("deviation", "step")
+    return Chart("Deviation from the targets", TIME, y, tuple(marks), said, summary, views)
 
 
-def _up_to_supply(verdict: Verdict, off: Floats) -> tuple[tuple[float, float], tuple[float, float]]:
+def _up_to_supply(verdict: Verdict, off: Floats) -> tuple[Limits, Limits]:
     """Return the part of a record that does not settle up to where it exceeds the supply."""
     time, end = verdict.waveforms.time, float(verdict.waveforms.time[-1])
     reach = verdict.circuit.supply / (verdict.measurements.amplitude or 1.0)
@@ -268,17 +235,15 @@ def difference_chart(verdict: Verdict) -> Chart | None:
     if agreement is None or agreement.reason:
         return None
     scale = 1.0 / (verdict.measurements.amplitude or agreement.unit)
-    largest = figure(agreement.difference * scale, "step")
+    largest = f"{figure(agreement.difference * scale, 'step')} of the step"
     return Chart(
         "ngspice minus the state-space engine",
-        Axis("time", "s", limits=(0.0, float(verdict.waveforms.time[-1]))),
+        replace(TIME, limits=(0.0, float(verdict.waveforms.time[-1]))),
         Axis("difference", "step"),
         tuple(_curves(verdict, agreement.instants, scale * agreement.differences, 0.8)),
-        f"apart by at most {largest} of the step",
-        f"The largest difference is {largest} of the step, in u{agreement.channel + 1} at"
+        f"apart by at most {largest}",
+        f"The largest difference is {largest}, in u{agreement.channel + 1} at"
         f" {quantity(agreement.time, 's')}; accepted: {figure(agreement.limit, 'step')}.",
-        legend="",
-        height=300,
     )
 
 
@@ -287,9 +252,10 @@ def nodes_view(wave: Waveforms, nodes: Sequence[str] | None = None) -> Page:
     drawn = wave.nodes if nodes is None else tuple(nodes)
     pairs = zip(drawn, spread_colours(len(drawn)), strict=True)
     marks = tuple(Curve(wave.time, wave[node], node, colour, width=1.0) for node, colour in pairs)
-    legend: Literal["beside", ""] = "beside" if len(drawn) <= LABELLED else ""
-    time = Axis("time", "s", limits=(0.0, float(wave.time[-1])))
-    chart = Chart("Voltages", time, Axis("voltage", "V"), marks, legend=legend)
+    time = replace(TIME, limits=(0.0, float(wave.time[-1])))
+    named = len(drawn) <= LABELLED
+    axes = time, Axis("voltage", "V")
+    chart = Chart("Voltages", *axes, marks, legend="beside" if named else "")
     section = Section("", (chart,), media=(PICTURE,))
     return Page(wave.engine, "", summary=counted(len(drawn), "node"), sections=(section,))
 
@@ -300,18 +266,12 @@ def stress_chart(verdict: Verdict) -> Chart:
     optimum = np.array([c.target for c in channels]) / unit
     final = np.array([c.final for c in channels]) / unit
     far = np.abs(final).max() >= SEEN * (np.abs(optimum).max() + 1e-300)
-    chart = recovered_stress(
-        verdict.problem,
-        verdict.scene,
-        optimum,
-        verdict.steady.values / unit,
-        None if far else final,
-    )
+    rest, shown = verdict.steady.values / unit, None if far else final
+    chart = recovered_stress(verdict.problem, verdict.scene, optimum, rest, shown)
     names = ", ".join(mark.name for mark in chart.marks if isinstance(mark, Curve))
     text = " The end of the record is far off this chart." * bool(far)
-    return replace(
-        chart, message=answer_heading(verdict.answer), summary=f"Stress by channel: {names}.{text}"
-    )
+    summary = f"Stress by channel: {names}.{text}"
+    return replace(chart, message=answer_heading(verdict.answer), summary=summary)
 
 
 def recovered_stress(
@@ -338,5 +298,4 @@ def recovered_stress(
         curves.append(Curve(where, final, "board, end of record", "fail", "", "x"))
     if problem.stress is not None:
         curves.insert(0, Curve(where, problem.stress, "true stress", "true", "solid", "circle"))
-    axes = x, Axis("stress")
-    return Chart("Recovered stress", *axes, tuple(curves), legend="below", height=340, zoom=False)
+    return Chart("Recovered stress", x, Axis("stress"), tuple(curves), legend="below")
