@@ -85,6 +85,16 @@ def test_what_is_not_stable_is_no_pass(
     assert run(str(place), "--no-ngspice", *options)[0] == status
 
 
+def test_margins_that_were_not_looked_for_say_so(tmp_path: Path) -> None:
+    """Of a line of 160 stages: each takes the poles of many boards of 160 states."""
+    parts = (f"R{k} n{k} n{k + 1} 1k\nC{k} n{k + 1} 0 {k + 1}n" for k in range(160))
+    place = tmp_path / "line.cir"
+    place.write_text("\n".join(["line", "V1 n0 0 1", *parts, ".end", ""]))
+    found = taction.check(place, outputs="n160", ngspice=False)
+    assert found.poles.known_stable
+    assert {row.doubt for row in found.parts} == {"not looked for"}
+
+
 def test_an_oscillator_is_named_with_its_frequency_and_the_nearest_stable_values() -> None:
     found = taction.check(CASES / "wienosc.cir", ngspice=False)
     (check,) = found.checks

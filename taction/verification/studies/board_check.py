@@ -71,7 +71,7 @@ class BoardCheck(MeasuredBoard, Result):
     )
 
     notes: tuple[str, ...]
-    parts: tuple[PartRow, ...]
+    looked: tuple[PartRow, ...]  # all parts with their margins, where a margin was asked for
     record: Agreement | None
     checks: tuple[Check, ...]
     sweeps: tuple[Sweep, ...]
@@ -85,6 +85,11 @@ class BoardCheck(MeasuredBoard, Result):
         if self.corners is not None:
             judged.append(Outcome(self.corners.outcome))
         return max(judged, key=_WORSE.index)
+
+    @cached_property
+    def parts(self) -> tuple[PartRow, ...]:
+        """What each part does to the stability, the most important first."""
+        return self.looked or influences(self.board, self.poles)[1]
 
     @property
     def name(self) -> str:
@@ -127,7 +132,7 @@ class BoardCheck(MeasuredBoard, Result):
         return self.record.difference / self.amplitude
 
     def __repr__(self) -> str:
-        said = f"stable: {self.poles.stable}, {len(self.parts)} parts"
+        said = f"stable: {self.poles.stable}, {len(self.circuit.knobs)} parts"
         return f"BoardCheck({self.name!r}, {self.outcome.value}; {said})"
 
 
@@ -159,8 +164,10 @@ def check_board(
     progress("poles")
     board, band = LinearBoard(deck.circuit), asked.limits.settling_time.band
     found = measure_board(board, deck.initial, band, asked.lowest)
-    progress("parts")
-    margin, rows = influences(board, found.poles, asked.margin)
+    margin, rows = None, tuple[PartRow, ...]()
+    if asked.margin:
+        progress("parts")
+        margin, rows = influences(board, found.poles, every=True)
     progress("ngspice")
     record, why, small, left = None, "without ngspice", None, [""]
     moves = transient or deck.has_transient or "engines_agree" in asked.names
@@ -188,7 +195,7 @@ def check_board(
     made = BoardCheck(
         **{each.name: getattr(found, each.name) for each in fields(found)},
         notes=tuple(filter(None, (*found.apart.sentences, *deck.notes, *notes, why, *left))),
-        parts=rows,
+        looked=rows,
         record=record,
         checks=tuple(checks),
         sweeps=sweeps,

@@ -22,10 +22,14 @@ from taction.verification.stability.margin import REACH, Margin
 from taction.verification.stability.poles import Poles
 
 MOST_MARGINS = 12  # parts whose margins are found unless a margin is checked
+MOST_UNKNOWNS = (
+    150  # of a board with margins unless one is checked: it takes up to 80 boards a part
+)
 BESIDE = (1e-10, 1e-7, 1e-4, 1e-2)  # of the inverse iteration: relative distances from the pole
 ITERATIONS = 3
 MORE = 1.001  # of the largest factor: an edge at it is found with certainty
 MOVED = 1e-5  # relative change of a value for a sensitivity
+UNKNOWN = "not looked for"
 LOST = 1e-9  # of the pole: a smaller rate is not known
 
 
@@ -35,8 +39,8 @@ class PartRow:
 
     `real` is d Re p / d ln value, 1/s, `frequency` d f / d ln value, Hz; `below` and `above` are
     the nearest values with a pole on the imaginary axis, None where there is none within a factor
-    of 100, or where they were not looked for. Of a board that is not stable they are the nearest
-    values with which it is stable.
+    of 100, or where `doubt` says that they are not known. Of a board that is not stable they are
+    the nearest values with which it is stable.
     """
 
     name: str
@@ -106,12 +110,13 @@ def pole_vectors(board: LinearBoard, p: complex) -> tuple[Complexes, Complexes]:
 
 
 def influences(
-    board: LinearBoard, found: Poles, every: bool
+    board: LinearBoard, found: Poles, every: bool = False
 ) -> tuple[Margin | None, tuple[PartRow, ...]]:
     """Return the least margin of any part, and the rows of all parts, the most important first.
 
     The margin is None unless `every` part was to be looked at; else the edges of a stable board are
-    those of the `MOST_MARGINS` parts that move the rightmost pole most.
+    those of the `MOST_MARGINS` parts that move the rightmost pole most, and of a board of more than
+    `MOST_UNKNOWNS` those of none.
     """
     c = board.circuit
     knobs = [knob for knob in c.knobs if knob.role]
@@ -119,9 +124,10 @@ def influences(
     rates = sensitivities(board, found, families)
     order = sorted(rates, key=lambda name: -abs(rates[name].real))
     looked = order if every or found.known_unstable else order[:MOST_MARGINS]
-    if not found.certain or board.state_space.lost:
+    large = not every and board.descriptor.size > MOST_UNKNOWNS
+    if large or not found.certain or board.state_space.lost:
         looked = []
-    nearest, rows = dict.fromkeys(order, _Nearest()), list[PartRow]()
+    nearest, rows = dict.fromkeys(order, _Nearest(doubt=UNKNOWN, sure=1.0)), list[PartRow]()
     nearest |= _nearest_of({name: families[name] for name in looked}, found)
     for name in order:
         rate, own, unit = rates[name], c.value(name), c.facts[name].unit
@@ -178,7 +184,7 @@ def _nearest_of(families: Mapping[str, Family], found: Poles) -> dict[str, _Near
         for name, family in families.items()
         if family.own
     }
-    nearest: dict[str, _Nearest] = {}
+    nearest = {name: _Nearest() for name, family in families.items() if not family.own}
     for name, edges in zip(looked, edges_together(list(looked.values())), strict=True):
         if isinstance(edges, EngineError):
             nearest[name] = _Nearest(doubt=str(edges), sure=1.0)
