@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 import taction
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.scene.axes import with_values
@@ -58,9 +56,8 @@ from taction.verification.studies.tolerance.drawing import SampleCollection, run
 from taction.verification.studies.tolerance.varied_board import prepare
 from taction.verification.studies.tolerance.yield_report import YieldReport, summarise_samples
 from taction.verification.studies.work_precision.methods import METHODS, Method
-from taction.verification.studies.work_precision.reference import References
 from taction.verification.studies.work_precision.study import (
-    Extent,
+    References,
     SettingResult,
     WorkPrecisionStudy,
 )
@@ -201,7 +198,7 @@ def _choice(settling: str = "1ms") -> Page:
 def _setting(method: Method, setting: float, k: int) -> SettingResult:
     seconds = 0.01 * 2.0**k
     return SettingResult(
-        method, setting, "done", seconds, 0.9 * seconds, 1.1 * seconds, 3,
+        method, setting, "done", (seconds, 0.9 * seconds, 1.1 * seconds),
         100 * 2**k, None, 1e-7 * 0.5**k, 1e-2 * 0.25**k, "another", HOSTILE if k else "",
     )  # fmt: skip
 
@@ -210,12 +207,12 @@ def work_precision() -> WorkPrecisionStudy:
     """Return a study with four settings of each method of the board."""
     methods = [method for method in METHODS if method.problem == "board"]
     points = [_setting(m, s, k) for m in methods for k, s in enumerate(m.ladder[:4])]
-    nothing = np.zeros((0, 1))
     return WorkPrecisionStudy(
         scene=small_scene(),
         points=tuple(points),
-        problems={"board": References((HOSTILE,), nothing[:, 0], nothing, 1e-7, None, 1.0, ())},
-        extent=Extent(Transient(1e-3, 1e-6), 2e-3, 1e-5),
+        problems={"board": References((HOSTILE,), 1e-7, 1.0)},
+        transient=Transient(1e-3, 1e-6),
+        period=1e-5,
         omissions=(HOSTILE,),
         machine={},
         seconds=2.0,

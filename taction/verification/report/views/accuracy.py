@@ -47,7 +47,7 @@ def view(study: WorkPrecisionStudy) -> Page:
         title=study.scene.name,
         command="taction self accuracy",
         summary=_summary(study),
-        lines=(study.extent.text,),
+        lines=(study.stretch,),
         sections=(
             *sections,
             Section("Order of convergence", (_orders(study),), media=BOTH),
@@ -97,7 +97,7 @@ def _charts(study: WorkPrecisionStudy, problem: str) -> Iterator[Block]:
     yield Chart(f"Runs by time and error, {name}", time, ERROR, marks, said, WORK)
     unit, step = 1.0, Axis("mean step", "s", "log")
     if problem == "board":
-        unit = study.extent.period
+        unit = study.period
         step = Axis("mean step (periods of the fastest ringing)", "", "log")
     orders = {m.order.value: m for m in study.ladders if m.method.problem == problem}
     largest = max((order for order in orders if order is not None), default=None)
@@ -182,7 +182,8 @@ def _power(value: float | None) -> str:
 def _scale_text(study: WorkPrecisionStudy, problem: str) -> str:
     """Return how the errors of a problem are measured."""
     found = study.problems[problem]
-    text = f"Largest error over time and outputs, over the step. Reference: {found.references[0]}"
+    text = f"Largest error over time and outputs, over the step. Reference: "
+    text += found.references[0] if found.references else "none, all failed"
     if len(found.references) > 1:
         text += f", checked by {found.references[1]}; the largest difference of the two is"
         text += f" {_power(found.floor)}"

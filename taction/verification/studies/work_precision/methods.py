@@ -1,7 +1,7 @@
 """The table `METHODS` of the integration methods that a work-precision study compares.
 
 A new method needs an entry in the table and a function that runs it. The order is that of the
-largest error over time as a function of the mean step.
+largest error over time as a function of the mean step. `SOLUTIONS` are what runs are compared with.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from taction.netlist_gen.analysis import Transient
 from taction.netlist_gen.board.circuit import Circuit
@@ -23,7 +22,7 @@ from taction.system.array_types import Floats
 from taction.system.errors import EngineError, TimedOut
 from taction.system.foreign_files import read_ends
 from taction.system.own_folders import own_folder
-from taction.system.waveforms import PHYSICAL_BOUND, Cost, Waveforms
+from taction.system.waveforms import PHYSICAL_BOUND, Waveforms
 from taction.verification.engines.ngspice import process
 from taction.verification.engines.ngspice.executable import find_simulator
 from taction.verification.engines.ngspice.process import LONGEST_LOG
@@ -31,19 +30,16 @@ from taction.verification.engines.statespace.linearised.board import LinearBoard
 from taction.verification.engines.statespace.transients import stepped
 from taction.verification.engines.statespace.transients.exact import exact_solution
 from taction.verification.engines.statespace.transients.record_times import record_times
-from taction.verification.engines.statespace.transients.simulate import ENGINE
-from taction.verification.reference.dynamics import IdealNetwork, ScaledNetwork
+from taction.verification.reference.dynamics import IdealNetwork, ScaledNetwork, ideal_linear
 from taction.verification.verdict.companion import outputs
 from taction.verification.verdict.transient_plan import coarser
 
 BASE_POINTS = 125.0  # points per period of the task's transient
-COMPARED = 1000  # instants of a record that are compared with the reference, at most
+COMPARED = 1000  # instants of a record that are compared with the reference, about
 IDEAL_STOP = 10.0  # times R C: the slowest mode has decayed to 5e-5
 Integrator = Literal["Radau", "BDF", "LSODA", "DOP853"]
-_COUNT = {
-    "steps": re.compile(r"^Accepted timepoints = (\d+)", re.MULTILINE),
-    "factorisations": re.compile(r"^Total iterations = (\d+)", re.MULTILINE),
-}
+STEPS = re.compile(r"^Accepted timepoints = (\d+)", re.MULTILINE)
+ITERATIONS = re.compile(r"^Total iterations = (\d+)", re.MULTILINE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,16 +56,30 @@ class MethodTask:
         """Stop time of the ideal network, s."""
         return IDEAL_STOP * self.network.RC
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether the whole board has an exact solution: it is linear, its matrices are dense."""
+        return self.circuit.is_linear and not LinearBoard(self.circuit).descriptor.is_large
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodRun:
-    """One run of one method."""
+    """One run of one method; only some instants are kept, the last one among them."""
 
-    time: Floats  # compared instants (P,), s
+    time: Floats  # (P,), s
     u: Floats  # (P, N), V
     seconds: float  # wall time of the ngspice process, or of the computation with its output
     steps: int  # accepted steps; 0 for a method without steps
     factorisations: int | None  # (ngspice: one per Newton iteration); None: unknown
+
+    @classmethod
+    def of(
+        cls, time: Floats, u: Floats, seconds: float, steps: int, factorisations: int | None
+    ) -> MethodRun:
+        """Return a run with about `COMPARED` of its instants, equally spaced."""
+        count = len(time)
+        kept = np.unique(np.append(np.arange(0, count, -(-count // COMPARED)), count - 1))
+        return cls(time[kept], u[kept], seconds, steps, factorisations)
 
 
 def load_integrators() -> None:
@@ -86,21 +96,19 @@ def ngspice(
     deck = write_deck(task.circuit, transient, solver=simulator.solver_option)
     # The option acct makes ngspice print its steps and iterations.
     deck = replace(deck, text=deck.text.replace("\n.options ", "\n.options acct ", 1))
-    limits = {
-        "timeout": min(timeout, 1e9),
-        "bound": PHYSICAL_BOUND * task.circuit.value("U0"),
-    }
+    bound = PHYSICAL_BOUND * task.circuit.value("U0")
     with own_folder() as temporary:
         folder = temporary / "run"
         try:
-            waveforms = process.simulate(deck, simulator, folder=folder, keep=True, **limits)
+            waveforms = process.simulate(
+                deck, simulator, folder=folder, keep=True, timeout=timeout, bound=bound
+            )
         except TimedOut as error:
             raise TimeoutError(str(error).splitlines()[0]) from None
         log = read_ends(folder / "stdout.txt", LONGEST_LOG)
-    counts = {name: pattern.search(log) for name, pattern in _COUNT.items()}
-    steps, factorisations = counts["steps"], counts["factorisations"]
+    steps, factorisations = STEPS.search(log), ITERATIONS.search(log)
     return replace(
-        _thinned(task, waveforms),
+        _of_record(task, waveforms),
         steps=int(steps[1]) if steps else waveforms.cost.points,
         factorisations=int(factorisations[1]) if factorisations else None,
     )
@@ -108,45 +116,33 @@ def ngspice(
 
 def exact(task: MethodTask, _: float) -> MethodRun:
     """Run the exact engine with `BASE_POINTS` recorded points on a ringing period."""
-    started = clock.perf_counter()
-    transient = task.transient
-    solution = exact_solution(task.circuit, initial=transient.initial)
-    time = record_times(transient, transient.stop)
-    values = solution.uniform(float(time[1]), len(time))
-    cost = Cost(clock.perf_counter() - started, 0, 1)
-    return _thinned(task, Waveforms(time, solution.nodes, values, ENGINE, cost))
+    started, circuit = clock.perf_counter(), task.circuit
+    solution = exact_solution(circuit, initial=task.transient.initial)
+    time = record_times(task.transient, task.transient.stop)
+    u = _signs(circuit) * solution.uniform(float(time[1]), len(time))
+    return MethodRun.of(time, u, clock.perf_counter() - started, 0, 1)
 
 
 def implicit(task: MethodTask, tolerance: float) -> MethodRun:
     """Run the adaptive implicit engine, also on a linear board."""
-    return _thinned(task, stepped.simulate(task.circuit, task.transient, tolerance=tolerance))
+    return _of_record(task, stepped.simulate(task.circuit, task.transient, tolerance=tolerance))
 
 
-def scipy_run(task: MethodTask, tolerance: float, method: Integrator) -> MethodRun:
+def integrate(task: MethodTask, tolerance: float, method: Integrator) -> MethodRun:
     """Run an integrator of SciPy on the ideal network and record the ends of its steps."""
     started = clock.perf_counter()
-    time, u, factorisations = integrate_ideal(task, tolerance, method)
+    time, u, factorisations = _ideal(task, tolerance, method)
     seconds = clock.perf_counter() - started
-    chosen = _compared(len(time))
-    return MethodRun(time[chosen], u[chosen], seconds, len(time) - 1, factorisations)
+    return MethodRun.of(time, u, seconds, len(time) - 1, factorisations)
 
 
-def integrate_ideal(
+def _ideal(
     task: MethodTask, tolerance: float, method: Integrator, times: Floats | None = None
 ) -> tuple[Floats, Floats, int]:
-    """Integrate the ideal network with SciPy.
+    """Integrate the ideal network with SciPy; EngineError where the integration fails.
 
-    Returns
-    -------
-    time, u : ndarray (P,) and (P, N)
-        `times`, or if they are None the ends of the integrator's steps, s; outputs there, V.
-    factorisations : int
-        Of matrices.
-
-    Raises
-    ------
-    EngineError
-        The integration failed.
+    Return `times`, or the ends of the integrator's steps, s, the outputs there, V, and the number
+    of factorisations.
     """
     from scipy.integrate import solve_ivp
 
@@ -164,20 +160,18 @@ def integrate_ideal(
     complete = solution.success and len(u) == (len(solution.t) if times is None else len(times))
     # LSODA can report success with values that are not numbers.
     if not complete or not np.all(np.isfinite(solution.y)) or not np.all(np.isfinite(u)):
-        message = f"{method} gave up: {solution.message}"
-        raise EngineError(message)
+        raise EngineError(f"{method} gave up: {solution.message}")
     return solution.t * unit, u, int(solution.nlu)
 
 
-def _compared(count: int) -> NDArray[np.intp]:
-    """Return the indices of the compared points of a record: equally spaced, and the last one."""
-    return np.unique(np.append(np.arange(0, count, -(-count // COMPARED)), count - 1))
+def _signs(circuit: Circuit) -> Floats:
+    return np.array([output.sign for output in circuit.outputs])
 
 
-def _thinned(task: MethodTask, waveforms: Waveforms) -> MethodRun:
-    chosen, cost = _compared(len(waveforms.time)), waveforms.cost
-    u = outputs(task.circuit, waveforms)[chosen]
-    return MethodRun(waveforms.time[chosen], u, cost.seconds, cost.points, cost.factorisations)
+def _of_record(task: MethodTask, waveforms: Waveforms) -> MethodRun:
+    cost = waveforms.cost
+    u = outputs(task.circuit, waveforms)
+    return MethodRun.of(waveforms.time, u, cost.seconds, cost.points, cost.factorisations)
 
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 12))
@@ -190,53 +184,80 @@ class Method:
 
     name: str
     engine: Literal["ngspice", "statespace", "scipy"]
-    solver: str  # the integrator; the reference of a run must be by another solver
     problem: Literal["board", "ideal"]  # the whole circuit, or the network with ideal op-amps
     setting: str  # name of the ladder's quantity; empty for a method without a step
     ladder: tuple[float, ...]  # coarse to fine
     run: Callable[..., MethodRun]  # of task and setting; of ngspice also of a time limit in s
     order: float | None  # in theory; None for a method without an order or of variable order
     theory: str  # the order in words
-    modes: bool = False  # whether it needs a linear board and dense matrices
-
-    def refuses(self, circuit: Circuit) -> str:
-        """Return why it cannot run a board, or an empty string."""
-        if self.modes and not circuit.is_linear:
-            return "the board is not linear"
-        large = self.modes and LinearBoard(circuit).descriptor.is_large
-        return "too many unknowns for dense matrices" if large else ""
 
 
-VARIES = "1 to 5, chosen by the integrator"
+EXACT, VARIES = "state space, exact", "1 to 5, chosen by the integrator"
 
 METHODS: tuple[Method, ...] = (
     Method(
-        "ngspice trapezoidal", "ngspice", "trapezoidal", "board", "points per period", POINTS,
+        "ngspice trapezoidal", "ngspice", "board", "points per period", POINTS,
         partial(ngspice, method="trapezoidal"), 2.0, "2",
     ),
     Method(
-        "ngspice Gear", "ngspice", "Gear", "board", "points per period", POINTS,
+        "ngspice Gear", "ngspice", "board", "points per period", POINTS,
         partial(ngspice, method="gear"), 2.0, "2 (ngspice's default maximum order)",
     ),
+    Method(EXACT, "statespace", "board", "", (0.0,), exact, None, "no step: rounding alone"),
     Method(
-        "state space, exact", "statespace", "modes", "board", "", (0.0,),
-        exact, None, "no step: rounding alone", modes=True,
+        "state space, implicit", "statespace", "board", "tolerance", TOLERANCES[:-1], implicit,
+        10.0, "10 (dense output of nine Radau IIA stages; 17 at the ends of steps)",
     ),
     Method(
-        "state space, implicit", "statespace", "Radau IIA, 9 stages", "board", "tolerance",
-        TOLERANCES[:-1], implicit, 10.0,
-        "10 (dense output of nine Radau IIA stages; 17 at the ends of steps)",
+        "ideal network, Radau", "scipy", "ideal", "tolerance", TOLERANCES,
+        partial(integrate, method="Radau"), 5.0, "5",
     ),
     Method(
-        "ideal network, Radau", "scipy", "Radau", "ideal", "tolerance", TOLERANCES,
-        partial(scipy_run, method="Radau"), 5.0, "5",
+        "ideal network, BDF", "scipy", "ideal", "tolerance", TOLERANCES,
+        partial(integrate, method="BDF"), None, VARIES,
     ),
     Method(
-        "ideal network, BDF", "scipy", "BDF", "ideal", "tolerance", TOLERANCES,
-        partial(scipy_run, method="BDF"), None, VARIES,
-    ),
-    Method(
-        "ideal network, LSODA", "scipy", "LSODA", "ideal", "tolerance", TOLERANCES,
-        partial(scipy_run, method="LSODA"), None, "1 to 12, chosen by the integrator",
+        "ideal network, LSODA", "scipy", "ideal", "tolerance", TOLERANCES,
+        partial(integrate, method="LSODA"), None, "1 to 12, chosen by the integrator",
     ),
 )  # fmt: skip
+
+Solve = Callable[[MethodTask, Floats], Floats]
+"""Returns the outputs, (P, N), V, at instants (P,), s."""
+
+
+def board_exact(task: MethodTask, time: Floats) -> Floats:
+    """Return the exact solution of a linear board, (P, N), V."""
+    solution = exact_solution(task.circuit, initial=task.transient.initial)
+    return _signs(task.circuit) * solution.at(time)
+
+
+def board_implicit(task: MethodTask, time: Floats, tolerance: float) -> Floats:
+    """Return the solution of the adaptive implicit engine, (P, N), V."""
+    waves = stepped.simulate(task.circuit, task.transient, times=time, tolerance=tolerance)
+    return outputs(task.circuit, waves)
+
+
+def ideal_exact(task: MethodTask, time: Floats) -> Floats:
+    """Return the exact solution of an ideal network with linear amplifiers, (P, N), V."""
+    return ideal_linear(task.network, task.v0).outputs(time)
+
+
+def ideal_integrated(task: MethodTask, time: Floats, method: Integrator) -> Floats:
+    """Return the solution of the ideal network by an integrator of SciPy, (P, N), V."""
+    return _ideal(task, 1e-13, method, time)[1]
+
+
+def solutions(task: MethodTask, problem: str) -> dict[str, Solve]:
+    """Return two solutions of a problem by their names, the better first."""
+    dop853 = {"DOP853 at 1e-13": partial(ideal_integrated, method="DOP853")}
+    if problem == "ideal" and task.circuit.is_linear:
+        return {"exact modes": ideal_exact, **dop853}
+    if problem == "ideal":
+        return {**dop853, "LSODA at 1e-13": partial(ideal_integrated, method="LSODA")}
+    # Of a large board a smaller tolerance gains nothing over rounding errors.
+    tight = 1e-9 if LinearBoard(task.circuit).descriptor.is_large else 1e-12
+    found: dict[str, Solve] = {EXACT: board_exact} if task.is_exact else {}
+    for each in (tight, 100.0 * tight)[: 2 - len(found)]:
+        found[f"state space, implicit at {each:g}"] = partial(board_implicit, tolerance=each)
+    return found

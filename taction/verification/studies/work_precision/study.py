@@ -1,7 +1,8 @@
 """Error against run time of one scene for every engine, method and tolerance or step.
 
-`accuracy` runs the settings of `METHODS`, coarse to fine, and compares each with a reference;
-`WorkPrecisionStudy.cheapest` returns the fastest setting that reaches a given error.
+`accuracy` runs the settings of `METHODS`, coarse to fine, and compares each with a reference: the
+exact solution, or one with a far smaller tolerance. `WorkPrecisionStudy.cheapest` returns the
+fastest setting that reaches a given error.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 import statistics
 import time as clock
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -17,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from taction.netlist_gen.analysis import Transient
-from taction.netlist_gen.board.circuit import Circuit
 from taction.netlist_gen.board.synthesis import synthesise
 from taction.netlist_gen.scene.inverse_problem import make_problem
 from taction.netlist_gen.scene.scene import Scene
@@ -27,32 +27,26 @@ from taction.system.progress import Notice, Progress, duration
 from taction.system.quantities import show
 from taction.system.results import Result
 from taction.verification.engines.ngspice.executable import find_simulator
-from taction.verification.engines.statespace.linearised.time_scales import TimeScales, time_scales
+from taction.verification.engines.statespace.linearised.time_scales import time_scales
 from taction.verification.reference.ideal_answer import ideal_network, initial_voltages
 from taction.verification.reference.lambda_rule import read_scene
 from taction.verification.studies.running.versions import describe_machine
 from taction.verification.studies.running.worker import FAILURES, START_UP, Worker
 from taction.verification.studies.work_precision.methods import (
     BASE_POINTS,
+    EXACT,
     METHODS,
     Method,
     MethodRun,
     MethodTask,
     load_integrators,
+    solutions,
 )
-from taction.verification.studies.work_precision.reference import References, Solve
-from taction.verification.verdict.transient_plan import (
-    AFTER_SETTLING,
-    FEWEST_PERIODS,
-    REMAINDER,
-    even_transient,
-)
+from taction.verification.verdict.transient_plan import even_transient
 
-PERIODS = 30.0  # of ringing, at most
+PERIODS = 30.0  # of ringing that are studied
 REPEATS = 3
-SHARE = 0.5  # of the remaining time that one run may take
-LEAST_TIME = 20.0  # s: counted as left, so that the coarsest settings have time
-REFERENCE_TIME = 20.0  # s for a reference at least
+LEAST_TIME = 20.0  # s for a run and for a reference at least, whatever is left of the budget
 MAX_ERROR = 0.1  # a larger error is not asymptotic
 ABOVE_FLOOR = 10.0  # least error of a run, in errors of the reference
 SCATTER = 0.12  # rms deviation of ln(error) from a straight line, over its slope
@@ -89,78 +83,23 @@ def fit_order(steps: Sequence[float | None], errors: Sequence[float | None], flo
     floor : float
         Error of the reference.
     """
-    usable = [
-        place
-        for place, (step, error) in enumerate(zip(steps, errors, strict=True))
+    pairs = list(zip(steps, errors, strict=True))
+    usable = {
+        place: (math.log(step), math.log(error))
+        for place, (step, error) in enumerate(pairs)
         if step and error and ABOVE_FLOOR * floor <= error <= MAX_ERROR
-    ]
-    x = np.log([float(steps[k] or 1.0) for k in usable])
-    y = np.log([float(errors[k] or 1.0) for k in usable])
-    for first in range(len(usable) - MIN_RUNS + 1):
-        line = _line(x[first:], y[first:])
-        if line is not None:
-            return Order(*line, tuple(usable[first:]))
+    }
+    places = tuple(usable)
+    while len(places) >= MIN_RUNS:
+        x, y = np.array([usable[place] for place in places]).T
+        width = float(np.sum((x - x.mean()) ** 2))
+        if width > 0.0:
+            (slope, intercept), covariance = np.polyfit(x, y, 1, cov=True)
+            sigma = math.sqrt(covariance[0, 0])
+            if slope > 0.0 and sigma * math.sqrt(width) <= SCATTER * slope:
+                return Order(float(slope), sigma, math.exp(intercept), places)
+        places = places[1:]
     return Order()
-
-
-def _line(x: Floats, y: Floats) -> tuple[float, float, float] | None:
-    """Return slope, uncertainty and constant; None if the points are not on a line."""
-    spread = x - x.mean()
-    width = float(spread @ spread)
-    if width <= 0.0:
-        return None
-    slope = float(spread @ y) / width
-    residual = y - y.mean() - slope * spread
-    scatter = float(np.sqrt(residual @ residual / (len(x) - 2)))
-    if slope <= 0.0 or scatter > SCATTER * slope:
-        return None
-    return slope, scatter / math.sqrt(width), float(np.exp(y.mean() - slope * x.mean()))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Extent:
-    """The part of the transient that is studied."""
-
-    transient: Transient  # with `BASE_POINTS` points on a period of the fastest ringing
-    whole: float  # stop time of `verify`, s
-    period: float  # of the fastest ringing, or 2 pi / |p| of the fastest mode, s
-
-    @property
-    def text(self) -> str:
-        """The studied part in words."""
-        stop, periods = self.transient.stop, self.transient.stop / self.period
-        if stop >= self.whole:
-            return f"the whole transient, {show(stop, 's')}, {periods:.3g} periods"
-        return (
-            f"the first {show(stop, 's')} of {show(self.whole, 's')} ({periods:.3g} of"
-            f" {self.whole / self.period:.4g} periods)"
-        )
-
-
-def study_extent(scene: Scene, circuit: Circuit) -> Extent:
-    """Choose the part of the transient: at most `PERIODS` periods of the fastest ringing.
-
-    Raises
-    ------
-    InputError, NoVerdictError
-        The board has no time scales.
-    """
-    scales = time_scales(circuit, initial=scene.analysis.initial)
-    period = BASE_POINTS * scales.max_step_for(BASE_POINTS)
-    whole = _whole(scene, scales, period)
-    if not math.isfinite(whole):
-        raise EngineError("the step excites no mode of this board at its outputs: nothing to study")
-    stop = whole if whole < 1.1 * PERIODS * period else float(f"{PERIODS * period:.3g}")
-    return Extent(even_transient(scene, scales, BASE_POINTS, stop), whole, period)
-
-
-def _whole(scene: Scene, scales: TimeScales, period: float) -> float:
-    """Return the stop time of `verify`, s, without its upper limit."""
-    if scene.analysis.stop != "auto":
-        return scene.analysis.stop
-    settled = AFTER_SETTLING * scales.stop_for(REMAINDER * scene.checks.steady_state.tolerance)
-    growth = scales.growth_time
-    return max(growth if math.isfinite(growth) else settled, FEWEST_PERIODS * period)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,10 +115,7 @@ class SettingResult:
     method: Method
     setting: float
     status: str = "done"  # or "timeout" or "failed"
-    seconds: float | None = None  # median of the wall times, s; the limit after a time-out
-    fastest: float | None = None  # s
-    slowest: float | None = None  # s
-    repeats: int = 0
+    times: tuple[float, ...] = ()  # wall times, s; of a time-out its limit
     steps: int | None = None  # of one run
     factorisations: int | None = None  # of one run
     mean_step: float | None = None  # length of the record over its steps, s
@@ -196,6 +132,26 @@ class SettingResult:
     def name(self) -> str:
         """The setting in words."""
         return f"{self.setting:g} {self.method.setting}" if self.method.setting else "-"
+
+    @property
+    def seconds(self) -> float | None:
+        """Median of the wall times, s."""
+        return statistics.median(self.times) if self.times else None
+
+    @property
+    def fastest(self) -> float | None:
+        """Least wall time, s."""
+        return min(self.times, default=None)
+
+    @property
+    def slowest(self) -> float | None:
+        """Largest wall time, s."""
+        return max(self.times, default=None)
+
+    @property
+    def repeats(self) -> int:
+        """Number of runs."""
+        return len(self.times)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,24 +176,24 @@ class Ladder:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CheapestSetting:
-    """The setting with the least run time below an error."""
+class References:
+    """Up to two solutions of one problem, with which runs are compared.
 
-    DOCUMENT = (
-        *("method = point.method.name", "setting = point.known_setting"),
-        *("seconds [s] = point.seconds", "achieved = point.error"),
-    )
+    Attributes
+    ----------
+    references : tuple of str
+        Their names, the one that runs are compared with first.
+    floor : float or None
+        Largest difference of the two over the step amplitude; None where one failed.
+    amplitude : float
+        Step amplitude, V: the largest distance of an output from its start.
+    """
 
-    point: SettingResult
+    DOCUMENT = ("references", "reference_error = floor", "step_amplitude [V] = amplitude")
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Cheapest:
-    """The cheapest setting below an error: of any engine, and of ngspice."""
-
-    error: float
-    any: CheapestSetting | None
-    ngspice: CheapestSetting | None
+    references: tuple[str, ...]
+    floor: float | None
+    amplitude: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -246,45 +202,36 @@ class WorkPrecisionStudy(Result):
 
     VIEW = "taction.verification.report.views.accuracy:view"
     DOCUMENT = (
-        *("scene = scene.name", "file = scene.file", "stop [s] = extent.transient.stop"),
-        *("whole_stop [s] = extent.whole", "stretch = extent.text", "period [s] = extent.period"),
-        *("problems", "methods = ladders", "cheapest = cheapest_settings", "omissions"),
+        *("scene = scene.name", "file = scene.file", "stop [s] = transient.stop"),
+        *("stretch", "period [s]", "problems", "methods = ladders", "omissions"),
         *("machine", "seconds [s]"),
     )
 
     scene: Scene
     points: tuple[SettingResult, ...]  # by method and setting, coarse to fine
     problems: dict[str, References]  # of "board" and "ideal"
-    extent: Extent  # the part of the transient that was studied
+    transient: Transient  # the part of the transient that was studied
+    period: float  # of the fastest ringing, or 2 pi / |p| of the fastest mode, s
     omissions: tuple[str, ...]  # methods and settings that were not run, and why
     machine: dict[str, str | int | float | None]  # see `describe_machine`
     seconds: float  # wall time of the study
 
     @property
+    def stretch(self) -> str:
+        """The studied part of the transient in words."""
+        stop = self.transient.stop
+        return f"the first {show(stop, 's')}, {stop / self.period:.3g} periods of the fastest mode"
+
+    @property
     def outcome(self) -> str:
         """``pass`` if a run of the board has a known error, else ``inconclusive``."""
-        return "pass" if self.conclusive else "inconclusive"
+        return "inconclusive" if self.cheapest(math.inf) is None else "pass"
 
     @property
     def ladders(self) -> tuple[Ladder, ...]:
         """The methods with their results and their orders."""
         methods = dict.fromkeys(point.method for point in self.points)
         return tuple(Ladder(each, self.order(each), self.of(each)) for each in methods)
-
-    @property
-    def cheapest_settings(self) -> tuple[Cheapest, ...]:
-        """The cheapest settings below each of `ERRORS`."""
-
-        def found(error: float, engines: Iterable[str] | None) -> CheapestSetting | None:
-            point = self.cheapest(error, engines)
-            return None if point is None else CheapestSetting(point)
-
-        return tuple(Cheapest(e, found(e, None), found(e, ["ngspice"])) for e in ERRORS)
-
-    @property
-    def conclusive(self) -> bool:
-        """Whether the board was run, and the error of a run is known."""
-        return self.cheapest(math.inf) is not None
 
     def of(self, method: Method) -> tuple[SettingResult, ...]:
         """Return the points of one method."""
@@ -303,7 +250,7 @@ class WorkPrecisionStudy(Result):
             (point.seconds, point)
             for point in self.points
             if point.method.problem == "board"
-            and (engines is None or point.method.engine in set(engines))
+            and (engines is None or point.method.engine in engines)
             and point.seconds is not None
             and point.error is not None
             and point.error <= error
@@ -328,12 +275,14 @@ def accuracy(
     Returns
     -------
     WorkPrecisionStudy
-        Every run with its error and its time; `conclusive` if a run has a known error.
+        Every run with its error and its time.
 
     Raises
     ------
     InputError
         The scene cannot be used.
+    EngineError
+        The step moves no output of the board.
 
     Examples
     --------
@@ -343,132 +292,145 @@ def accuracy(
     ('tuned-breadboard', True)
     """
     started, scene = clock.perf_counter(), read_scene(scene)
-    end = started + budget
-
-    def say(stage: str) -> None:
-        progress(f"{stage}, about {duration(max(end - clock.perf_counter(), 0.0))} left")
-
-    say("synthesis")
     problem = make_problem(scene)
     circuit, network = synthesise(scene, problem), ideal_network(problem, scene)
-    extent = study_extent(scene, circuit)
-    task = MethodTask(circuit, extent.transient, network, initial_voltages(scene, network))
-    usable, omissions = _applicable(METHODS, circuit)
+    scales = time_scales(circuit, initial=scene.analysis.initial)
+    period = BASE_POINTS * scales.max_step_for(BASE_POINTS)
+    stop = PERIODS * period
+    if scene.analysis.stop != "auto":
+        stop = min(stop, scene.analysis.stop)
+    transient = even_transient(scene, scales, BASE_POINTS, stop)
+    task = MethodTask(circuit, transient, network, initial_voltages(scene, network))
+    usable, left_out = _applicable(task)
     with Worker() as worker:
         worker.call(START_UP, load_integrators)
-        found, not_run = _run_all(task, usable, end, worker, say)
-        say("references")
-
-        def call(solve: Solve, task: MethodTask, time: Floats) -> Floats:
-            left = end - clock.perf_counter()
-            return worker.call(max(left, REFERENCE_TIME), solve, task, time)
-
-        problems = {
-            name: References.of(task, name, runs, call)
-            for name in ("board", "ideal")
-            if (runs := [r for p, r in found if r is not None and p.method.problem == name])
-        }
-    omissions += [*not_run, *(o for each in problems.values() for o in each.omissions)]
-    study = WorkPrecisionStudy(
-        scene=scene,
-        points=tuple(_compared(point, run, problems) for point, run in found),
-        problems={name: each for name, each in problems.items() if each.references},
-        extent=extent,
-        omissions=tuple(omissions),
-        machine=describe_machine(),
-        seconds=clock.perf_counter() - started,
+        study = _Runs(task, worker, started + budget, progress, left_out)
+        found = list(study.runs(usable))
+        progress("references")
+        problems, points = dict[str, References](), list[SettingResult]()
+        for name in dict.fromkeys(point.method.problem for point, _ in found):
+            pairs = [pair for pair in found if pair[0].method.problem == name]
+            problems[name], compared = study.compared(name, pairs)
+            points += compared
+    made = WorkPrecisionStudy(
+        scene,
+        tuple(points),
+        problems,
+        transient,
+        period,
+        tuple(left_out),
+        describe_machine(),
+        clock.perf_counter() - started,
     )
-    if not study.conclusive:
+    if made.outcome != "pass":
         progress(Notice("no run of the board has a known error; give a larger --budget"))
-    return study
+    return made
 
 
-def _compared(
-    point: SettingResult, run: MethodRun | None, problems: dict[str, References]
-) -> SettingResult:
-    """Return a point with its error."""
-    if run is None:
-        return point
-    error, reference = problems[point.method.problem].error(run, point.method.name)
-    return replace(point, error=error, reference=reference)
-
-
-def _applicable(methods: Sequence[Method], circuit: Circuit) -> tuple[list[Method], list[str]]:
-    """Return the methods that this board and this machine can run, and the omissions."""
+def _applicable(task: MethodTask) -> tuple[list[Method], list[str]]:
+    """Return the methods that this board and this machine can run, and what is left out."""
+    refused = dict[str, str]()
     try:
         find_simulator()
-        missing = ""
     except SimulationError as error:
-        missing = str(error).splitlines()[0]
-    usable, omissions = [], list(NEVER_RUN)
-    for method in methods:
-        reason = missing if method.engine == "ngspice" else method.refuses(circuit)
-        if reason:
-            omissions.append(f"{method.name}: not run, {reason}")
-        else:
-            usable.append(method)
-    return usable, omissions
+        reason = str(error).splitlines()[0]
+        refused |= {each.name: reason for each in METHODS if each.engine == "ngspice"}
+    if not task.is_exact:
+        linear = "too many unknowns for dense matrices"
+        refused[EXACT] = linear if task.circuit.is_linear else "the board is not linear"
+    reasons = [f"{m.name}: not run, {refused[m.name]}" for m in METHODS if m.name in refused]
+    return [each for each in METHODS if each.name not in refused], [*NEVER_RUN, *reasons]
 
 
-def _run_all(
-    task: MethodTask, methods: Sequence[Method], end: float, worker: Worker, progress: Progress
-) -> tuple[list[tuple[SettingResult, MethodRun | None]], list[str]]:
-    """Run every setting, the coarsest of all methods first, until the time `end`.
-
-    Return the points with their runs, in the order of the ladders, and what was not run.
-    """
-    found: dict[tuple[str, float], tuple[SettingResult, MethodRun | None]] = {}
-    stopped: dict[str, str] = {}
-    for level in zip_longest(*([(m, s) for s in m.ladder] for m in methods)):
-        for method, setting in filter(None, level):
-            left = end - clock.perf_counter()
-            if left <= 0.0 and found:
-                stopped.setdefault(method.name, "the budget was used up")
-            if method.name in stopped:
-                continue
-            point = SettingResult(method, setting)
-            progress(f"{method.name}, {point.name}")
-            point, run = _run(task, point, SHARE * max(left, LEAST_TIME), worker)
-            found[method.name, setting] = point, run
-            if point.status == "timeout":
-                stopped[method.name] = "the setting before timed out"
-    not_run = []
-    for m in methods:
-        missing = [f"{s:g}" for s in m.ladder if (m.name, s) not in found]
-        if missing:
-            settings = f", {m.setting} {', '.join(missing)}" if m.setting else ""
-            not_run.append(f"{m.name}{settings}: not run, {stopped[m.name]}")
-    return [found[m.name, s] for m in methods for s in m.ladder if (m.name, s) in found], not_run
+Pair = tuple[SettingResult, MethodRun | None]
+"""A setting, and its last run; None where it has none."""
 
 
-def _run(
-    task: MethodTask, point: SettingResult, limit: float, worker: Worker
-) -> tuple[SettingResult, MethodRun | None]:
-    """Run a setting up to `REPEATS` times within `limit` s; return its point and a run."""
-    method, seconds = point.method, list[float]()
-    stop = task.transient.stop if method.problem == "board" else task.ideal_stop
-    end, run = clock.perf_counter() + limit, None
-    while len(seconds) < REPEATS and (not seconds or clock.perf_counter() + seconds[0] < end):
-        try:
-            if method.engine == "ngspice":  # starts its own process
-                run = method.run(task, point.setting, limit)
-            else:
-                run = worker.call(limit, method.run, task, point.setting)
-        except TimeoutError as error:
-            late = replace(point, status="timeout", seconds=limit, note=str(error))
-            return (point, run) if seconds else (late, None)
-        except FAILURES as error:
-            note = f"{type(error).__name__}: {error}".splitlines()[0]
-            return replace(point, status="failed", note=note), None
-        seconds.append(run.seconds)
-        point = replace(
-            point,
-            seconds=statistics.median(seconds),
-            fastest=min(seconds),
-            slowest=max(seconds),
-            repeats=len(seconds),
-            steps=run.steps,
-            factorisations=run.factorisations,
-            mean_step=stop / run.steps if run.steps else None,
-        )
-    return point, run
+@dataclass(frozen=True, slots=True)
+class _Runs:
+    """The runs of a task in a worker process, until `end` on the clock."""
+
+    task: MethodTask
+    worker: Worker
+    end: float  # s
+    progress: Progress
+    left_out: list[str]  # grows
+
+    @property
+    def left(self) -> float:
+        """What is left of the budget, s, at least `LEAST_TIME`."""
+        return max(self.end - clock.perf_counter(), LEAST_TIME)
+
+    def runs(self, methods: Sequence[Method]) -> Iterator[Pair]:
+        """Yield every setting with its last run, the coarsest of all methods first."""
+        over, first = set[str](), True
+        for level in zip_longest(*([(m, s) for s in m.ladder] for m in methods)):
+            for method, setting in filter(None, level):
+                point, left = SettingResult(method, setting), self.end - clock.perf_counter()
+                if method.name in over or (left <= 0.0 and not first):
+                    reason = "a coarser one timed out" if method.name in over else "no time is left"
+                    self.left_out.append(f"{method.name}, {point.name}: not run, {reason}")
+                    continue
+                self.progress(f"{method.name}, {point.name}, about {duration(max(left, 0.0))} left")
+                first, found = False, self.repeated(point)
+                if found[0].status == "timeout":
+                    over.add(method.name)
+                yield found
+
+    def repeated(self, point: SettingResult) -> Pair:
+        """Run a setting up to `REPEATS` times, as long as half of the budget's rest lasts."""
+        method, stop, limit = point.method, self.task.transient.stop, 0.5 * self.left
+        if method.problem == "ideal":
+            stop = self.task.ideal_stop
+        end, run = clock.perf_counter() + limit, None
+        while len(point.times) < REPEATS and clock.perf_counter() + sum(point.times[:1]) < end:
+            try:
+                if method.engine == "ngspice":  # starts its own process
+                    run = method.run(self.task, point.setting, limit)
+                else:
+                    run = self.worker.call(limit, method.run, self.task, point.setting)
+            except TimeoutError as error:
+                late = replace(point, status="timeout", times=(limit,), note=str(error))
+                return (point, run) if run else (late, None)
+            except FAILURES as error:
+                note = f"{type(error).__name__}: {error}".splitlines()[0]
+                return replace(point, status="failed", times=(), note=note), None
+            point = replace(
+                point,
+                times=(*point.times, run.seconds),
+                steps=run.steps,
+                factorisations=run.factorisations,
+                mean_step=stop / run.steps if run.steps else None,
+            )
+        return point, run
+
+    def compared(
+        self, problem: str, pairs: Sequence[Pair]
+    ) -> tuple[References, list[SettingResult]]:
+        """Solve a problem at all instants of its runs; return the settings with their errors.
+
+        The method of the first solution is compared with the second.
+        """
+        known = [run.time for _, run in pairs if run is not None]
+        time, solved = np.unique(np.concatenate([[0.0], *known])), dict[str, Floats]()
+        for name, solve in solutions(self.task, problem).items() if known else ():
+            try:
+                solved[name] = self.worker.call(self.left, solve, self.task, time)
+            except (TimeoutError, *FAILURES) as error:
+                self.left_out.append(f"reference of the {problem}, {name}: {error}")
+        if not solved:
+            return References((), None, math.nan), [point for point, _ in pairs]
+        first, *others = solved.values()
+        amplitude = float(np.abs(first - first[0]).max())
+        if not amplitude:
+            raise EngineError("the step moves no output of this board: nothing to study")
+        floor = float(np.abs(others[0] - first).max() / amplitude) if others else None
+        points = []
+        for point, run in pairs:
+            names = [name for name in solved if name != point.method.name]
+            if run is not None and names:
+                u = solved[names[0]][np.searchsorted(time, run.time)]
+                apart = float(np.abs(run.u - u).max() / amplitude)
+                point = replace(point, error=apart, reference=names[0])
+            points.append(point)
+        return References(tuple(solved), floor, amplitude), points
